@@ -1,0 +1,5 @@
+"""The extension's door: hands Blender's register and unregister on."""
+
+from .ctmc_addon import register, unregister
+
+__all__ = ["register", "unregister"]

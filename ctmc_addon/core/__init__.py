@@ -1,0 +1,20 @@
+"""Numbers: from grey values to triangles, with NumPy and the standard library alone."""
+
+from .errors import CtmcError
+from .mesh import Surface, TriangleMesh
+from .pipeline import Reconstruction
+from .progress import Step, Steps, finish
+from .settings import ReconstructionSettings
+from .volume import Volume
+
+__all__ = [
+    "CtmcError",
+    "Reconstruction",
+    "ReconstructionSettings",
+    "Step",
+    "Steps",
+    "Surface",
+    "TriangleMesh",
+    "Volume",
+    "finish",
+]

@@ -1,0 +1,41 @@
+"""What may go wrong through no fault of this code, each with one sentence for the user.
+
+A message names the value, the limit and the remedy. Callers turn a `CtmcError` into a message;
+anything else is a defect and stays a traceback.
+"""
+
+
+class CtmcError(Exception):
+    """A sentence for the user; the base of every error this project raises on purpose."""
+
+
+class SettingsError(CtmcError):
+    """A setting outside its limits, or two settings that contradict each other."""
+
+
+class VolumeError(CtmcError):
+    """Values or an affine that cannot be a volume."""
+
+
+class ReadError(CtmcError):
+    """A file or folder that cannot be read as a CT."""
+
+
+class ThresholdError(CtmcError):
+    """A threshold that no surface can have in this volume."""
+
+
+class LabelError(CtmcError):
+    """A label that the volume does not contain."""
+
+
+class MeshError(CtmcError):
+    """A mesh that cannot be simplified or written as asked, or that came out empty."""
+
+
+class MemoryLimitError(CtmcError):
+    """Work that would need more memory than there is."""
+
+
+class OutputError(CtmcError):
+    """A file or folder that cannot be written."""
