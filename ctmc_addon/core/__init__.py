@@ -1,6 +1,7 @@
 """Numbers: from grey values to triangles, with NumPy and the standard library alone."""
 
 from .errors import CtmcError
+from .marching_cubes import marching_cubes
 from .mesh import Surface, TriangleMesh
 from .pipeline import Reconstruction
 from .progress import Step, Steps, finish
@@ -17,4 +18,5 @@ __all__ = [
     "TriangleMesh",
     "Volume",
     "finish",
+    "marching_cubes",
 ]

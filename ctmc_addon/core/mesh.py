@@ -118,10 +118,7 @@ class Surface:
 
     def at(self, alpha: float) -> TriangleMesh:
         """The surface at `alpha`, computed in float32 in the order in which Blender mixes a shape key."""
-        vertices = self.linear - self.midpoints
-        vertices *= np.float32(alpha)
-        vertices += self.midpoints
-        return TriangleMesh(vertices, self.faces, self.normals)
+        return TriangleMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.normals)
 
     def keeping(self, faces: NDArray[np.bool_]) -> Surface:
         """The surface of the chosen faces, (F,) bool, without the vertices that are then unused."""
@@ -136,6 +133,14 @@ class Surface:
             faces=number[kept].astype(np.int32, copy=False),
             normals=None if self.normals is None else self.normals[used],
         )
+
+
+def blend(midpoints: NDArray[np.float32], linear: NDArray[np.float32], alpha: float) -> NDArray[np.float32]:
+    """``midpoints + alpha * (linear - midpoints)`` in float32, step by step as Blender mixes a shape key."""
+    mixed = linear - midpoints
+    mixed *= np.float32(alpha)
+    mixed += midpoints
+    return mixed
 
 
 def face_vectors(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np.float64]:

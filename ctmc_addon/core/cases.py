@@ -1,0 +1,116 @@
+"""How a surface can pass through one voxel: 256 cases, derived from the cube alone.
+
+A voxel's corner k lies at x = k & 1, y = k >> 1 & 1, z = k >> 2. Bit k of a case says that corner k is
+inside. Edge `4 a + b` runs along axis a from one of the four corners without a.
+
+One rule cuts every face: walking around it, each run of inside corners is cut off by one segment. So
+on an ambiguous face the two inside corners are parted. The rule knows only the face's own corners:
+both voxels at a face cut it the same way, and the surface has no holes. The segments join into
+loops, and each loop is cut into triangles by diagonals that lie in no face of the cube: otherwise the
+neighbour could have the same diagonal, and an edge would have four triangles.
+
+Cases after Lorensen and Cline 1987, doi:10.1145/37401.37422; Su and Ma, 2.1 and figure 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+Loop = tuple[int, ...]
+Triangle = tuple[int, int, int]
+
+
+def _edges() -> tuple[tuple[int, int], ...]:
+    """Corners (low, high) of the twelve edges."""
+    return tuple((corner, corner | 1 << axis) for axis in range(3) for corner in range(8) if not corner >> axis & 1)
+
+
+def _faces() -> tuple[tuple[int, int, int, int], ...]:
+    """Corners of the six faces, counter-clockwise seen from outside the cube."""
+    faces = []
+    for axis in range(3):
+        u, v = 1 << (axis + 1) % 3, 1 << (axis + 2) % 3
+        faces.append((0, v, u | v, u))
+        faces.append(tuple(corner | 1 << axis for corner in (0, u, u | v, v)))  # type: ignore[arg-type]
+    return tuple(faces)
+
+
+EDGES = _edges()
+FACES = _faces()
+EDGE_BETWEEN = {frozenset(ends): edge for edge, ends in enumerate(EDGES)}
+MIDPOINTS = [[sum(corner >> axis & 1 for corner in ends) / 2 for axis in range(3)] for ends in EDGES]
+FACES_OF_EDGE = tuple(frozenset(f for f, face in enumerate(FACES) if set(ends) <= set(face)) for ends in EDGES)
+
+
+def face_segments(case: int, face: tuple[int, int, int, int]) -> Iterator[tuple[int, int]]:
+    """Directed segments (edge, edge) in which the surface cuts a face, one for each run of inside corners.
+
+    A segment leads from the edge where a walk around the face comes in to the edge where it goes out,
+    which turns the loops counter-clockwise seen from outside the surface.
+    """
+    inside = [bool(case >> corner & 1) for corner in face]
+    for start in range(4):
+        if inside[start] and not inside[start - 1]:
+            end = start
+            while inside[(end + 1) % 4]:
+                end += 1
+            came_in = EDGE_BETWEEN[frozenset((face[start - 1], face[start]))]
+            went_out = EDGE_BETWEEN[frozenset((face[end % 4], face[(end + 1) % 4]))]
+            yield came_in, went_out
+
+
+def loops(case: int) -> list[Loop]:
+    """Closed loops of crossed edges, counter-clockwise seen from outside the surface."""
+    following = dict(segment for face in FACES for segment in face_segments(case, face))
+    found = []
+    while following:
+        loop = [min(following)]
+        while (edge := following.pop(loop[-1])) != loop[0]:
+            loop.append(edge)
+        found.append(tuple(loop))
+    return found
+
+
+def triangulations(loop: Loop) -> Iterator[tuple[Triangle, ...]]:
+    """Every way to cut a loop into triangles by diagonals that lie in no face of the cube."""
+    if len(loop) < 3:
+        yield ()
+        return
+    first, last = loop[0], loop[-1]
+    for apex in range(1, len(loop) - 1):
+        left, right = loop[: apex + 1], loop[apex:]
+        # A side of two edges is the loop's own; a longer one ends in a diagonal.
+        if any(len(side) > 2 and FACES_OF_EDGE[side[0]] & FACES_OF_EDGE[side[-1]] for side in (left, right)):
+            continue
+        for before in triangulations(left):
+            for after in triangulations(right):
+                yield (*before, (first, loop[apex], last), *after)
+
+
+def _roughness(triangles: tuple[Triangle, ...]) -> float:
+    """Sum of the squared side lengths at the edges' midpoints: the lower, the better the shapes."""
+    return sum(
+        (MIDPOINTS[a][axis] - MIDPOINTS[b][axis]) ** 2
+        for triangle in triangles
+        for a, b in zip(triangle, triangle[1:] + triangle[:1], strict=True)
+        for axis in range(3)
+    )
+
+
+def case_triangles(case: int) -> tuple[Triangle, ...]:
+    """Triangles of a case as triples of edges, the best shaped of the allowed cuts."""
+    return tuple(triangle for loop in loops(case) for triangle in min(triangulations(loop), key=_roughness))
+
+
+_ALL = [case_triangles(case) for case in range(256)]
+
+TRIANGLE_COUNT = np.array([len(triangles) for triangles in _ALL], np.uint8)
+"""(256,) triangles of every case."""
+
+FIRST_TRIANGLE = (np.cumsum(TRIANGLE_COUNT, dtype=np.intp) - TRIANGLE_COUNT).astype(np.intp)
+"""(256,) where a case's triangles begin in `TRIANGLE_EDGES`."""
+
+TRIANGLE_EDGES = np.array([triangle for triangles in _ALL for triangle in triangles], np.intp)
+"""(n, 3) the edges of all cases' triangles, one case after the other."""

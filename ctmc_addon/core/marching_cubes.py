@@ -1,0 +1,383 @@
+"""Marching Cubes on voxels of any stride, with a coefficient alpha between midpoint and linear crossing.
+
+Three passes, each over slabs of sample layers and each spread over threads:
+
+1. `inside_bits` compares every sample with the threshold, one bit a sample.
+2. `scan` finds the active voxels, 64 at a time: their corners are not all equal. It gives their
+   places and cases, and with them the exact number of vertices and triangles.
+3. `fill` places a vertex on every crossed edge and gathers the triangles' corners.
+
+A voxel owns the three edges at its lowest corner. The samples are repeated once beyond the last
+along every axis, so the edges in the high borders have an owner too: a half voxel, which gives no triangles.
+
+Positions are in index space (x = column, y = row, z = slice); volume.py moves them to RAS+ millimetres.
+Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37422.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES
+from .errors import MeshError, SettingsError, VolumeError
+from .mesh import Surface, TriangleMesh, blend, vertex_normals
+from .normals import Sampler, edge_normals
+from .progress import Step, Steps, finish
+from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
+
+SLAB_SAMPLES = 1 << 20  # samples in a slab: its map from edge to vertex stays in the cache
+NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
+OWNED_EDGES = tuple(EDGES.index((0, 1 << axis)) for axis in range(3))
+CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
+"""(3, 256) whether a case crosses the edge along an axis that its voxel owns."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """The active voxels of the sample layers `low` to `high`, half voxels among them.
+
+    Parameters
+    ----------
+    place : (n,) int32
+        Place in the slab's samples (layers, y.count + 1, 64 words), ascending.
+    case : (n,) uint8
+    owned : three (n_axis,) intp
+        Which of the voxels own a crossed edge along x, y, z: one vertex each.
+    whole : (n,) bool
+        False for half voxels.
+    """
+
+    low: int
+    high: int
+    place: NDArray[np.int32]
+    case: NDArray[np.uint8]
+    owned: tuple[NDArray[np.intp], ...]
+    whole: NDArray[np.bool_]
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices on edges that the slab's voxels own."""
+        return sum(len(voxels) for voxels in self.owned)
+
+    @property
+    def faces(self) -> int:
+        """Number of triangles."""
+        return int(TRIANGLE_COUNT[self.case[self.whole]].sum(dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a surface would cost: all exact, known before any of it is made."""
+
+    voxels: int
+    active: int
+    vertices: int
+    faces: int
+
+
+def marching_cubes(
+    values: NDArray[Any],
+    threshold: float,
+    stride: tuple[int, int, int] = (1, 1, 1),
+    alpha: float = 1.0,
+    close_border: bool = False,
+    normals: bool = True,
+    threads: int | None = None,
+) -> TriangleMesh:
+    """Surface between the values below and those at or above a threshold.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns) bool, integers, float32 or float64
+        At least two along every axis, in any byte order and memory layout; never copied.
+    threshold : float
+        Inside is ``value >= threshold``.
+    stride : (x, y, z) int
+        Sides of a voxel in pixels. The last, partial voxel is kept.
+    alpha : float
+        0 puts vertices at the edges' midpoints, 1 at the linear crossings (Su and Ma, eq. 7). A crossing
+        keeps 2**-10 of the edge from its ends, so no two vertices coincide.
+    close_border : bool
+        Cap the surface half a pixel outside the outermost samples.
+    normals : bool
+        Whether to give normals, from central differences of the grey values (Su and Ma, eq. 2 to 4).
+    threads : int, optional
+        By default one for each processor. The result does not depend on it.
+
+    Returns
+    -------
+    TriangleMesh
+        Vertices (x, y, z) = (column, row, slice) float32; faces counter-clockwise seen from outside;
+        normals pointing outside. The same triangles for every alpha.
+
+    Raises
+    ------
+    ThresholdError
+        If no value, or every value, is at or above the threshold.
+    SettingsError
+        If alpha lies outside 0..1 or a stride below 1 or above the volume.
+    VolumeError
+        If the values are no three-dimensional numbers, or NaN or infinite beside the surface.
+
+    Examples
+    --------
+    >>> ball = np.sqrt((np.indices((21, 21, 21)) - 10.0) ** 2).sum(axis=0) < 8
+    >>> marching_cubes(ball, 0.5).euler
+    2
+    """
+    if not 0 <= alpha <= 1:
+        raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")
+    grid = make_grid(checked_values(values), stride, close_border)
+    return finish(_extract_steps(grid, threshold, (alpha,), normals, threads))[0]
+
+
+def extract_steps(grid: Grid, threshold: float, normals: bool = True, threads: int | None = None) -> Steps[Surface]:
+    """The surface of a grid with both ends of alpha, in index space, as steps."""
+    ends = yield from _extract_steps(grid, threshold, (0.0, None), normals, threads)
+    return Surface(ends[0].vertices, ends[1].vertices, ends[0].faces, ends[0].normals)
+
+
+def count_steps(grid: Grid, threshold: float, threads: int | None = None) -> Steps[Counts]:
+    """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
+    slabs = yield from _scan_steps(grid, threshold, worker_count(threads))
+    return Counts(
+        grid.voxels,
+        sum(int(slab.whole.sum()) for slab in slabs),
+        sum(slab.vertices for slab in slabs),
+        sum(slab.faces for slab in slabs),
+    )
+
+
+def checked_values(values: NDArray[Any]) -> NDArray[Any]:
+    """`values` as an array that can be extracted from, or a `VolumeError`."""
+    values = np.asarray(values)
+    if values.ndim != 3 or min(values.shape) < 2:
+        raise VolumeError(f"values must be (slices, rows, columns) with at least 2 of each, not {values.shape}")
+    if values.dtype.kind not in "buif" or values.dtype.itemsize > 8:
+        raise VolumeError(f"values of type {values.dtype} are no grey values; convert them to int16 or float32")
+    return values
+
+
+def worker_count(threads: int | None) -> int:
+    """How many threads to use: those asked for, or one for each processor, at most 8."""
+    if threads is None:
+        return min(8, os.cpu_count() or 1)
+    if threads < 1:
+        raise SettingsError(f"threads must be 1 or more, not {threads}")
+    return threads
+
+
+def in_batches(
+    work: Callable[[T], Any], items: Sequence[T], threads: int, low: float, high: float, message: str
+) -> Steps[list[Any]]:
+    """Do `work` for every item, some at a time on a pool that has ended before each step is yielded."""
+    done: list[Any] = []
+    at_once = max(4 * threads, -(-len(items) // 16))
+    while len(done) < len(items):
+        batch = items[len(done) : len(done) + at_once]
+        if threads == 1 or len(batch) == 1:
+            done += [work(item) for item in batch]
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                done += pool.map(work, batch)
+        yield Step(low + (high - low) * len(done) / len(items), message)
+    return done
+
+
+def _scan_steps(grid: Grid, threshold: float, threads: int) -> Steps[list[Slab]]:
+    layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
+    bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
+    height = max(1, SLAB_SAMPLES // (rows * pitch))
+    ranges = [(low, min(low + height, layers)) for low in range(0, layers, height)]
+    yield from in_batches(
+        lambda part: inside_bits(grid, threshold, *part, bits),
+        ranges,
+        threads,
+        0.0,
+        0.3,
+        "Comparing with the threshold",
+    )
+    return (
+        yield from in_batches(lambda part: scan(grid, bits, *part), ranges, threads, 0.3, 0.5, "Finding active voxels")
+    )
+
+
+def scan(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
+    """Find the active voxels of the sample layers `low` to `high`, and their cases."""
+    rows, words = bits.shape[1:]
+    here = bits[low : high + 1]  # (layers + 1, rows, words)
+    next_x = _moved_along_x(here, grid.x.count)
+    some, every = here | next_x, here & next_x
+    some, every = some[:, :-1] | some[:, 1:], every[:, :-1] & every[:, 1:]
+    active = (some[:-1] | some[1:]) ^ (every[:-1] & every[1:])  # (layers, rows - 1, words)
+
+    at_word = np.flatnonzero(active)
+    eights = active.reshape(-1)[at_word].view(np.uint8)  # eight voxels a byte
+    at_eight = np.flatnonzero(eights != 0)
+    at_word += at_word // ((rows - 1) * words) * words  # every layer of `here` has a row more than `active`
+    byte = at_word[at_eight >> 3] * 8 + (at_eight & 7)
+    at_voxel = np.flatnonzero(_bits_of(eights[at_eight]))
+
+    cases = np.zeros(8 * len(byte), np.uint8)
+    layers = (here.reshape(-1).view(np.uint8), next_x.reshape(-1).view(np.uint8))
+    for corner in range(8):
+        shift = ((corner >> 1 & 1) + (corner >> 2) * rows) * words * 8
+        cases |= _bits_of(layers[corner & 1][byte + shift]) << np.uint8(corner)
+    case = cases[at_voxel]
+
+    place = ((byte * 8)[at_voxel >> 3] + (at_voxel & 7)).astype(np.int32)
+    x, y, z = split_place(place, rows, words * WORD)
+    whole = (x < grid.x.count - 1) & (y < grid.y.count - 1) & (z < grid.z.count - 1 - low)
+    owned = tuple(np.flatnonzero(CROSSES[axis][case]) for axis in range(3))
+    return Slab(low, high, place, case, owned, whole)
+
+
+def _moved_along_x(bits: NDArray[np.uint64], count: int) -> NDArray[np.uint64]:
+    """Every sample's neighbour along x in its own place; the last sample's is itself."""
+    moved = bits >> np.uint64(1)
+    moved[..., :-1] |= bits[..., 1:] << np.uint64(WORD - 1)
+    moved[..., -1] |= bits[..., -1] & np.uint64(1 << (count - 1) % WORD)
+    return moved
+
+
+def _bits_of(eights: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.unpackbits(eights, bitorder="little")
+
+
+def split_place(
+    place: NDArray[np.int32], rows: int, pitch: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """x, y and z of places in (layers, rows, pitch)."""
+    row = place // np.int32(pitch)
+    z = row // np.int32(rows)
+    return place - row * np.int32(pitch), row - z * np.int32(rows), z
+
+
+def _extract_steps(
+    grid: Grid, threshold: float, alphas: tuple[float | None, ...], normals: bool, threads: int | None
+) -> Steps[tuple[TriangleMesh, ...]]:
+    """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
+    threads = worker_count(threads)
+    slabs = yield from _scan_steps(grid, threshold, threads)
+    first_vertex = np.cumsum([0] + [slab.vertices for slab in slabs])
+    first_face = np.cumsum([0] + [slab.faces for slab in slabs])
+    if first_face[-1] == 0:
+        check_threshold(threshold, grid.values)
+        raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
+    if first_vertex[-1] > np.iinfo(np.int32).max:
+        raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")
+
+    positions = tuple(np.empty((first_vertex[-1], 3), np.float32) for _ in alphas)
+    directions = np.empty((first_vertex[-1], 3), np.float32) if normals else None
+    faces = np.empty((first_face[-1], 3), np.int32)
+    sampler = Sampler(grid.values)
+
+    def fill(number: int) -> None:
+        slab, following = slabs[number], slabs[number + 1] if number + 1 < len(slabs) else None
+        part = slice(first_vertex[number], first_vertex[number + 1])
+        fill_vertices(
+            grid,
+            sampler,
+            threshold,
+            slab,
+            alphas,
+            tuple(position[part] for position in positions),
+            None if directions is None else directions[part],
+        )
+        fill_faces(grid, slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
+
+    yield from in_batches(fill, range(len(slabs)), threads, 0.5, 0.95, "Placing vertices and triangles")
+    if directions is not None:
+        complete_normals(directions, positions[-1], faces)
+    yield Step(1.0, "Surface extracted")
+    return tuple(TriangleMesh(position, faces, directions) for position in positions)
+
+
+def fill_vertices(
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    slab: Slab,
+    alphas: tuple[float | None, ...],
+    positions: tuple[NDArray[np.float32], ...],
+    directions: NDArray[np.float32] | None,
+) -> None:
+    """Place a vertex on every crossed edge the slab owns: first those along x, then y, then z."""
+    start = 0
+    samples = split_place(slab.place, grid.y.count + 1, grid.words * WORD)
+    samples[2][...] += slab.low
+    axes = (grid.x, grid.y, grid.z)
+    for axis, voxels in enumerate(slab.owned):
+        at = [sample[voxels] for sample in samples]  # x, y, z of the edge's low end
+        part = slice(start, start + len(voxels))
+        start = part.stop
+        along = axes[axis]
+        index = [each.index[one] for each, one in zip(axes, at, strict=True)]
+        low = sampler.at(*index)
+        index_high = along.index[at[axis] + 1]
+        high = sampler.at(*(index_high if each == axis else index[each] for each in range(3)))
+        rise = high - low
+        if not np.isfinite(rise).all():
+            raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
+        # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
+        flat = rise == 0
+        t = np.where(flat, 0.5, (threshold - low) / np.where(flat, 1.0, rise))
+        t = np.clip(t, NEAREST, 1 - NEAREST)
+        begin = along.position[at[axis]]
+        side = along.position[at[axis] + 1] - begin
+        middle = begin + np.float32(0.5) * side
+        linear = (begin + t * side).astype(np.float32)
+        for alpha, position in zip(alphas, positions, strict=True):
+            for other in range(3):
+                position[part, other] = axes[other].position[at[other]]
+            position[part, axis] = linear if alpha is None else blend(middle, linear, alpha)
+        if directions is not None:
+            directions[part] = edge_normals(sampler, axis, index, linear, flat)
+
+
+def fill_faces(grid: Grid, slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
+    """Gather the triangles' corners from a map of edge to vertex number."""
+    rows, pitch = grid.y.count + 1, grid.words * WORD
+    layers = slab.high - slab.low + 1
+    owners = [(slab.place, slab, first_vertex, 0)]
+    if following is not None:  # the vertices in the slab's top layer are the next slab's
+        top = following.place[: np.searchsorted(following.place, rows * pitch)]
+        owners.append((top + np.int32(layers - 1) * np.int32(rows * pitch), following, first_vertex + slab.vertices, 1))
+    vertex_of = np.empty((3, layers * rows * pitch), np.int32)
+    for place, owner, vertex, partial in owners:
+        for axis, voxels in enumerate(owner.owned):
+            known = voxels[: np.searchsorted(voxels, len(place))] if partial else voxels
+            vertex_of[axis, place[known]] = np.arange(vertex, vertex + len(known), dtype=np.int32)
+            vertex += len(voxels)
+    base = slab.place[slab.whole].astype(np.intp)
+    case = slab.case[slab.whole]
+    steps = (1, pitch, rows * pitch)
+    offsets = np.array(
+        [
+            edge // 4 * layers * rows * pitch + sum(steps[axis] for axis in range(3) if low >> axis & 1)
+            for edge, (low, _) in enumerate(EDGES)
+        ],
+        np.intp,
+    )
+    count = TRIANGLE_COUNT[case]
+    before = np.cumsum(count, dtype=np.intp) - count
+    triangle = np.arange(len(out)) + np.repeat(FIRST_TRIANGLE[case] - before, count)
+    corners = offsets[TRIANGLE_EDGES][triangle]  # (n, 3)
+    corners += np.repeat(base, count)[:, None]
+    np.take(vertex_of.reshape(-1), corners, out=out, mode="clip")
+
+
+def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
+    """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
+    missing = (normals == 0).all(axis=1)
+    if missing.any():
+        normals[missing] = vertex_normals(positions, faces)[missing]
