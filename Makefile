@@ -1,0 +1,42 @@
+# CTMC from a checkout. The targets set up what they need; `make PYTHON=/path/to/python3.13 ...` chooses the Python.
+PYTHON ?=
+# Any Python 3 can start the set-up; the set-up chooses the one for .venv.
+starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
+setup := @PYTHON='$(PYTHON)' '$(or $(starter),python3)' tools/setup_environment.py
+python := .venv/bin/python
+
+.PHONY: help setup demo test test-all lint types build clean
+
+help:  ## say what there is (this list)
+	@sed -n 's/^\([a-z-]*\):  *## */  make \1\t/p' Makefile | expand -t 18
+
+setup:  ## make .venv with Blender as a module, the readers' libraries and the command ctmc
+	$(setup)
+
+demo:  ## phantom to tumour: files, reconstruction, picture and report in out/demo
+	$(setup)
+	@$(python) tools/demo.py
+
+test:  ## the tests, in one Blender version
+	$(setup)
+	@$(python) tools/run_tests.py $(ARGS)
+
+test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
+	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER)
+
+lint:  ## ruff: rules and layout
+	$(setup)
+	@.venv/bin/ruff check
+	@.venv/bin/ruff format --check
+
+types:  ## mypy, strict
+	$(setup)
+	@.venv/bin/mypy
+
+build:  ## the extension's zips, one for each platform, in dist
+	$(setup)
+	@$(python) tools/build_extension.py
+
+clean:  ## remove what was made: environments, wheels, zips, outputs, caches
+	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
