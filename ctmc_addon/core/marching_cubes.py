@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from .cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES
 from .errors import MeshError, SettingsError, VolumeError
+from .memory import require
 from .mesh import Surface, TriangleMesh, blend, vertex_normals
 from .normals import Sampler, edge_normals
 from .progress import Step, Steps, finish
@@ -140,9 +141,15 @@ def marching_cubes(
     return finish(_extract_steps(grid, threshold, (alpha,), normals, threads))[0]
 
 
-def extract_steps(grid: Grid, threshold: float, normals: bool = True, threads: int | None = None) -> Steps[Surface]:
+def extract_steps(
+    grid: Grid,
+    threshold: float,
+    normals: bool = True,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[Surface]:
     """The surface of a grid with both ends of alpha, in index space, as steps."""
-    ends = yield from _extract_steps(grid, threshold, (0.0, None), normals, threads)
+    ends = yield from _extract_steps(grid, threshold, (0.0, None), normals, threads, memory_limit)
     return Surface(ends[0].vertices, ends[1].vertices, ends[0].faces, ends[0].normals)
 
 
@@ -263,7 +270,12 @@ def split_place(
 
 
 def _extract_steps(
-    grid: Grid, threshold: float, alphas: tuple[float | None, ...], normals: bool, threads: int | None
+    grid: Grid,
+    threshold: float,
+    alphas: tuple[float | None, ...],
+    normals: bool,
+    threads: int | None,
+    memory_limit: int | None = None,
 ) -> Steps[tuple[TriangleMesh, ...]]:
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
@@ -275,6 +287,12 @@ def _extract_steps(
         raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
     if first_vertex[-1] > np.iinfo(np.int32).max:
         raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")
+    require(
+        12 * int(first_face[-1]) + 12 * (len(alphas) + normals) * int(first_vertex[-1]),
+        f"a surface of {first_face[-1]} triangles",
+        "use a larger stride or a region",
+        memory_limit,
+    )
 
     positions = tuple(np.empty((first_vertex[-1], 3), np.float32) for _ in alphas)
     directions = np.empty((first_vertex[-1], 3), np.float32) if normals else None

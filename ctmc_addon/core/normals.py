@@ -52,7 +52,7 @@ class Sampler:
         size, step = self.shape[2 - axis], self._steps[2 - axis]
         above, below = coordinate < size - 1, coordinate > 0
         rise = self.take(place + above * step) - self.take(place - below * step)
-        return rise / (above.astype(self.working_type) + below)
+        return rise / (above.astype(self.working_type) + below.astype(self.working_type))
 
 
 def edge_normals(

@@ -66,7 +66,7 @@ def sample_axis(start: int, stop: int, stride: int, closed: bool) -> Axis:
     >>> sample_axis(0, 6, 2, closed=True).position.tolist()
     [-1.0, 0.0, 2.0, 4.0, 5.0, 6.0]
     """
-    index = list(range(start, stop - 1, stride)) + [stop - 1]
+    index = [*range(start, stop - 1, stride), stop - 1]
     position = [start - 1, *index, stop] if closed else index
     index = [start, *index, stop - 1] if closed else index
     return Axis(np.array(position, np.float32), np.array(index, np.intp), start, stop, stride, closed)
@@ -105,9 +105,9 @@ def make_grid(
     SettingsError
         If a stride is below 1 or larger than the window.
     """
-    window = window or tuple((0, size) for size in values.shape[::-1])  # type: ignore[assignment]
+    sides = window or tuple((0, size) for size in values.shape[::-1])
     axes = []
-    for name, (start, stop), step in zip("xyz", window, stride, strict=True):
+    for name, (start, stop), step in zip("xyz", sides, stride, strict=True):
         if step != int(step) or not 1 <= step < stop - start:
             raise SettingsError(
                 f"stride {step} along {name} must be a whole number from 1 to {stop - start - 1}, "
