@@ -1,0 +1,74 @@
+"""Choose connected parts of a surface by the volume they enclose."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import MeshError
+from .mesh import Surface, TriangleMesh
+
+
+def part_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Signed volume of every connected part, (parts,), in the order of `mesh.part_of_face`.
+
+    Negative for a cavity, whose faces point into the hole. Each part is measured about its own middle:
+    for one that is open at the border that is the volume of the cone over its rim, near the truth.
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 6]], np.float32)
+    >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    >>> part_volumes(TriangleMesh(corners, faces))
+    array([1.])
+    """
+    part = mesh.part_of_face
+    count = mesh.parts
+    corners_of = np.bincount(part, minlength=count) * 3
+    corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
+    for axis in range(3):
+        total = np.bincount(part, corners[:, 0, axis] + corners[:, 1, axis] + corners[:, 2, axis], count)
+        corners[:, :, axis] -= (total / corners_of)[part][:, None]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
+    # bincount adds in the order of the faces: the same bits everywhere.
+    return np.bincount(part, triple, count) / 6.0
+
+
+def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
+    """The surface without the parts that are too small.
+
+    Parameters
+    ----------
+    surface : Surface
+        What to choose from.
+    mesh : TriangleMesh
+        The same faces at the alpha and in the space in which to measure.
+    largest : int
+        Keep this many; 0 keeps all. Equal parts count in the order of their numbers.
+    min_volume : float
+        Drop parts below it, in the cube of the mesh's unit; applied together with `largest`.
+
+    Returns
+    -------
+    Surface
+        A part counts by its absolute volume. A cavity is a part of its own: the largest part alone
+        is solid, its cavities filled, unless a cavity is itself among the largest.
+
+    Raises
+    ------
+    MeshError
+        If nothing would be left.
+    """
+    if not len(mesh.faces) or (largest == 0 and min_volume <= 0):
+        return surface
+    sizes = np.abs(part_volumes(mesh))
+    keep = sizes >= min_volume
+    if not keep.any():
+        raise MeshError(
+            f"no part has a volume of {min_volume:g} or more: the largest of {len(sizes)} has {sizes.max():.4g}; "
+            "lower the smallest part"
+        )
+    if largest:
+        keep[np.argsort(-sizes, kind="stable")[largest:]] = False
+    return surface if keep.all() else surface.keeping(keep[mesh.part_of_face])
