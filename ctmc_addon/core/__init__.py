@@ -3,7 +3,7 @@
 from .errors import CtmcError
 from .marching_cubes import marching_cubes
 from .mesh import Surface, TriangleMesh
-from .pipeline import Reconstruction
+from .pipeline import Reconstruction, reconstruct, reconstruct_steps
 from .progress import Step, Steps, finish
 from .settings import ReconstructionSettings
 from .volume import Volume
@@ -19,4 +19,6 @@ __all__ = [
     "Volume",
     "finish",
     "marching_cubes",
+    "reconstruct",
+    "reconstruct_steps",
 ]

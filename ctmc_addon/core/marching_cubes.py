@@ -16,30 +16,27 @@ Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import math
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES
-from .errors import MeshError, SettingsError, VolumeError
+from .errors import MeshError, SettingsError, ThresholdError, VolumeError
 from .memory import require
 from .mesh import Surface, TriangleMesh, blend, vertex_normals
 from .normals import Sampler, edge_normals
-from .progress import Step, Steps, finish
+from .progress import Step, Steps, finish, within
 from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
+from .workers import in_batches, worker_count
 
 SLAB_SAMPLES = 1 << 20  # samples in a slab: its map from edge to vertex stays in the cache
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 OWNED_EDGES = tuple(EDGES.index((0, 1 << axis)) for axis in range(3))
 CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
 """(3, 256) whether a case crosses the edge along an axis that its voxel owns."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,48 +171,19 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def worker_count(threads: int | None) -> int:
-    """How many threads to use: those asked for, or one for each processor, at most 8."""
-    if threads is None:
-        return min(8, os.cpu_count() or 1)
-    if threads < 1:
-        raise SettingsError(f"threads must be 1 or more, not {threads}")
-    return threads
-
-
-def in_batches(
-    work: Callable[[T], Any], items: Sequence[T], threads: int, low: float, high: float, message: str
-) -> Steps[list[Any]]:
-    """Do `work` for every item, some at a time on a pool that has ended before each step is yielded."""
-    done: list[Any] = []
-    at_once = max(4 * threads, -(-len(items) // 16))
-    while len(done) < len(items):
-        batch = items[len(done) : len(done) + at_once]
-        if threads == 1 or len(batch) == 1:
-            done += [work(item) for item in batch]
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                done += pool.map(work, batch)
-        yield Step(low + (high - low) * len(done) / len(items), message)
-    return done
-
-
 def _scan_steps(grid: Grid, threshold: float, threads: int) -> Steps[list[Slab]]:
+    if not math.isfinite(threshold):
+        raise ThresholdError(f"threshold {threshold} is not a number; give a grey value of the volume")
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
     height = max(1, SLAB_SAMPLES // (rows * pitch))
     ranges = [(low, min(low + height, layers)) for low in range(0, layers, height)]
-    yield from in_batches(
-        lambda part: inside_bits(grid, threshold, *part, bits),
-        ranges,
-        threads,
-        0.0,
-        0.3,
-        "Comparing with the threshold",
+    compare = in_batches(
+        lambda part: inside_bits(grid, threshold, *part, bits), ranges, threads, "Comparing with the threshold"
     )
-    return (
-        yield from in_batches(lambda part: scan(grid, bits, *part), ranges, threads, 0.3, 0.5, "Finding active voxels")
-    )
+    yield from within(compare, 0.0, 0.3)
+    find = in_batches(lambda part: scan(grid, bits, *part), ranges, threads, "Finding active voxels")
+    return (yield from within(find, 0.3, 0.5))
 
 
 def scan(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
@@ -313,7 +281,7 @@ def _extract_steps(
         )
         fill_faces(grid, slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
 
-    yield from in_batches(fill, range(len(slabs)), threads, 0.5, 0.95, "Placing vertices and triangles")
+    yield from within(in_batches(fill, range(len(slabs)), threads, "Placing vertices and triangles"), 0.5, 0.95)
     if directions is not None:
         complete_normals(directions, positions[-1], faces)
     yield Step(1.0, "Surface extracted")

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+import time
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
 
-from .mesh import Surface, TriangleMesh
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import MeshError
+from .field import field_steps, region_box
+from .marching_cubes import extract_steps
+from .mesh import Surface, TriangleMesh, vertex_normals
+from .parts import keep_parts
+from .progress import Step, Steps, finish, within
+from .sampling import make_grid
 from .settings import ReconstructionSettings
+from .simplify import simplify_steps
 from .version import VERSION
+from .volume import Volume, determinant, normals_to_ras, to_ras_mm
+
+T = TypeVar("T")
+POINTS_AT_ONCE = 1 << 16  # carried to millimetres in one go, so the float64 in between stays small
 
 
 class Stage(NamedTuple):
@@ -77,3 +92,122 @@ class Reconstruction:
             "spacing_mm": list(self.spacing_mm),
             "notes": list(self.notes),
         }
+
+
+def reconstruct(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Reconstruction:
+    """Make a surface from a volume.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ReconstructionSettings
+    threads : int, optional
+        By default one for each processor. The result does not depend on it.
+    memory_limit : int, optional
+        Bytes the work may take; by default what the machine has available.
+
+    Raises
+    ------
+    CtmcError
+        With one sentence for the user: no surface at these settings, NaN voxels, too little memory.
+
+    Examples
+    --------
+    >>> ball = np.sqrt((np.indices((24, 24, 24)) - 11.5) ** 2).sum(axis=0) < 9
+    >>> result = reconstruct(Volume(ball, np.eye(4)), ReconstructionSettings(threshold=0.5))
+    >>> result.mesh.closed
+    True
+    """
+    return finish(reconstruct_steps(volume, settings, threads, memory_limit))
+
+
+def reconstruct_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[Reconstruction]:
+    """`reconstruct` as steps; closing the generator cancels."""
+    stages: list[Stage] = []
+    region = region_box(volume, settings)
+    visited = make_grid(volume.values, settings.stride, settings.close_border, region).voxels
+
+    field = yield from _timed(
+        stages, "Preparing values", within(field_steps(volume, settings, threads, memory_limit), 0.0, 0.2)
+    )
+    grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
+    gradient = settings.normals == "gradient"
+    surface = yield from _timed(
+        stages,
+        "Extracting the surface",
+        within(extract_steps(grid, field.threshold, gradient, threads, memory_limit), 0.2, 0.6),
+    )
+    affine = volume.affine.copy()
+    affine[:3, 3] = to_ras_mm(volume.affine, np.array([field.origin], np.float64))[0]
+    surface = yield from _timed(stages, "Placing it in the patient", _placed(surface, affine))
+    mesh = surface.at(settings.alpha)
+    if settings.keep_parts or settings.min_part_mm3:
+        surface = yield from _timed(stages, "Keeping parts", _kept(surface, mesh, settings))
+        mesh = surface.at(settings.alpha)
+    full_faces = len(mesh.faces)
+    live: Surface | None = surface
+    if settings.simplifies and settings.simplifier == "builtin":
+        goal = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
+        mesh = yield from _timed(stages, "Simplifying", within(goal, 0.65, 1.0))
+        live = None
+    if not gradient:
+        mesh = replace(mesh, normals=vertex_normals(mesh.vertices, mesh.faces))
+    yield Step(1.0, "Surface ready")
+    return Reconstruction(
+        mesh=mesh,
+        surface=live,
+        settings=settings,
+        threshold=field.threshold,
+        full_faces=full_faces,
+        voxels_visited=visited,
+        stages=tuple(stages),
+        spacing_mm=volume.spacing,
+        notes=volume.notes + field.notes,
+        name=volume.name,
+    )
+
+
+def _timed(stages: list[Stage], name: str, steps: Steps[T]) -> Steps[T]:
+    """The same steps, and their seconds as a stage."""
+    start = time.perf_counter()
+    result = yield from steps
+    stages.append(Stage(name, time.perf_counter() - start))
+    return result
+
+
+def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
+    """Carry a surface from index space to RAS+ mm."""
+    yield Step(0.6, "Placing it in the patient")
+    # A mirrored affine (slices listed head first) would turn the surface inside out.
+    faces = surface.faces if determinant(affine) > 0 else np.ascontiguousarray(surface.faces[:, ::-1])
+    placed = []
+    for positions in (surface.midpoints, surface.linear):
+        for start in range(0, len(positions), POINTS_AT_ONCE):
+            part = slice(start, start + POINTS_AT_ONCE)
+            positions[part] = to_ras_mm(affine, positions[part])
+        placed.append(positions)
+    normals = surface.normals
+    if normals is not None:
+        for start in range(0, len(normals), POINTS_AT_ONCE):
+            part = slice(start, start + POINTS_AT_ONCE)
+            normals[part] = normals_to_ras(affine, normals[part])
+    return Surface(placed[0], placed[1], faces, normals)
+
+
+def _kept(surface: Surface, mesh: TriangleMesh, settings: ReconstructionSettings) -> Steps[Surface]:
+    """Drop the parts the settings do not want."""
+    yield Step(0.62, "Keeping parts")
+    kept = keep_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
+    if not len(kept.faces):
+        raise MeshError(f"no part is as large as {settings.min_part_mm3:g} mm3; choose a smaller min_part_mm3")
+    return kept

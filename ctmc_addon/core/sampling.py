@@ -182,8 +182,6 @@ def _compare(grid: Grid, layer: int, rows: NDArray[np.intp], lowest: Any, out: N
 
 def check_threshold(threshold: float, values: NDArray[Any]) -> None:
     """Raise `ThresholdError` where no value or every value is at or above the threshold."""
-    if not math.isfinite(threshold):
-        raise ThresholdError(f"threshold {threshold} is not a number; give a grey value of the volume")
     low, high = values.min(), values.max()
     if not low < threshold <= high:
         beyond = (
