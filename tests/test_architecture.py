@@ -1,0 +1,97 @@
+"""The house plan, held by reading the imports: which room may call which, and what each may need."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "ctmc_addon"
+ARROWS = {
+    "core": set(),
+    "readers": {"core"},
+    "scene": {"core"},
+    "ui": {"scene", "readers", "core"},
+    "cli": {"scene", "readers", "core"},
+}
+BLENDER = {"bpy", "bpy_extras", "bl_ui", "bl_operators", "addon_utils", "mathutils", "gpu", "blf", "bmesh"}
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+# Runs `imports` on a Python where `blocked` do not exist.
+BLOCKED_IMPORT = """
+import sys
+blocked = set(sys.argv[1].split(","))
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in blocked:
+            raise ModuleNotFoundError(f"{name} is not there", name=name)
+sys.meta_path.insert(0, Blocker())
+for name in sys.argv[2:]:
+    __import__(name)
+"""
+
+
+def room_of(path: Path) -> str:
+    """`core`, `ui`...; empty for the package's own files."""
+    parts = path.relative_to(PACKAGE).parts
+    return parts[0] if len(parts) > 1 else ""
+
+
+def imports_of(path: Path) -> Iterator[tuple[str, bool]]:
+    """Every imported module as a dotted name from the package's root, and whether the import is relative."""
+    folder = path.relative_to(PACKAGE).parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, False) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.module or "", False
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level - 1 <= len(folder), f"{path} reaches out of the package"
+            base = folder[: len(folder) - (node.level - 1)]
+            yield from ((".".join(filter(None, (*base, node.module, alias.name))), True) for alias in node.names)
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_follow_the_arrows(path):
+    room = room_of(path)
+    for name, relative in imports_of(path):
+        top = name.partition(".")[0]
+        if relative:
+            assert not room or top not in ARROWS or top == room or top in ARROWS[room], f"{room} -> {name}"
+        else:
+            assert top != "ctmc_addon", "as an extension the package has another name: import relatively"
+            assert room in {"ui", "scene", "cli", ""} or top not in BLENDER, f"{room} must not know Blender: {name}"
+            assert room != "core" or top == "numpy" or top in sys.stdlib_module_names, f"core must not need {name}"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_a_file_fits_a_few_screens(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 450
+
+
+def import_without(blocked: set[str], *names: str) -> None:
+    """Import `names` in a fresh Python that does not have `blocked`."""
+    command = [sys.executable, "-W", "error", "-c", BLOCKED_IMPORT, ",".join(blocked), *names]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_core_and_readers_import_without_blender():
+    import_without(BLENDER, "ctmc_addon", "ctmc_addon.core", "ctmc_addon.readers", "ctmc_addon.cli")
+
+
+def test_core_imports_with_numpy_alone():
+    readers = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "nibabel", "nrrd", "scipy"}
+    import_without(BLENDER | readers, "ctmc_addon.core")
+
+
+def test_manifest_and_package_have_one_version():
+    from ctmc_addon.core.version import VERSION
+
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    assert manifest["version"] == VERSION
