@@ -1,11 +1,13 @@
 """Numbers: from grey values to triangles, with NumPy and the standard library alone."""
 
+from .distance import distances
 from .errors import CtmcError
 from .marching_cubes import marching_cubes
 from .mesh import Surface, TriangleMesh
 from .pipeline import Reconstruction, reconstruct, reconstruct_steps
 from .progress import Step, Steps, finish
 from .settings import ReconstructionSettings
+from .simplify import simplify, simplify_steps
 from .volume import Volume
 
 __all__ = [
@@ -17,8 +19,11 @@ __all__ = [
     "Surface",
     "TriangleMesh",
     "Volume",
+    "distances",
     "finish",
     "marching_cubes",
     "reconstruct",
     "reconstruct_steps",
+    "simplify",
+    "simplify_steps",
 ]

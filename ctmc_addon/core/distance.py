@@ -1,0 +1,163 @@
+"""Exact distance from points to the nearest triangle of a mesh.
+
+A tree of boxes over the triangles in Morton order: every box holds eight boxes of the level below. All
+points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its
+box is farther than a triangle that the point is known to be near.
+
+Positions in any one space; distances in its unit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import MeshError
+from .mesh import TriangleMesh
+from .quadrics import cross, dot
+
+Doubles = NDArray[np.float64]
+
+BRANCH = 4  # boxes in a box
+BLOCK = 4096  # points that go down the tree together: their pairs fit the cache
+
+
+def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
+    """Distance from every point to the surface.
+
+    Parameters
+    ----------
+    points : (n, 3)
+        In the space of the mesh.
+    mesh : TriangleMesh
+        With at least one triangle.
+
+    Returns
+    -------
+    (n,) float64
+        To the nearest point of the nearest triangle.
+
+    Raises
+    ------
+    MeshError
+        For a mesh without triangles.
+
+    Examples
+    --------
+    >>> flat = TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
+    >>> distances([[1.0, 1.0, 1.0]], flat).round(4)
+    array([1.1547])
+    """
+    return TriangleTree(mesh).distances(points)
+
+
+class TriangleTree:
+    """The triangles of a mesh, ready for many questions about distance."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        if not len(mesh.faces):
+            raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
+        corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
+        middle = corners.sum(axis=1) / 3.0
+        corners = corners[np.argsort(_morton(middle), kind="stable")]
+        self.corners = np.ascontiguousarray(corners.transpose(1, 2, 0))  # (corner, axis, F)
+        # Levels of (low, high) from single triangles up to one box, (3, boxes) each.
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        self.levels = [(low, high)]
+        while low.shape[1] > 1:
+            starts = np.arange(0, low.shape[1], BRANCH)
+            low = np.minimum.reduceat(low, starts, axis=1)
+            high = np.maximum.reduceat(high, starts, axis=1)
+            self.levels.append((low, high))
+
+    def distances(self, points: NDArray[Any]) -> Doubles:
+        """Distance from every point (n, 3) to the surface, (n,)."""
+        places = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3).T)  # (3, n)
+        out = np.empty(places.shape[1])
+        # Neighbours in space go down the same branches.
+        order = np.argsort(_morton(places.T), kind="stable")
+        for start in range(0, len(order), BLOCK):
+            block = order[start : start + BLOCK]
+            out[block] = np.sqrt(self._squared(places[:, block]))
+        return out
+
+    def _squared(self, points: Doubles) -> Doubles:
+        best = np.full(points.shape[1], np.inf)  # no farther than this is the surface, squared
+        point = np.arange(points.shape[1])
+        box = np.zeros(len(point), np.int64)
+        for low, high in self.levels[-2::-1]:
+            point = np.repeat(point, BRANCH)
+            box = (box[:, None] * BRANCH + np.arange(BRANCH)).ravel()
+            if low.shape[1] % BRANCH:
+                there = box < low.shape[1]
+                point, box = point[there], box[there]
+            place = points[:, point]
+            below, above = low[:, box] - place, place - high[:, box]
+            outside = np.maximum(np.maximum(below, above), 0.0)
+            nearest = dot(outside, outside)
+            # Every side of a box touches a triangle in it: there is one within the farthest corner.
+            inside = np.minimum(below, above)
+            farthest = dot(inside, inside)
+            starts = _starts(point)
+            best[point[starts]] = np.minimum(best[point[starts]], np.minimum.reduceat(farthest, starts))
+            near = nearest <= best[point]
+            point, box = point[near], box[near]
+        a, b, c = self.corners[:, :, box]
+        squared = squared_distances(points[:, point], a, b, c)
+        starts = _starts(point)
+        return np.minimum.reduceat(squared, starts)
+
+
+def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
+    """Squared distance of every point to its own triangle abc, (n,); all arrays are (3, n).
+
+    The nearest point is inside the triangle, and the distance that to its plane, or it is on an edge.
+    """
+    ab, bc, ca = b - a, c - b, a - c
+    pa, pb, pc = points - a, points - b, points - c
+    squared = _to_segment(pa, ab)
+    np.minimum(squared, _to_segment(pb, bc), out=squared)
+    np.minimum(squared, _to_segment(pc, ca), out=squared)
+    normal = cross(ab, bc)
+    inside = dot(cross(ab, pa), normal) >= 0
+    inside &= dot(cross(bc, pb), normal) >= 0
+    inside &= dot(cross(ca, pc), normal) >= 0
+    size = dot(normal, normal)
+    inside &= size > 0
+    height = dot(pa, normal)
+    return np.where(inside, height * height / np.where(inside, size, 1), squared)
+
+
+def _to_segment(from_start: NDArray[Any], along: NDArray[Any]) -> NDArray[Any]:
+    length = dot(along, along)
+    share = dot(from_start, along) / np.where(length > 0, length, 1)
+    apart = from_start - along * np.clip(share, 0, 1)
+    return dot(apart, apart)
+
+
+def _starts(sorted_numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where a new number begins, in numbers that never fall."""
+    return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
+
+
+def _morton(points: NDArray[Any]) -> NDArray[np.uint64]:
+    """Place of every point (n, 3) on a curve through space that keeps neighbours together (Morton 1966)."""
+    low = points.min(axis=0) if len(points) else np.zeros(3)
+    extent = float((points - low).max()) if len(points) else 0.0
+    cells = ((points - low) * (0x1FFFFF / (extent or 1.0))).astype(np.uint64)
+    code = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        bits = cells[:, axis]
+        # Two free bits between every two of the 21.
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+            (2, 0x1249249249249249),
+        ):
+            bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
+        code |= bits << np.uint64(axis)
+    return code
