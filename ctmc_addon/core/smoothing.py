@@ -7,18 +7,17 @@ products and sums in a fixed order, so every machine and any number of threads g
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .progress import Step, Steps
+from .progress import Steps, within
+from .workers import in_batches, worker_count
 
 REACH = 4.0  # standard deviations after which the Gaussian is cut off
 BLOCK_BYTES = 2**21  # of a buffer, so that it stays in the cache
+BATCHES = 64  # a step each
 
 
 def soften_steps(
@@ -45,7 +44,7 @@ def soften_steps(
     softened = np.empty(values.shape, np.float32)
     slices, rows, columns = values.shape
     along_x, along_y, along_z = (weights(soften_mm / gap) for gap in spacing)
-    workers = threads or min(os.cpu_count() or 1, 8)
+    workers = worker_count(threads)
 
     def in_plane(k: int) -> None:
         plane = values[k].astype(np.float32)
@@ -57,13 +56,12 @@ def soften_steps(
         block = softened[:, row : row + deep]
         block[...] = blurred(block, along_z, 0)
 
-    # In-plane work is two of three passes.
-    share = 2 / 3 if len(along_z) > 1 else 1.0
-    for done in spread(in_plane, range(slices), workers):
-        yield Step(share * done, "Softening")
-    if len(along_z) > 1:
-        for done in spread(through, range(0, rows, deep), workers):
-            yield Step(share + (1 - share) * done, "Softening")
+    share = 2 / 3 if len(along_z) > 1 else 1.0  # in-plane work is two of three passes
+    for work, items, low, high in (
+        (in_plane, range(slices), 0.0, share),
+        (through, range(0, rows, deep) if len(along_z) > 1 else range(0), share, 1.0),
+    ):
+        yield from within(in_batches(work, items, workers, "Softening", batches=BATCHES), low, high)
     return softened
 
 
@@ -113,22 +111,3 @@ def blurred(values: NDArray[np.float32], taps: list[np.float32], axis: int) -> N
     np.multiply(values, taps[0], out=pair)
     total += pair
     return total
-
-
-def spread(work: Callable[[int], None], items: Iterable[int], workers: int) -> Iterable[float]:
-    """Do `work` for every item, a batch at a time, and say after each batch what share is done.
-
-    No thread is left running between two batches, so the caller may stop at any of them.
-    """
-    todo = list(items)
-    batch = 4 * workers
-    for start in range(0, len(todo), batch):
-        chosen = todo[start : start + batch]
-        if workers == 1:
-            for item in chosen:
-                work(item)
-        else:
-            with ThreadPoolExecutor(workers) as pool:
-                for _ in pool.map(work, chosen):
-                    pass
-        yield min(1.0, (start + batch) / len(todo))
