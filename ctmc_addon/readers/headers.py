@@ -1,0 +1,216 @@
+"""DICOM headers: one pass over a file gives all that is needed of it, and where its pixels begin.
+
+Only tags about the image and its place are asked for; nothing about the patient is read.
+Positions are in DICOM's LPS+ mm. Clauses are those of DICOM PS3.3 and PS3.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple
+
+from .libraries import BROKEN, needed, quiet
+from .multiframe import FrameGeometry, frame_geometries
+
+WHAT = "DICOM"
+TAGS = [
+    "SOPClassUID",
+    "Modality",
+    "ImageType",
+    "SeriesInstanceUID",
+    "InstanceNumber",
+    "ImagePositionPatient",
+    "ImageOrientationPatient",
+    "NumberOfFrames",
+    "SamplesPerPixel",
+    "PhotometricInterpretation",
+    "Rows",
+    "Columns",
+    "PixelSpacing",
+    "BitsAllocated",
+    "BitsStored",
+    "PixelRepresentation",
+    "PixelPaddingValue",
+    "PixelPaddingRangeLimit",
+    "RescaleSlope",
+    "RescaleIntercept",
+    "RescaleType",
+    "ModalityLUTSequence",
+    "SharedFunctionalGroupsSequence",
+    "PerFrameFunctionalGroupsSequence",
+]
+NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC", "OT")
+DEFLATED = "1.2.840.10008.1.2.1.99"
+IMPLICIT_LITTLE = "1.2.840.10008.1.2"
+
+
+class Pixels(NamedTuple):
+    """How a file stores its pixels."""
+
+    syntax: str  # transfer syntax UID
+    compressed: bool
+    start: int | None  # first byte of uncompressed pixels; None where pydicom has to find them
+    size: int  # bytes of uncompressed pixels that the file says it has
+    big_endian: bool
+    allocated: int
+    stored: int
+    signed: bool
+    padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFile:
+    """What one DICOM file with an image says of it; carries no patient data."""
+
+    path: Path
+    series: str
+    modality: str
+    rows: int
+    columns: int
+    instance: int
+    scout: bool
+    grey: bool
+    hounsfield: bool
+    lookup: bool  # a modality look-up table in place of slope and intercept
+    pixels: Pixels
+    frames: tuple[FrameGeometry, ...]
+
+
+class Broken(NamedTuple):
+    """A DICOM image that ends too early or cannot be understood."""
+
+    path: Path
+    series: str  # empty where it is not known
+
+
+def read_header(path: Path) -> ImageFile | Broken | None:
+    """The header of a DICOM image; None where the file is something else."""
+    with path.open("rb") as file:
+        preamble = has_preamble(file)
+        if not preamble and not looks_like_dataset(file):
+            return None
+        return _parsed(path, file, preamble)
+
+
+def has_preamble(file: IO[bytes]) -> bool:
+    """Whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
+    head = file.read(132)
+    file.seek(0)
+    return head[128:] == b"DICM"
+
+
+def looks_like_dataset(file: IO[bytes]) -> bool:
+    """Whether the file begins like a DICOM dataset that lost its preamble; leaves `file` at its start."""
+    head = file.read(8)
+    file.seek(0)
+    if len(head) < 8 or head[:2] not in (b"\x02\x00", b"\x08\x00"):
+        return False
+    explicit = head[4:6].isalpha() and head[4:6].isupper()
+    return explicit or int.from_bytes(head[4:8], "little") < 1024
+
+
+def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken | None:
+    pydicom = needed("pydicom", "pydicom", WHAT)
+    series, image = "", False
+    try:
+        with quiet():
+            dataset = pydicom.dcmread(file, stop_before_pixels=True, force=not preamble, specific_tags=TAGS)
+            series = str(dataset.get("SeriesInstanceUID", None) or "")
+            image = is_image(dataset)
+            if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
+                return Broken(path, series) if image and "Rows" not in dataset else None
+            pixels = _pixels(dataset, file)
+            return None if pixels is None and not image else _image(path, dataset, pixels, series)
+    except (*BROKEN, pydicom.errors.InvalidDicomError):
+        return Broken(path, series) if preamble or image else None
+
+
+def is_image(dataset: Any) -> bool:
+    """Whether the file says of itself that it stores slices."""
+    kind = dataset.get("SOPClassUID", None) or dataset.file_meta.get("MediaStorageSOPClassUID", None)
+    name = getattr(kind, "name", "")
+    return "Image Storage" in name and "Segmentation" not in name
+
+
+def _image(path: Path, dataset: Any, pixels: Pixels | None, series: str) -> ImageFile | Broken:
+    if pixels is None:
+        return Broken(path, series)
+    words = [str(word).strip().upper() for word in as_list(dataset.get("ImageType", None))]
+    modality = str(dataset.get("Modality", None) or "")
+    unit = str(dataset.get("RescaleType", None) or "HU").upper()
+    frames = frame_geometries(dataset)
+    return ImageFile(
+        path=path,
+        series=series,
+        modality=modality,
+        rows=int(dataset.Rows),
+        columns=int(dataset.Columns),
+        instance=int(dataset.get("InstanceNumber", None) or 0),
+        scout="LOCALIZER" in words,
+        grey=int(dataset.get("SamplesPerPixel", 1)) == 1 and "MONOCHROME" in str(dataset.PhotometricInterpretation),
+        hounsfield=modality == "CT" and unit == "HU" and all(frame.unit in ("", "HU") for frame in frames),
+        lookup=bool(dataset.get("ModalityLUTSequence", None)),
+        pixels=pixels,
+        frames=frames,
+    )
+
+
+def as_list(value: Any) -> list[Any]:
+    """A DICOM value of multiplicity 0, 1 or more as a list."""
+    if value is None:
+        return []
+    return [value] if isinstance(value, str) else list(value)
+
+
+def _pixels(dataset: Any, file: IO[bytes]) -> Pixels | None:
+    """How the pixels are stored, `file` standing at their element; None where the file ends before it."""
+    syntax = dataset.file_meta.get("TransferSyntaxUID", None)
+    implicit, little = dataset.original_encoding
+    known = str(syntax) if syntax else IMPLICIT_LITTLE
+    compressed = bool(syntax) and bool(syntax.is_compressed)
+    start: int | None = None
+    size = 0
+    if known != DEFLATED:  # else the file's position says nothing
+        at = file.tell()
+        head = file.read(12)
+        order: Literal["little", "big"] = "little" if little else "big"
+        if len(head) < 12:
+            return None
+        if [int.from_bytes(head[two : two + 2], order) for two in (0, 2)] == [0x7FE0, 0x0010] and not compressed:
+            # PS3.5 7.1: implicit VR has tag and length, explicit OB and OW have VR and two zero bytes between.
+            start = at + (8 if implicit else 12)
+            size = int.from_bytes(head[4:8] if implicit else head[8:12], order)
+    allocated = int(dataset.BitsAllocated)
+    stored = int(dataset.get("BitsStored", None) or allocated)
+    signed = bool(dataset.get("PixelRepresentation", 0))
+    padding = dataset.get("PixelPaddingValue", None)
+    limit = dataset.get("PixelPaddingRangeLimit", None)
+    ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
+    whole = [end for end in ends if end is not None]
+    return Pixels(
+        known,
+        compressed,
+        start,
+        size,
+        not little,
+        allocated,
+        stored,
+        signed,
+        (min(whole), max(whole)) if len(whole) == 2 else None,
+    )
+
+
+def as_stored(value: Any, bits: int, signed: bool) -> int | None:
+    """A padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+
+    Examples
+    --------
+    >>> as_stored(63536, 16, True)
+    -2000
+    """
+    if value is None:
+        return None
+    number = int.from_bytes(value[: bits // 8], "little") if isinstance(value, bytes) else int(value)
+    number %= 1 << bits
+    return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number

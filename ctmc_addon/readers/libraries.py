@@ -1,0 +1,59 @@
+"""The readers' libraries, imported when first needed, and what they raise on broken files."""
+
+from __future__ import annotations
+
+import importlib
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ..core.errors import ReadError
+
+# What a parser raises when bytes are not what it expects. Only calls into a library stand under it.
+BROKEN = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    NotImplementedError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+
+
+def needed(module: str, package: str, what: str) -> Any:
+    """Import `module`, or say that `package` is missing and `what` it reads.
+
+    Imported late: a Blender whose platform lacks one wheel still reads the other formats.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ReadError(f"reading {what} needs the Python package {package}, which is missing; install it") from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep a library's warnings from the user; what matters is said in the notes.
+
+    Never held across a `yield` of steps, since the filters belong to the whole interpreter.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def reason(error: BaseException) -> str:
+    """The first line of a library's complaint, short enough for one sentence."""
+    lines = str(error).strip().splitlines()
+    text = lines[0].strip().rstrip(".") if lines else type(error).__name__
+    return text if len(text) <= 160 else text[:157] + "..."

@@ -1,0 +1,69 @@
+"""Where each frame of a DICOM file lies and how its values scale.
+
+An enhanced multi-frame file keeps this in functional groups, per frame or shared by all
+(DICOM PS3.3 C.7.6.16); a single-frame file has it at the top. Positions are in LPS+ mm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+
+class FrameGeometry(NamedTuple):
+    """Place and scale of one frame; None where the file does not say."""
+
+    position: tuple[float, ...] | None  # (x, y, z) of the first pixel's centre
+    orientation: tuple[float, ...] | None  # direction of a row, then of a column
+    spacing: tuple[float, ...] | None  # between rows, between columns, mm
+    slope: float
+    intercept: float
+    unit: str  # RescaleType, empty where there is none
+    scout: bool
+
+
+def frame_geometries(dataset: Any) -> tuple[FrameGeometry, ...]:
+    """Every frame of the file, in the order of its pixels."""
+    count = int(dataset.get("NumberOfFrames", None) or 1)
+    shared_groups = dataset.get("SharedFunctionalGroupsSequence", None)
+    shared = shared_groups[0] if shared_groups else None
+    groups = dataset.get("PerFrameFunctionalGroupsSequence", None)
+    if groups is None and shared is None:
+        # A multi-frame file without groups has one position for all of its frames: no place for any.
+        return (_geometry(dataset, (), count == 1),) * count
+    if groups is not None and len(groups) != count:
+        raise ValueError(f"{len(groups)} functional groups for {count} frames")
+    frames = [(group, shared) for group in groups] if groups is not None else [(shared,)] * count
+    return tuple(_geometry(dataset, frame, count == 1) for frame in frames)
+
+
+def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:
+    def found(sequence: str, keyword: str, top_level: bool = True) -> Any:
+        """The value of the frame's own group, else of the shared one, else of the file."""
+        for group in groups:
+            items = group.get(sequence, None) if group is not None else None
+            value = items[0].get(keyword, None) if items else None
+            if value is not None:
+                return value
+        return dataset.get(keyword, None) if top_level else None
+
+    frame_type = [str(word) for word in found("CTImageFrameTypeSequence", "FrameType", False) or ()]
+    slope = found("PixelValueTransformationSequence", "RescaleSlope")
+    intercept = found("PixelValueTransformationSequence", "RescaleIntercept")
+    return FrameGeometry(
+        _numbers(found("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
+        _numbers(found("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
+        _numbers(found("PixelMeasuresSequence", "PixelSpacing"), 2),
+        1.0 if slope is None else float(slope),
+        0.0 if intercept is None else float(intercept),
+        str(found("PixelValueTransformationSequence", "RescaleType") or ""),
+        "LOCALIZER" in frame_type,
+    )
+
+
+def _numbers(value: Any, count: int) -> tuple[float, ...] | None:
+    """`count` finite numbers, or None where the file has none or others."""
+    if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
+        return None
+    numbers = tuple(float(number) for number in value)
+    return numbers if all(math.isfinite(number) for number in numbers) else None

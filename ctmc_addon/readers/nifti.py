@@ -1,0 +1,135 @@
+"""NIfTI-1 and NIfTI-2 in one file, plain or gzip: nibabel reads the header, the values come straight in.
+
+nibabel's affine maps (i, j, k) to RAS+ mm. i is the fastest index in the file, so the values are
+(k, j, i) in C order without a copy. NIfTI-1 is described at nifti.nimh.nih.gov/nifti-1.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import ReadError
+from ..core.progress import Steps
+from .libraries import BROKEN, needed, quiet, reason
+from .reading import Reading, Series, native, require_memory, scaled
+from .streams import fill_steps, opened, skip
+
+WHAT = "NIfTI"
+TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
+
+
+def read_steps(path: Path) -> Steps[Reading]:
+    """Read one NIfTI file."""
+    with opened(path) as stream:
+        header = read_header(stream, path.name)
+        size = checked_size(header, path.name)
+        dtype = checked_dtype(header, path.name)
+        require_memory(size[::-1], dtype, f"reading {path.name}")
+        skip(stream, int(header["vox_offset"]) - stream.tell(), path.name)
+        values = np.empty(size[::-1], dtype)  # (k, j, i)
+        yield from fill_steps(values, stream, path.name)
+    slope, intercept = header.get_slope_inter()  # None where there is none
+    slope, intercept = (1.0 if slope is None else float(slope)), float(intercept or 0.0)
+    affine, notes = placed(header, path.name)
+    names = label_names(header)
+    return Reading(scaled(native(values), slope, intercept), affine, notes, "", names, WHAT)
+
+
+def describe(path: Path) -> Series:
+    """Size of the volume, from the header alone."""
+    with opened(path) as stream:
+        columns, rows, slices = checked_size(read_header(stream, path.name), path.name)
+    return Series(1, "", slices, (columns, rows))
+
+
+def read_header(stream: IO[bytes], name: str) -> Any:
+    """Header by nibabel, of either version; `stream` is left behind the header's extensions."""
+    nifti1 = needed("nibabel.nifti1", "nibabel", WHAT)
+    nifti2 = needed("nibabel.nifti2", "nibabel", WHAT)
+    globals_ = needed("nibabel.imageglobals", "nibabel", WHAT)
+    try:
+        first = stream.read(4)
+        stream.seek(0)
+        # The first number is the header's own length, in either byte order.
+        second_version = 540 in (int.from_bytes(first, "little"), int.from_bytes(first, "big"))
+        kind = nifti2.Nifti2Header if second_version else nifti1.Nifti1Header
+        with quiet(), globals_.LoggingOutputSuppressor():
+            return kind.from_fileobj(stream)
+    except (*BROKEN, header_error()) as error:
+        raise ReadError(f"{name} is no readable NIfTI file ({reason(error)}); export or copy it again") from error
+
+
+def header_error() -> Any:
+    """What nibabel raises on a header it cannot accept."""
+    return needed("nibabel.spatialimages", "nibabel", WHAT).HeaderDataError
+
+
+def checked_size(header: Any, name: str) -> tuple[int, int, int]:
+    """(columns, rows, slices), or a `ReadError` for anything that is not one volume."""
+    shape = tuple(int(side) for side in header.get_data_shape())
+    if any(side < 1 for side in shape) or len(shape) < 2:
+        raise ReadError(f"{name} has the size {shape}, which is no volume; export it again")
+    if any(side > 1 for side in shape[3:]):
+        raise ReadError(
+            f"{name} has {len(shape)} dimensions {shape}, and a volume has 3; "
+            "save one time point or channel as a file of its own"
+        )
+    columns, rows, slices = (*shape, 1)[:3]
+    if slices < 2:
+        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+    return columns, rows, slices
+
+
+def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
+    """The type of the values in the file, or a `ReadError` for colour, complex and long double."""
+    dtype: np.dtype[Any] = header.get_data_dtype()
+    if dtype.names is not None:
+        raise ReadError(f"{name} has RGB voxels; convert it to grey values or labels (one number a voxel)")
+    if dtype.kind not in "iuf" or dtype.itemsize > 8:
+        raise ReadError(f"{name} has voxels of type {dtype}; convert it to int16 or float32")
+    return dtype
+
+
+def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Affine by nibabel, in mm, and what had to be assumed."""
+    try:
+        affine = np.array(header.get_best_affine(), np.float64)
+    except (*BROKEN, header_error()) as error:
+        raise ReadError(f"{name} has a broken orientation ({reason(error)}); export it again") from error
+    notes = []
+    if not int(header["sform_code"]) and not int(header["qform_code"]):
+        notes.append(
+            "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
+            "rows towards the front, slices towards the head; flip x, y or z changes it"
+        )
+    try:
+        unit = header.get_xyzt_units()[0]
+    except KeyError:
+        unit = "unknown"
+    if TO_MM[unit] != 1.0:
+        affine[:3] *= TO_MM[unit]
+        notes.append(f"the file's positions are in {unit}s and were converted to mm")
+    return affine, tuple(notes)
+
+
+def label_names(header: Any) -> dict[int, str]:
+    """Names of labels from a `LabelTable` in one of the header's extensions, as TotalSegmentator writes it."""
+    names: dict[int, str] = {}
+    for extension in header.extensions:
+        content = extension.get_content()
+        text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
+        found = re.search(r"<LabelTable>.*?</LabelTable>", text, re.DOTALL)
+        if not found:
+            continue
+        try:
+            table = ElementTree.fromstring(found[0])
+            names.update({int(label.attrib["Key"]): (label.text or "").strip() for label in table.iter("Label")})
+        except (ElementTree.ParseError, KeyError, ValueError):
+            continue  # names are a comfort, the values do without
+    return names
