@@ -2,39 +2,33 @@
 PYTHON ?=
 # Any Python 3 can start the set-up; the set-up chooses the one for .venv.
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
-setup := @PYTHON='$(PYTHON)' '$(or $(starter),python3)' tools/setup_environment.py
 python := .venv/bin/python
 
 .PHONY: help setup demo test test-all lint types build clean
 
 help:  ## say what there is (this list)
-	@sed -n 's/^\([a-z-]*\):  *## */  make \1\t/p' Makefile | expand -t 18
+	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
 
 setup:  ## make .venv with Blender as a module, the readers' libraries and the command ctmc
-	$(setup)
+	@PYTHON='$(PYTHON)' '$(or $(starter),python3)' tools/setup_environment.py
 
-demo:  ## phantom to tumour: files, reconstruction, picture and report in out/demo
-	$(setup)
+demo: setup  ## phantom to tumour: files, reconstruction, picture and report in out/demo
 	@$(python) tools/demo.py
 
-test:  ## the tests, in one Blender version
-	$(setup)
+test: setup  ## the tests, in one Blender version
 	@$(python) tools/run_tests.py $(ARGS)
 
 test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
 	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER)
 
-lint:  ## ruff: rules and layout
-	$(setup)
+lint: setup  ## ruff: rules and layout
 	@.venv/bin/ruff check
 	@.venv/bin/ruff format --check
 
-types:  ## mypy, strict
-	$(setup)
+types: setup  ## mypy, strict
 	@.venv/bin/mypy
 
-build:  ## the extension's zips, one for each platform, in dist
-	$(setup)
+build: setup  ## the extension's zips, one for each platform, in dist
 	@$(python) tools/build_extension.py
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches

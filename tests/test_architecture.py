@@ -85,9 +85,10 @@ def test_core_and_readers_import_without_blender():
     import_without(BLENDER, "ctmc_addon", "ctmc_addon.core", "ctmc_addon.readers", "ctmc_addon.cli")
 
 
-def test_core_imports_with_numpy_alone():
-    readers = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "nibabel", "nrrd", "scipy"}
-    import_without(BLENDER | readers, "ctmc_addon.core")
+def test_core_and_readers_import_with_numpy_alone():
+    # A zip for another platform brings no fitting wheels; the extension must still load and say so.
+    libraries = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "libjpeg", "openjpeg", "nibabel", "nrrd"}
+    import_without(BLENDER | libraries, "ctmc_addon.core", "ctmc_addon.readers")
 
 
 def test_manifest_and_package_have_one_version():
