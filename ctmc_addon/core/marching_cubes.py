@@ -32,9 +32,8 @@ from .progress import Step, Steps, finish, within
 from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
 from .workers import in_batches, worker_count
 
-SLAB_SAMPLES = 1 << 20  # samples in a slab: its map from edge to vertex stays in the cache
+SLAB_SAMPLES = 1 << 21  # samples in a slab: enough to outweigh the cost of a call, few enough for little memory
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
-OWNED_EDGES = tuple(EDGES.index((0, 1 << axis)) for axis in range(3))
 CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
 """(3, 256) whether a case crosses the edge along an axis that its voxel owns."""
 
@@ -45,21 +44,30 @@ class Slab:
 
     Parameters
     ----------
+    low, high : int
+    x, y : int
+        First column and row of samples of the slab's window: outside it no sample is inside.
+    rows, pitch : int
+        Rows of samples in the window, and samples in a row.
     place : (n,) int32
-        Place in the slab's samples (layers, y.count + 1, 64 words), ascending.
+        Place in the window's samples (layers, rows, pitch), ascending.
     case : (n,) uint8
-    owned : three (n_axis,) intp
-        Which of the voxels own a crossed edge along x, y, z: one vertex each.
     whole : (n,) bool
         False for half voxels.
+    owned : three (n_axis,) intp
+        Which of the voxels own a crossed edge along x, y, z: one vertex each.
     """
 
     low: int
     high: int
+    x: int
+    y: int
+    rows: int
+    pitch: int
     place: NDArray[np.int32]
     case: NDArray[np.uint8]
-    owned: tuple[NDArray[np.intp], ...]
     whole: NDArray[np.bool_]
+    owned: tuple[NDArray[np.intp], ...]
 
     @property
     def vertices(self) -> int:
@@ -70,6 +78,14 @@ class Slab:
     def faces(self) -> int:
         """Number of triangles."""
         return int(TRIANGLE_COUNT[self.case[self.whole]].sum(dtype=np.int64))
+
+    def samples(self, place: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
+        """Sample numbers along x, y and z of places in the window."""
+        row = place // np.int32(self.pitch)
+        layer = row // np.int32(self.rows)
+        x = place - row * np.int32(self.pitch)
+        y = row - layer * np.int32(self.rows)
+        return x + np.int32(self.x), y + np.int32(self.y), layer + np.int32(self.low)
 
 
 @dataclass(frozen=True)
@@ -188,9 +204,16 @@ def _scan_steps(grid: Grid, threshold: float, threads: int) -> Steps[list[Slab]]
 
 def scan(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
     """Find the active voxels of the sample layers `low` to `high`, and their cases."""
-    rows, words = bits.shape[1:]
-    here = bits[low : high + 1]  # (layers + 1, rows, words)
-    next_x = _moved_along_x(here, grid.x.count)
+    window = _window(bits[low : high + 1])
+    here = bits[low : high + 1, window[0], window[1]]  # (layers + 1, rows, words)
+    rows, words = here.shape[1:]
+    at_border = [window[1].stop == bits.shape[2], window[0].stop == bits.shape[1], high == grid.z.count]
+    last_bit = np.uint64(1 << (grid.x.count - 1) % WORD)
+
+    next_x = here >> np.uint64(1)
+    next_x[..., :-1] |= here[..., 1:] << np.uint64(WORD - 1)
+    if at_border[0]:
+        next_x[..., -1] |= here[..., -1] & last_bit
     some, every = here | next_x, here & next_x
     some, every = some[:, :-1] | some[:, 1:], every[:, :-1] & every[:, 1:]
     active = (some[:-1] | some[1:]) ^ (every[:-1] & every[1:])  # (layers, rows - 1, words)
@@ -198,43 +221,42 @@ def scan(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
     at_word = np.flatnonzero(active)
     eights = active.reshape(-1)[at_word].view(np.uint8)  # eight voxels a byte
     at_eight = np.flatnonzero(eights != 0)
+    at_voxel = np.flatnonzero(_bits_of(eights[at_eight]))
+    if at_border[0]:
+        active[..., -1] &= ~last_bit
+    if at_border[1]:
+        active[:, -1] = 0
+    if at_border[2]:
+        active[-1] = 0
+    whole = _bits_of(active.reshape(-1)[at_word].view(np.uint8)[at_eight])[at_voxel].view(bool)
+
     at_word += at_word // ((rows - 1) * words) * words  # every layer of `here` has a row more than `active`
     byte = at_word[at_eight >> 3] * 8 + (at_eight & 7)
-    at_voxel = np.flatnonzero(_bits_of(eights[at_eight]))
-
     cases = np.zeros(8 * len(byte), np.uint8)
-    layers = (here.reshape(-1).view(np.uint8), next_x.reshape(-1).view(np.uint8))
+    sides = (np.ascontiguousarray(here).reshape(-1).view(np.uint8), next_x.reshape(-1).view(np.uint8))
     for corner in range(8):
         shift = ((corner >> 1 & 1) + (corner >> 2) * rows) * words * 8
-        cases |= _bits_of(layers[corner & 1][byte + shift]) << np.uint8(corner)
+        cases |= _bits_of(sides[corner & 1].take(byte + shift)) << np.uint8(corner)
     case = cases[at_voxel]
-
     place = ((byte * 8)[at_voxel >> 3] + (at_voxel & 7)).astype(np.int32)
-    x, y, z = split_place(place, rows, words * WORD)
-    whole = (x < grid.x.count - 1) & (y < grid.y.count - 1) & (z < grid.z.count - 1 - low)
-    owned = tuple(np.flatnonzero(CROSSES[axis][case]) for axis in range(3))
-    return Slab(low, high, place, case, owned, whole)
+    owned = tuple(np.flatnonzero(CROSSES[axis].take(case)) for axis in range(3))
+    return Slab(low, high, window[1].start * WORD, window[0].start, rows, words * WORD, place, case, whole, owned)
 
 
-def _moved_along_x(bits: NDArray[np.uint64], count: int) -> NDArray[np.uint64]:
-    """Every sample's neighbour along x in its own place; the last sample's is itself."""
-    moved = bits >> np.uint64(1)
-    moved[..., :-1] |= bits[..., 1:] << np.uint64(WORD - 1)
-    moved[..., -1] |= bits[..., -1] & np.uint64(1 << (count - 1) % WORD)
-    return moved
+def _window(bits: NDArray[np.uint64]) -> tuple[slice, slice]:
+    """Rows and words that can hold an active voxel: those with a sample inside, and one more on either side."""
+    inside = np.bitwise_or.reduce(bits, axis=0) != 0  # (rows, words)
+    rows, words = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    if not len(rows):
+        return slice(0, 1), slice(0, 1)
+    return (
+        slice(max(0, int(rows[0]) - 1), min(bits.shape[1], int(rows[-1]) + 2)),
+        slice(max(0, int(words[0]) - 1), int(words[-1]) + 1),
+    )
 
 
 def _bits_of(eights: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.unpackbits(eights, bitorder="little")
-
-
-def split_place(
-    place: NDArray[np.int32], rows: int, pitch: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """x, y and z of places in (layers, rows, pitch)."""
-    row = place // np.int32(pitch)
-    z = row // np.int32(rows)
-    return place - row * np.int32(pitch), row - z * np.int32(rows), z
 
 
 def _extract_steps(
@@ -275,11 +297,10 @@ def _extract_steps(
             sampler,
             threshold,
             slab,
-            alphas,
-            tuple(position[part] for position in positions),
+            [(alpha, position[part]) for alpha, position in zip(alphas, positions, strict=True)],
             None if directions is None else directions[part],
         )
-        fill_faces(grid, slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
+        fill_faces(slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
 
     yield from within(in_batches(fill, range(len(slabs)), threads, "Placing vertices and triangles"), 0.5, 0.95)
     if directions is not None:
@@ -293,77 +314,92 @@ def fill_vertices(
     sampler: Sampler,
     threshold: float,
     slab: Slab,
-    alphas: tuple[float | None, ...],
-    positions: tuple[NDArray[np.float32], ...],
+    targets: list[tuple[float | None, NDArray[np.float32]]],
     directions: NDArray[np.float32] | None,
 ) -> None:
     """Place a vertex on every crossed edge the slab owns: first those along x, then y, then z."""
-    start = 0
-    samples = split_place(slab.place, grid.y.count + 1, grid.words * WORD)
-    samples[2][...] += slab.low
     axes = (grid.x, grid.y, grid.z)
-    for axis, voxels in enumerate(slab.owned):
-        at = [sample[voxels] for sample in samples]  # x, y, z of the edge's low end
-        part = slice(start, start + len(voxels))
-        start = part.stop
-        along = axes[axis]
-        index = [each.index[one] for each, one in zip(axes, at, strict=True)]
-        low = sampler.at(*index)
-        index_high = along.index[at[axis] + 1]
-        high = sampler.at(*(index_high if each == axis else index[each] for each in range(3)))
-        rise = high - low
-        if not np.isfinite(rise).all():
-            raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
-        # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
-        flat = rise == 0
-        t = np.where(flat, 0.5, (threshold - low) / np.where(flat, 1.0, rise))
-        t = np.clip(t, NEAREST, 1 - NEAREST)
-        begin = along.position[at[axis]]
-        side = along.position[at[axis] + 1] - begin
-        middle = begin + np.float32(0.5) * side
-        linear = (begin + t * side).astype(np.float32)
-        for alpha, position in zip(alphas, positions, strict=True):
-            for other in range(3):
-                position[part, other] = axes[other].position[at[other]]
-            position[part, axis] = linear if alpha is None else blend(middle, linear, alpha)
-        if directions is not None:
-            directions[part] = edge_normals(sampler, axis, index, linear, flat)
+    samples = [sample[np.concatenate(slab.owned)] for sample in slab.samples(slab.place)]  # the edges' low ends
+    ends = np.cumsum([0] + [len(voxels) for voxels in slab.owned])
+    parts = [slice(ends[axis], ends[axis + 1]) for axis in range(3)]
+    index = [axes[axis].index.take(samples[axis]) for axis in range(3)]
+    place = sampler.place(*index)
+
+    side = np.empty(len(place), np.float32)
+    begin = np.empty(len(place), np.float32)
+    beyond = place.copy()
+    for axis, part in enumerate(parts):
+        along, at = axes[axis], samples[axis][part]
+        begin[part] = along.position.take(at)
+        side[part] = np.diff(along.position).take(at)
+        beyond[part] += (np.diff(along.index) * sampler.steps[axis]).take(at)
+    low = sampler.take(place)
+    rise = sampler.take(beyond) - low
+    # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
+    on_cap = rise == 0
+    rise[on_cap] = 1.0
+    t = (threshold - low) / rise
+    t[on_cap] = 0.5
+    if sampler.may_be_nan and not np.isfinite(t).all():
+        raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
+    np.clip(t, NEAREST, 1 - NEAREST, out=t)
+
+    middle = begin + np.float32(0.5) * side
+    linear = (begin + t * side).astype(np.float32)
+    for alpha, position in targets:
+        for axis in range(3):
+            position[:, axis] = axes[axis].position.take(samples[axis])
+        mixed = linear if alpha is None else blend(middle, linear, alpha)
+        for axis, part in enumerate(parts):
+            position[part, axis] = mixed[part]
+    if directions is not None:
+        edge_normals(sampler, index, place, parts, linear, directions)
+        directions[on_cap] = 0.0
 
 
-def fill_faces(grid: Grid, slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
+def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
     """Gather the triangles' corners from a map of edge to vertex number."""
-    rows, pitch = grid.y.count + 1, grid.words * WORD
-    layers = slab.high - slab.low + 1
-    owners = [(slab.place, slab, first_vertex, 0)]
-    if following is not None:  # the vertices in the slab's top layer are the next slab's
-        top = following.place[: np.searchsorted(following.place, rows * pitch)]
-        owners.append((top + np.int32(layers - 1) * np.int32(rows * pitch), following, first_vertex + slab.vertices, 1))
+    layers, rows, pitch = slab.high - slab.low + 1, slab.rows, slab.pitch
+    steps = (1, pitch, rows * pitch)
     vertex_of = np.empty((3, layers * rows * pitch), np.int32)
-    for place, owner, vertex, partial in owners:
-        for axis, voxels in enumerate(owner.owned):
-            known = voxels[: np.searchsorted(voxels, len(place))] if partial else voxels
-            vertex_of[axis, place[known]] = np.arange(vertex, vertex + len(known), dtype=np.int32)
+    vertex = first_vertex
+    for axis, voxels in enumerate(slab.owned):
+        vertex_of[axis, slab.place[voxels]] = np.arange(vertex, vertex + len(voxels), dtype=np.int32)
+        vertex += len(voxels)
+    if following is not None:  # the vertices in the slab's top layer are the next slab's
+        first_layer = np.searchsorted(following.place, following.rows * following.pitch)
+        for axis, voxels in enumerate(following.owned[:2]):
+            known = voxels[: np.searchsorted(voxels, first_layer)]
+            x, y, _ = following.samples(following.place[known])
+            top = ((layers - 1) * rows + (y - slab.y)) * pitch + (x - slab.x)
+            vertex_of[axis, top] = np.arange(vertex, vertex + len(known), dtype=np.int32)
             vertex += len(voxels)
+
     base = slab.place[slab.whole].astype(np.intp)
     case = slab.case[slab.whole]
-    steps = (1, pitch, rows * pitch)
-    offsets = np.array(
+    count = TRIANGLE_COUNT.take(case)
+    offset_of_edge = np.array(
         [
             edge // 4 * layers * rows * pitch + sum(steps[axis] for axis in range(3) if low >> axis & 1)
             for edge, (low, _) in enumerate(EDGES)
         ],
         np.intp,
     )
-    count = TRIANGLE_COUNT[case]
-    before = np.cumsum(count, dtype=np.intp) - count
-    triangle = np.arange(len(out)) + np.repeat(FIRST_TRIANGLE[case] - before, count)
-    corners = offsets[TRIANGLE_EDGES][triangle]  # (n, 3)
-    corners += np.repeat(base, count)[:, None]
-    np.take(vertex_of.reshape(-1), corners, out=out, mode="clip")
+    offsets = offset_of_edge[TRIANGLE_EDGES].reshape(-1)
+    start = 0
+    for triangles in range(1, int(TRIANGLE_COUNT.max()) + 1):
+        voxels = np.flatnonzero(count == triangles)
+        # Where a case has `triangles` triangles, its corners are the next 3 * triangles of the table.
+        table = np.lib.stride_tricks.sliding_window_view(offsets, 3 * triangles)
+        corners = table[FIRST_TRIANGLE.take(case.take(voxels)) * 3]
+        corners += base.take(voxels)[:, None]
+        part = out[start : start + triangles * len(voxels)]
+        np.take(vertex_of.reshape(-1), corners.reshape(-1, 3), out=part, mode="clip")
+        start += len(part)
 
 
 def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
     """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
-    missing = (normals == 0).all(axis=1)
-    if missing.any():
+    missing = np.flatnonzero(~normals.any(axis=1))
+    if len(missing):
         normals[missing] = vertex_normals(positions, faces)[missing]

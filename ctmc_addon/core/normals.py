@@ -27,67 +27,78 @@ class Sampler:
         # A view that runs upwards in memory, and the one number that leads from it to any value.
         upwards = values[tuple(slice(None, None, -1 if step < 0 else 1) for step in values.strides)]
         reach = sum((size - 1) * step for size, step in zip(upwards.shape, upwards.strides, strict=True))
-        self.shape = values.shape
+        self.size = values.shape[::-1]
+        self.steps = tuple(step // unit for step in values.strides[::-1])
+        self.may_be_nan = values.dtype.kind == "f"
         self._flat = as_strided(upwards, (reach // unit + 1,), (unit,), writeable=False)
-        self._steps = tuple(step // unit for step in values.strides)
-        self._first = sum((1 - size) * step for size, step in zip(values.shape, self._steps, strict=True) if step < 0)
-        # Sums and differences of two values are exact in the narrower type up to 16 bits.
+        self._first = sum((1 - size) * step for size, step in zip(self.size, self.steps, strict=True) if step < 0)
+        # Differences of values of up to 16 bits are exact in float32.
         narrow = values.dtype.kind in "bui" and item <= 2
         self.working_type = np.dtype(np.float32 if narrow else np.float64)
 
     def place(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.intp]:
         """Place of the values at column x, row y, slice z."""
-        return x * self._steps[2] + (y * self._steps[1] + (z * self._steps[0] + self._first))
+        place = x * self.steps[0] if self.steps[0] != 1 else x + self._first
+        if self.steps[0] != 1:
+            place += self._first
+        place += y * self.steps[1]
+        place += z * self.steps[2]
+        return place
 
     def take(self, place: NDArray[np.intp]) -> NDArray[Any]:
         """The values at `place`, in the working type."""
         return self._flat[place].astype(self.working_type)
 
-    def at(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[Any]:
-        """The values at column x, row y, slice z, in the working type."""
-        return self.take(self.place(x, y, z))
-
     def slope(self, place: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
-        """Difference of the values along an axis for one voxel, central, at the border one-sided."""
-        size, step = self.shape[2 - axis], self._steps[2 - axis]
+        """Difference of the values along an axis (0, 1, 2 for x, y, z) for one voxel: central, one-sided at the border."""
+        size, step = self.size[axis], self.steps[axis]
+        if not len(place) or (coordinate.min() > 0 and coordinate.max() < size - 1):
+            rise = self.take(place + step) - self.take(place - step)
+            rise *= 0.5
+            return rise
         above, below = coordinate < size - 1, coordinate > 0
         rise = self.take(place + above * step) - self.take(place - below * step)
-        return rise / (above.astype(self.working_type) + below.astype(self.working_type))
+        rise /= above.astype(self.working_type) + below.astype(self.working_type)
+        return rise
 
 
 def edge_normals(
     sampler: Sampler,
-    axis: int,
     index: list[NDArray[np.intp]],
+    place: NDArray[np.intp],
+    parts: list[slice],
     position: NDArray[np.float32],
-    on_cap: NDArray[np.bool_],
-) -> NDArray[np.float32]:
-    """Outward unit normals at places on edges along one axis.
+    out: NDArray[np.float32],
+) -> None:
+    """Outward unit normals at places on the edges of voxels.
 
     Parameters
     ----------
-    axis : int
-        0, 1, 2 for edges along x, y, z.
     index : three (n,) intp
-        Column, row and slice of the edge's low end.
+        Column, row and slice of the edges' low ends; overwritten.
+    place : (n,) intp
+        The sampler's place of them; overwritten.
+    parts : three slices
+        Which of the edges run along x, along y, along z.
     position : (n,) float32
-        Where on the edge, in voxel indices along the axis.
-    on_cap : (n,) bool
-        Vertices of the cap that closes a border: the grey values have no gradient there.
-
-    Returns
-    -------
-    (n, 3) float32
-        Zero on caps and where the gradient vanishes.
+        Where on its edge each place is, in voxel indices along the edge.
+    out : (n, 3) float32
+        Zero where the gradient vanishes.
     """
-    low = np.clip(position.astype(np.intp), 0, sampler.shape[2 - axis] - 2)
-    share = (position - low.astype(np.float32)).astype(sampler.working_type)
-    slopes = []
-    for end in range(2):
-        at = [low + end if each == axis else index[each] for each in range(3)]
-        place = sampler.place(*at)
-        slopes.append([sampler.slope(place, at[each], each) for each in range(3)])
-    gradient = [first + share * (second - first) for first, second in zip(*slopes, strict=True)]
+    share = np.empty(len(place), sampler.working_type)
+    for axis, part in enumerate(parts):  # from the enlarged voxel's corner to the voxel just below the place
+        below = np.minimum(position[part].astype(np.intp), sampler.size[axis] - 2)
+        share[part] = position[part] - below
+        place[part] += (below - index[axis][part]) * sampler.steps[axis]
+        index[axis][part] = below
+    gradient = [sampler.slope(place, index[axis], axis) for axis in range(3)]
+    for axis, part in enumerate(parts):
+        place[part] += sampler.steps[axis]
+        index[axis][part] += 1
+    for axis in range(3):
+        gradient[axis] += share * (sampler.slope(place, index[axis], axis) - gradient[axis])
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
-    scale = np.where(on_cap | (length == 0), 0.0, -1.0 / np.where(length == 0, 1.0, length))
-    return np.stack([part * scale for part in gradient], axis=1).astype(np.float32)
+    length[length == 0] = 1.0
+    scale = -1.0 / length
+    for axis in range(3):
+        out[:, axis] = gradient[axis] * scale
