@@ -1,0 +1,7 @@
+"""`python -m ctmc_addon ...` is `ctmc ...`."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

@@ -1,0 +1,155 @@
+"""Flags made from the settings, and the flags that say how INPUT is read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+from ..core import ReconstructionSettings
+from ..core.settings import Setting, described
+
+# Settings of which one at most may be given.
+ALTERNATIVES = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
+
+
+def flag_of(name: str, about: Setting) -> str:
+    """The flag of a setting: its own, else its name with dashes.
+
+    Examples
+    --------
+    >>> flag_of("keep_parts", described()["keep_parts"])
+    '--keep-parts'
+    """
+    return "--" + (about.flag or name.replace("_", "-"))
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """A flag for every field of `ReconstructionSettings`; only flags that are given reach the namespace."""
+    group = parser.add_argument_group("settings")
+    groups = {}
+    for names in ALTERNATIVES:
+        groups.update(dict.fromkeys(names, group.add_mutually_exclusive_group()))
+    for name, about in described().items():
+        add_setting(groups.get(name, group), name, about)
+
+
+def add_setting(group: Any, name: str, about: Setting) -> None:
+    """One setting's flag, its help made from the setting's text, unit, limits and default."""
+    default = getattr(ReconstructionSettings, name)
+    options: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS, "help": help_of(about, default)}
+    if about.type is bool:
+        options["action"] = argparse.BooleanOptionalAction
+    elif about.choices:
+        options["choices"] = about.choices
+    else:
+        options["type"], options["metavar"] = about.type, metavar_of(about)
+        if about.size > 1:
+            options["nargs"] = about.size
+    group.add_argument(flag_of(name, about), **options)
+
+
+def help_of(about: Setting, default: Any) -> str:
+    """Text, unit, limits and default in brackets: 'Side of ... (px; from 1 to 16; default 1 1 1)'."""
+    facts = [about.unit] if about.unit else []
+    if not about.choices and (about.low is not None or about.high is not None):
+        facts.append(about.limits)
+    if default is not None and about.type is not bool:
+        many = default if isinstance(default, tuple) else (default,)
+        facts.append("default " + " ".join(one if isinstance(one, str) else f"{one:g}" for one in many))
+    text = about.text + (f" ({'; '.join(facts)})" if facts else "")
+    return text.replace("%", "%%")
+
+
+def metavar_of(about: Setting) -> str | tuple[str, ...]:
+    """What stands for the value in the help: X Y Z, MM, N, or the setting's label in capitals."""
+    if about.size == 3:
+        return ("X", "Y", "Z")
+    if about.size == 6:
+        return ("X0", "Y0", "Z0", "X1", "Y1", "Z1")
+    if about.unit in ("mm", "mm3"):
+        return about.unit.upper()
+    return "N" if about.type is int else about.label.split()[-1].upper()
+
+
+def settings_from(chosen: argparse.Namespace) -> ReconstructionSettings:
+    """The settings that were asked for; a `SettingsError` says what is outside its limits."""
+    return ReconstructionSettings(**{name: value for name, value in vars(chosen).items() if name in described()})
+
+
+def command_of(settings: ReconstructionSettings) -> str:
+    """The flags that give these settings, those at their default left out.
+
+    Examples
+    --------
+    >>> command_of(ReconstructionSettings(label=2, stride=(2, 2, 1), close_border=True))
+    '--label 2 --stride 2 2 1 --close-border'
+    """
+    words = []
+    for name, about in described().items():
+        value = getattr(settings, name)
+        if value == getattr(ReconstructionSettings, name):
+            continue
+        many = value if isinstance(value, tuple) else (value,)
+        words.append(flag_of(name, about))
+        words += [] if about.type is bool else [str(one) if isinstance(one, str) else f"{one:.12g}" for one in many]
+    return " ".join(words)
+
+
+def add_input(parser: argparse.ArgumentParser) -> None:
+    """INPUT and how it is read."""
+    parser.add_argument("input", metavar="INPUT", help="folder of slices, DICOM, .nii, .nii.gz, .nrrd, .nhdr or .npy")
+    group = parser.add_argument_group("reading")
+    group.add_argument(
+        "--spacing",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="mm between columns, rows and slices, in place of the file's own; slices without any have 1 mm",
+    )
+    group.add_argument("--flip", default="", metavar="AXES", help="mirror these axes, such as z or xz")
+    group.add_argument("--series", metavar="UID", help="which DICOM series to take, by its UID or number (see info)")
+    group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
+
+
+def reading_of(chosen: argparse.Namespace) -> dict[str, Any]:
+    """The keyword arguments of `read_volume` that were asked for."""
+    spacing = None if chosen.spacing is None else tuple(chosen.spacing)
+    return {"spacing": spacing, "flip": chosen.flip, "series": chosen.series, "strict": chosen.strict}
+
+
+def single_numbers_repeated(argv: Sequence[str]) -> list[str]:
+    """`--stride 2` as `--stride 2 2 2`, and the same for `--spacing`.
+
+    Examples
+    --------
+    >>> single_numbers_repeated(["--stride", "2", "in", "--stride=3", "--stride", "2", "2", "1"])
+    ['--stride', '2', '2', '2', 'in', '--stride', '3', '3', '3', '--stride', '2', '2', '1']
+    """
+    triples = {flag_of(name, about) for name, about in described().items() if about.size == 3} | {"--spacing"}
+    words: list[str] = []
+    at = 0
+    while at < len(argv):
+        flag, equals, value = argv[at].partition("=")
+        at += 1
+        if flag not in triples:
+            words.append(argv[at - 1])
+            continue
+        alone = at + 1 >= len(argv) or not is_number(argv[at + 1])
+        if equals:
+            words += [flag, value, value, value]
+        elif at < len(argv) and is_number(argv[at]) and alone:
+            words += [flag, *[argv[at]] * 3]
+            at += 1
+        else:
+            words.append(flag)
+    return words
+
+
+def is_number(word: str) -> bool:
+    """Whether a word reads as a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

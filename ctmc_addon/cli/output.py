@@ -1,0 +1,110 @@
+"""What a person at a terminal sees: the progress line, tables, numbers."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO, TypeVar
+
+from ..core import Step, Steps, finish
+
+T = TypeVar("T")
+WIDTH = 30
+
+
+class Progress:
+    """A bar that is drawn over itself on a terminal; elsewhere nothing, or a line whenever the message changes.
+
+    Parameters
+    ----------
+    stream : TextIO, optional
+        Standard error by default.
+    lines : bool
+        Whether a stream that is no terminal gets a line for every message.
+    """
+
+    def __init__(self, stream: TextIO | None = None, lines: bool = False) -> None:
+        self.stream = sys.stderr if stream is None else stream
+        self.terminal = self.stream.isatty()
+        self.lines = lines
+        self.shown = ""
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.terminal and self.shown:
+            self.stream.write("\r\033[K")
+            self.stream.flush()
+
+    def __call__(self, step: Step) -> None:
+        """Show where the work is."""
+        if self.terminal:
+            done = round(min(max(step.fraction, 0.0), 1.0) * WIDTH)
+            line = f"\r\033[K[{'#' * done}{'.' * (WIDTH - done)}] {step.message}"
+            if line != self.shown:
+                self.stream.write(line)
+                self.stream.flush()
+                self.shown = line
+        elif self.lines and step.message != self.shown:
+            print(f"{step.message} ...", file=self.stream, flush=True)
+            self.shown = step.message
+
+    def drive(self, steps: Steps[T]) -> T:
+        """Work through the steps, showing each, and return their result; an interrupt closes them."""
+        try:
+            return finish(steps, self)
+        finally:
+            steps.close()
+
+
+def table(rows: Sequence[Sequence[str]], indent: str = "") -> str:
+    """Rows in columns, the first one flush left, the others flush right.
+
+    Examples
+    --------
+    >>> print(table([("stage", "seconds"), ("Reading", "0.41")]))
+    stage    seconds
+    Reading     0.41
+    """
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return "\n".join(
+        indent
+        + "  ".join(
+            cell.rjust(width) if at else cell.ljust(width)
+            for at, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
+
+
+def listing(facts: Sequence[tuple[str, str]]) -> str:
+    """Names and what is known of them, a line each; an empty name continues the one before."""
+    width = max(len(name) for name, _ in facts)
+    return "\n".join(f"{name:{width}}  {fact}".rstrip() for name, fact in facts)
+
+
+def by(numbers: Sequence[float]) -> str:
+    """Numbers as sides: '0.74 x 0.74 x 5'."""
+    return " x ".join(f"{number:.6g}" for number in numbers)
+
+
+@contextmanager
+def blender_silenced() -> Iterator[None]:
+    """Keep what Blender's C code prints about saving and rendering from standard output."""
+    sys.stdout.flush()
+    try:
+        kept = os.dup(1)
+    except OSError:  # a process without one, such as a windowed program
+        yield
+        return
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+            os.dup2(kept, 1)
+            os.close(kept)
