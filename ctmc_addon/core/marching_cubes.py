@@ -375,9 +375,6 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
             vertex_of[axis, top] = np.arange(vertex, vertex + len(known), dtype=np.int32)
             vertex += len(voxels)
 
-    base = slab.place[slab.whole].astype(np.intp)
-    case = slab.case[slab.whole]
-    count = TRIANGLE_COUNT.take(case)
     offset_of_edge = np.array(
         [
             edge // 4 * layers * rows * pitch + sum(steps[axis] for axis in range(3) if low >> axis & 1)
@@ -385,21 +382,25 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
         ],
         np.intp,
     )
-    offsets = offset_of_edge[TRIANGLE_EDGES].reshape(-1)
+    count = TRIANGLE_COUNT.take(slab.case)
+    count *= slab.whole
+    by_count = np.argsort(count, kind="stable")
+    ends = np.cumsum(np.bincount(count))
     start = 0
-    for triangles in range(1, int(TRIANGLE_COUNT.max()) + 1):
-        voxels = np.flatnonzero(count == triangles)
-        # Where a case has `triangles` triangles, its corners are the next 3 * triangles of the table.
-        table = np.lib.stride_tricks.sliding_window_view(offsets, 3 * triangles)
-        corners = table[FIRST_TRIANGLE.take(case.take(voxels)) * 3]
-        corners += base.take(voxels)[:, None]
-        part = out[start : start + triangles * len(voxels)]
-        np.take(vertex_of.reshape(-1), corners.reshape(-1, 3), out=part, mode="clip")
-        start += len(part)
+    for triangles in range(1, len(ends)):
+        voxels = by_count[ends[triangles - 1] : ends[triangles]]
+        base = slab.place.take(voxels).astype(np.intp)
+        first = FIRST_TRIANGLE.take(slab.case.take(voxels)) * 3
+        part = out[start : start + triangles * len(voxels)].reshape(-1, 3 * triangles)
+        start += triangles * len(voxels)
+        for corner in range(3 * triangles):
+            at = offset_of_edge[TRIANGLE_EDGES.reshape(-1)[corner:]].take(first)
+            at += base
+            part[:, corner] = vertex_of.reshape(-1).take(at, mode="clip")
 
 
 def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
     """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
-    missing = np.flatnonzero(~normals.any(axis=1))
+    missing = np.flatnonzero((normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0))
     if len(missing):
         normals[missing] = vertex_normals(positions, faces)[missing]

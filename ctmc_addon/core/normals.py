@@ -38,19 +38,14 @@ class Sampler:
 
     def place(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.intp]:
         """Place of the values at column x, row y, slice z."""
-        place = x * self.steps[0] if self.steps[0] != 1 else x + self._first
-        if self.steps[0] != 1:
-            place += self._first
-        place += y * self.steps[1]
-        place += z * self.steps[2]
-        return place
+        return x * self.steps[0] + y * self.steps[1] + (z * self.steps[2] + self._first)
 
     def take(self, place: NDArray[np.intp]) -> NDArray[Any]:
         """The values at `place`, in the working type."""
         return self._flat[place].astype(self.working_type)
 
     def slope(self, place: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
-        """Difference of the values along an axis (0, 1, 2 for x, y, z) for one voxel: central, one-sided at the border."""
+        """Difference of the values along an axis (0, 1, 2 for x, y, z), each for one voxel; one-sided at the border."""
         size, step = self.size[axis], self.steps[axis]
         if not len(place) or (coordinate.min() > 0 and coordinate.max() < size - 1):
             rise = self.take(place + step) - self.take(place - step)
