@@ -1,0 +1,25 @@
+"""Data-blocks made for a moment, taken away again."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def remove_blocks(*blocks: bpy.types.ID) -> None:
+    """Remove data-blocks from the file, in the order given."""
+    for block in blocks:
+        home_of(block).remove(block)
+
+
+def home_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
+    """The collection of `bpy.data` that a data-block lives in."""
+    homes = {
+        bpy.types.Scene: bpy.data.scenes,
+        bpy.types.Object: bpy.data.objects,
+        bpy.types.Mesh: bpy.data.meshes,
+        bpy.types.Camera: bpy.data.cameras,
+        bpy.types.Light: bpy.data.lights,
+        bpy.types.World: bpy.data.worlds,
+        bpy.types.Material: bpy.data.materials,
+    }
+    return next(home for kind, home in homes.items() if isinstance(block, kind))
