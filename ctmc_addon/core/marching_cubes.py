@@ -32,7 +32,8 @@ from .progress import Step, Steps, finish, within
 from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
 from .workers import in_batches, worker_count
 
-SLAB_SAMPLES = 1 << 21  # samples in a slab: enough to outweigh the cost of a call, few enough for little memory
+SLAB_SAMPLES = 1 << 22  # samples in a slab: enough to outweigh the cost of a call, few enough for little memory
+MAP_SAMPLES = 1 << 21  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
 """(3, 256) whether a case crosses the edge along an axis that its voxel owns."""
@@ -358,45 +359,80 @@ def fill_vertices(
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
-    """Gather the triangles' corners from a map of edge to vertex number."""
-    layers, rows, pitch = slab.high - slab.low + 1, slab.rows, slab.pitch
-    steps = (1, pitch, rows * pitch)
-    vertex_of = np.empty((3, layers * rows * pitch), np.int32)
-    vertex = first_vertex
-    for axis, voxels in enumerate(slab.owned):
-        vertex_of[axis, slab.place[voxels]] = np.arange(vertex, vertex + len(voxels), dtype=np.int32)
-        vertex += len(voxels)
-    if following is not None:  # the vertices in the slab's top layer are the next slab's
-        first_layer = np.searchsorted(following.place, following.rows * following.pitch)
-        for axis, voxels in enumerate(following.owned[:2]):
-            known = voxels[: np.searchsorted(voxels, first_layer)]
-            x, y, _ = following.samples(following.place[known])
-            top = ((layers - 1) * rows + (y - slab.y)) * pitch + (x - slab.x)
-            vertex_of[axis, top] = np.arange(vertex, vertex + len(known), dtype=np.int32)
-            vertex += len(voxels)
+    """Gather the triangles' corners from a map of edge to vertex number, a few layers at a time."""
+    layer = slab.rows * slab.pitch
+    places, vertices = _numbered_edges(slab, following, first_vertex)
+    count = TRIANGLE_COUNT.take(slab.case)
+    count *= slab.whole
+    height = max(1, MAP_SAMPLES // layer)
+    start = 0
+    for first in range(0, slab.high - slab.low, height):
+        last = min(first + height, slab.high - slab.low)
+        vertex_of = np.empty((3, (last - first + 1) * layer), np.int32)
+        for axis in range(3):
+            known = slice(*np.searchsorted(places[axis], (first * layer, (last + 1) * layer)))
+            vertex_of[axis, places[axis][known] - first * layer] = vertices[axis][known]
+        voxels = slice(*np.searchsorted(slab.place, (first * layer, last * layer)))
+        base = slab.place[voxels] - np.int32(first * layer)
+        part = out[start : start + int(count[voxels].sum(dtype=np.int64))]
+        start += len(part)
+        _gather(vertex_of, base, slab.case[voxels], count[voxels], (1, slab.pitch, layer), part)
 
+
+def _numbered_edges(
+    slab: Slab, following: Slab | None, first_vertex: int
+) -> tuple[list[NDArray[np.intp]], list[NDArray[np.int32]]]:
+    """Place and vertex number of the crossed edges along x, y and z; those in the top layer are the next slab's."""
+    places, vertices = [], []
+    vertex, next_vertex = first_vertex, first_vertex + slab.vertices
+    for axis in range(3):
+        place = [slab.place.take(slab.owned[axis]).astype(np.intp)]
+        number = [np.arange(vertex, vertex + len(place[0]), dtype=np.int32)]
+        vertex += len(place[0])
+        if following is not None and axis < 2:
+            owned = following.place.take(following.owned[axis])
+            owned = owned[: np.searchsorted(owned, following.rows * following.pitch)]
+            x, y, _ = following.samples(owned)
+            top = ((slab.high - slab.low) * slab.rows + (y - slab.y)) * slab.pitch + (x - slab.x)
+            place.append(top.astype(np.intp))
+            number.append(np.arange(next_vertex, next_vertex + len(top), dtype=np.int32))
+            next_vertex += len(following.owned[axis])
+        places.append(np.concatenate(place))
+        vertices.append(np.concatenate(number))
+    return places, vertices
+
+
+def _gather(
+    vertex_of: NDArray[np.int32],
+    base: NDArray[np.int32],
+    case: NDArray[np.uint8],
+    count: NDArray[np.uint8],
+    steps: tuple[int, int, int],
+    out: NDArray[np.int32],
+) -> None:
+    """Write the voxels' triangles, those of voxels with one triangle first, then those with two, and so on."""
     offset_of_edge = np.array(
         [
-            edge // 4 * layers * rows * pitch + sum(steps[axis] for axis in range(3) if low >> axis & 1)
+            edge // 4 * vertex_of.shape[1] + sum(steps[axis] for axis in range(3) if low >> axis & 1)
             for edge, (low, _) in enumerate(EDGES)
         ],
         np.intp,
     )
-    count = TRIANGLE_COUNT.take(slab.case)
-    count *= slab.whole
+    offsets = offset_of_edge[TRIANGLE_EDGES].reshape(-1)
+    numbers = vertex_of.reshape(-1)
     by_count = np.argsort(count, kind="stable")
     ends = np.cumsum(np.bincount(count))
     start = 0
     for triangles in range(1, len(ends)):
         voxels = by_count[ends[triangles - 1] : ends[triangles]]
-        base = slab.place.take(voxels).astype(np.intp)
-        first = FIRST_TRIANGLE.take(slab.case.take(voxels)) * 3
+        at_voxel = base.take(voxels).astype(np.intp)
+        first = FIRST_TRIANGLE.take(case.take(voxels)) * 3
         part = out[start : start + triangles * len(voxels)].reshape(-1, 3 * triangles)
         start += triangles * len(voxels)
         for corner in range(3 * triangles):
-            at = offset_of_edge[TRIANGLE_EDGES.reshape(-1)[corner:]].take(first)
-            at += base
-            part[:, corner] = vertex_of.reshape(-1).take(at, mode="clip")
+            at = offsets[corner:].take(first)
+            at += at_voxel
+            part[:, corner] = numbers.take(at, mode="clip")
 
 
 def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
