@@ -62,14 +62,14 @@ def help_of(about: Setting, default: Any) -> str:
 
 
 def metavar_of(about: Setting) -> str | tuple[str, ...]:
-    """What stands for the value in the help: X Y Z, MM, N, or the setting's label in capitals."""
+    """What stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
     if about.size == 3:
         return ("X", "Y", "Z")
     if about.size == 6:
         return ("X0", "Y0", "Z0", "X1", "Y1", "Z1")
     if about.unit in ("mm", "mm3"):
         return about.unit.upper()
-    return "N" if about.type is int else about.label.split()[-1].upper()
+    return "N" if about.type is int else "VALUE" if "grey value" in about.unit else about.label.upper()
 
 
 def settings_from(chosen: argparse.Namespace) -> ReconstructionSettings:

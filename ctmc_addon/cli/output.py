@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from typing import TextIO, TypeVar
 
 from ..core import Step, Steps, finish
 
 T = TypeVar("T")
 WIDTH = 30
+SHARE = 0.05
 
 
 class Progress:
-    """A bar that is drawn over itself on a terminal; elsewhere nothing, or a line whenever the message changes.
+    """A bar that is drawn over itself on a terminal; elsewhere nothing, or a line now and then.
 
     Parameters
     ----------
     stream : TextIO, optional
         Standard error by default.
     lines : bool
-        Whether a stream that is no terminal gets a line for every message.
+        Whether a stream that is no terminal gets a line after every twentieth of the work.
     """
 
     def __init__(self, stream: TextIO | None = None, lines: bool = False) -> None:
@@ -30,6 +32,7 @@ class Progress:
         self.terminal = self.stream.isatty()
         self.lines = lines
         self.shown = ""
+        self.due = 0.0
 
     def __enter__(self) -> Progress:
         return self
@@ -48,9 +51,9 @@ class Progress:
                 self.stream.write(line)
                 self.stream.flush()
                 self.shown = line
-        elif self.lines and step.message != self.shown:
-            print(f"{step.message} ...", file=self.stream, flush=True)
-            self.shown = step.message
+        elif self.lines and step.fraction >= self.due:
+            print(f"{step.fraction:4.0%}  {step.message}", file=self.stream, flush=True)
+            self.due = step.fraction + SHARE
 
     def drive(self, steps: Steps[T]) -> T:
         """Work through the steps, showing each, and return their result; an interrupt closes them."""
@@ -93,18 +96,24 @@ def by(numbers: Sequence[float]) -> str:
 
 @contextmanager
 def blender_silenced() -> Iterator[None]:
-    """Keep what Blender's C code prints about saving and rendering from standard output."""
+    """Keep what Blender prints about saving and rendering from standard output, from Python and from C."""
     sys.stdout.flush()
+    flush_c_streams()
     try:
         kept = os.dup(1)
     except OSError:  # a process without one, such as a windowed program
         yield
         return
-    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
         os.dup2(nowhere.fileno(), 1)
         try:
             yield
         finally:
-            sys.stdout.flush()
+            flush_c_streams()
             os.dup2(kept, 1)
             os.close(kept)
+
+
+def flush_c_streams() -> None:
+    """Write out what C code has printed so far, to where standard output leads now."""
+    ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)

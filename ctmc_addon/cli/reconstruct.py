@@ -24,7 +24,7 @@ from .output import Progress, blender_silenced, by, listing, table
 class Outputs:
     """Files to write."""
 
-    surface: Path
+    surfaces: tuple[Path, ...]
     report: Path | None = None
     figure: Path | None = None
     space: str = "ras"
@@ -32,7 +32,7 @@ class Outputs:
     @property
     def names(self) -> list[str]:
         """Names without folders, in the order in which they are written."""
-        return [path.name for path in (self.surface, self.figure, self.report) if path is not None]
+        return [path.name for path in (*self.surfaces, self.figure, self.report) if path is not None]
 
 
 @dataclass
@@ -83,7 +83,7 @@ def run(chosen: argparse.Namespace) -> None:
     settings = settings_from(chosen)
     scene = blender()
     outputs = Outputs(
-        require_writable(chosen.output, scene.SUFFIXES),
+        (require_writable(chosen.output, scene.SUFFIXES),),
         require_writable(chosen.report, (".json",)) if chosen.report else None,
         require_writable(chosen.figure, (".png",)) if chosen.figure else None,
         chosen.space,
@@ -142,9 +142,10 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
                 if result.settings.simplifies and result.settings.simplifier == "decimate":
                     # What is written is what the live modifier leaves.
                     result = replace(result, mesh=scene.evaluated_triangles(thing, home))
-            yield Step(0.2, f"Writing {outputs.surface.name}")
-            with work.timed(f"Writing {outputs.surface.suffix.lower()}"):
-                scene.export(thing, outputs.surface, space=outputs.space, scene=home)
+            for path in outputs.surfaces:
+                yield Step(0.2, f"Writing {path.name}")
+                with work.timed(f"Writing {path.suffix.lower()}"):
+                    scene.export(thing, path, space=outputs.space, scene=home)
             if outputs.figure is not None:
                 yield Step(0.5, f"Rendering {outputs.figure.name}")
                 with work.timed("Rendering the figure"):
@@ -158,15 +159,14 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
     result = replace(result, stages=(*first, *result.stages, *last), notes=(*work.notes, *result.notes))
     if outputs.report is not None:
         yield Step(0.98, f"Writing {outputs.report.name}")
-        files = {"output": outputs.surface.name, "figure": outputs.figure.name if outputs.figure else None}
-        write_json(outputs.report, result.report() | {name: file for name, file in files.items() if file})
+        write_json(outputs.report, result.report() | {"files": outputs.names})
     return result
 
 
 def summary(result: Reconstruction, volume: Volume, outputs: Outputs, notes: list[str]) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
-    stages = [(stage.name, f"{stage.seconds:.2f}") for stage in result.stages]
+    stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
     total = sum(stage.seconds for stage in result.stages)
     faces = f"{report['faces']}"
     if report["full_faces"] != report["faces"]:
@@ -185,5 +185,5 @@ def summary(result: Reconstruction, volume: Volume, outputs: Outputs, notes: lis
     facts.append(("written", ", ".join(outputs.names)))
     head = f"{volume.name}: {by(volume.size)}, {by(volume.spacing)} mm"
     settings = f"settings: {command_of(result.settings) or 'the defaults'}"
-    stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.2f}")])
+    stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
     return f"{head}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"

@@ -1,0 +1,63 @@
+import json
+
+import pytest
+
+from ctmc_addon.cli import main
+
+
+class Outcome:
+    """What a command did: exit code, standard output, and the lines of standard error."""
+
+    def __init__(self, code, out, err):
+        self.code, self.out = code, out
+        self.errors = err.splitlines()
+
+
+@pytest.fixture
+def ctmc(capfd):
+    """Run a command in this process."""
+
+    def run(*words):
+        capfd.readouterr()
+        code = main([str(word) for word in words])
+        out, err = capfd.readouterr()
+        return Outcome(code, out, err)
+
+    return run
+
+
+@pytest.fixture
+def refused(ctmc):
+    """Run a command that must fail with exit code 1 and one sentence, and return the sentence."""
+
+    def run(*words):
+        outcome = ctmc(*words)
+        assert (outcome.code, outcome.out) == (1, ""), outcome.errors
+        assert len(outcome.errors) == 1
+        assert outcome.errors[0].startswith("ctmc: ")
+        assert "Traceback" not in outcome.errors[0]
+        return outcome.errors[0]
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def phantom_folder(tmp_path_factory):
+    """A small phantom in every format, in a folder whose name has a space, an umlaut and Chinese letters."""
+    folder = tmp_path_factory.mktemp("cli") / "Bäuche 腹部" / "a b"
+    assert main(["phantom", str(folder), "--slices", "9", "--size", "64", "--seed", "4"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def truth(phantom_folder):
+    return json.loads((phantom_folder / "truth.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="session")
+def scene():
+    """The package that needs Blender; tests that write surfaces skip without it."""
+    pytest.importorskip("bpy", reason="the Python package bpy is not installed")
+    from ctmc_addon import scene
+
+    return scene

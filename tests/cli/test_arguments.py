@@ -1,0 +1,67 @@
+import argparse
+
+import pytest
+
+from ctmc_addon.cli.arguments import (
+    add_settings,
+    command_of,
+    flag_of,
+    help_of,
+    settings_from,
+    single_numbers_repeated,
+)
+from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.settings import described
+
+
+def parsed(line):
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    add_settings(parser)
+    return settings_from(parser.parse_args(single_numbers_repeated(line.split())))
+
+
+def test_every_setting_has_its_flag_with_text_and_limits():
+    flags = {name: flag_of(name, about) for name, about in described().items()}
+    assert set(flags.values()) == {
+        "--threshold", "--label", "--stride", "--alpha", "--soften", "--close-border", "--region", "--region-unit",
+        "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles", "--max-error",
+        "--nan-as",
+    }  # fmt: skip
+    parser = argparse.ArgumentParser()
+    add_settings(parser)
+    shown = " ".join(parser.format_help().split())
+    for name, about in described().items():
+        assert flags[name] in shown
+        assert about.text.split(". ")[0][:40] in shown
+
+
+def test_the_help_says_unit_limits_and_default():
+    assert help_of(described()["stride"], (1, 1, 1)).endswith("(px; from 1 to 16; default 1 1 1)")
+    assert help_of(described()["reduction"], None).endswith("(at least 0 and below 1)")
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ReconstructionSettings(),
+        ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, soften_mm=1.5, close_border=True),
+        ReconstructionSettings(label=2, region=(-1.5, 0, 2, 30, 40.25, 50), region_unit="mm", keep_parts=3),
+        ReconstructionSettings(min_part_mm3=12.5, normals="mesh", simplifier="decimate", reduction=0.9),
+        ReconstructionSettings(target_faces=1000, nan_as=-1024.0),
+        ReconstructionSettings(max_error_mm=0.1),
+    ],
+)
+def test_the_flags_of_settings_give_the_settings_back(settings):
+    assert parsed(command_of(settings)) == settings
+
+
+def test_one_number_stands_for_three():
+    assert parsed("--stride 2").stride == (2, 2, 2)
+    assert parsed("--stride=3 --alpha 0").stride == (3, 3, 3)
+    assert parsed("--stride 2 2 1").stride == (2, 2, 1)
+
+
+def test_a_value_outside_its_limits_is_a_settings_error():
+    with pytest.raises(SettingsError, match="alpha must be from 0 to 1, not 2"):
+        parsed("--alpha 2")

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+
+
+def facts(outcome):
+    assert outcome.code == 0, outcome.errors
+    assert outcome.errors == []
+    return outcome.out
+
+
+def test_it_says_shape_spacing_orientation_and_values(ctmc, phantom_folder):
+    out = facts(ctmc("info", phantom_folder / "volume-4.nii.gz"))
+    for fact in ("64 x 64 x 9 (columns x rows x slices)", "5.92 x 5.92 x 5 mm", "LPS", "int16", "HU"):
+        assert fact in out
+    assert "segmentation-4.nii.gz beside it" in out
+
+
+def test_it_counts_the_labels(ctmc, phantom_folder):
+    out = facts(ctmc("info", phantom_folder / "segmentation-4.nii.gz"))
+    counts = [int(line.split(": ")[1].split()[0]) for line in out.splitlines() if line.endswith(" voxels")]
+    assert len(counts) == 3
+    assert sum(counts) == 64 * 64 * 9
+
+
+def test_it_lists_the_dicom_series_with_its_uid(ctmc, phantom_folder):
+    out = facts(ctmc("info", phantom_folder / "dicom"))
+    assert "9 slices of 64 x 64" in out
+    assert "UID 1.2.826." in out
+
+
+def test_it_says_what_was_assumed(ctmc, phantom_folder):
+    out = facts(ctmc("info", phantom_folder / "png"))
+    assert "1 mm is assumed" in out
+    assert "1 mm is assumed" not in facts(ctmc("info", phantom_folder / "png", "--spacing", "2"))
+
+
+def test_flip_and_spacing_change_what_is_said(ctmc, phantom_folder):
+    out = facts(ctmc("info", phantom_folder / "png", "--spacing", "0.7", "0.7", "5", "--flip", "z"))
+    assert "0.7 x 0.7 x 5 mm" in out
+    assert "LPI" in out
+
+
+def test_voxels_without_a_value_are_counted(ctmc, tmp_path):
+    values = np.zeros((3, 4, 5), np.float32)
+    values[1, 1, 1:3] = np.nan, np.inf
+    np.save(tmp_path / "broken.npy", values)
+    assert "2 are NaN or infinite, --nan-as gives them a value" in facts(ctmc("info", tmp_path / "broken.npy"))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda folder: folder / "missing.nii", "there is no file or folder"),
+        (lambda folder: folder, "is empty"),
+        (lambda folder: written(folder / "noise.nrrd", b"\x00\x01noise" * 40), "noise.nrrd"),
+        (lambda folder: written(folder / "noise.dcm", b"\x07\x01noise" * 40), "noise.dcm"),
+        (lambda folder: written(folder / "short.nii.gz", b"\x1f\x8b\x08\x00\x00"), "short.nii.gz"),
+        (lambda folder: written(folder / "notes.docx", b"words"), "unknown suffix '.docx'"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_sentence(refused, tmp_path, make, words):
+    assert words in refused("info", make(tmp_path))
+
+
+def written(path, content):
+    path.write_bytes(content)
+    return path
