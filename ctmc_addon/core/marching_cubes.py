@@ -33,7 +33,7 @@ from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
 from .workers import in_batches, worker_count
 
 SLAB_SAMPLES = 1 << 22  # samples in a slab: enough to outweigh the cost of a call, few enough for little memory
-MAP_SAMPLES = 1 << 21  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
+MAP_SAMPLES = 1 << 19  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
 """(3, 256) whether a case crosses the edge along an axis that its voxel owns."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .errors import SettingsError, ThresholdError
 
 WORD = 64
+ROWS_READ_IN_VAIN = 4
 CHUNK_SAMPLES = 1 << 19  # compared at once: the answers stay in the processor's cache
 
 
@@ -157,7 +158,7 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
         if lowest is not None:
             for first in range(0, len(buffer), at_once):
                 part = slice(first, min(first + at_once, len(buffer)))
-                _compare(grid, int(z.index[layer]), y.index[rows][part], lowest, buffer[part, columns])
+                _compare(grid.values[z.index[layer]], x, y, y.index[rows][part], lowest, buffer[part, columns])
                 packed = np.packbits(buffer[part].reshape(-1), bitorder="little").view(np.uint64)
                 out[layer, rows][part] = packed.reshape(-1, grid.words)
         out[layer, -1] = out[layer, -2]
@@ -165,19 +166,23 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
         out[-1] = out[-2]
 
 
-def _compare(grid: Grid, layer: int, rows: NDArray[np.intp], lowest: Any, out: NDArray[np.bool_]) -> None:
-    """Fill `out` (rows, columns) with `value >= lowest` of one layer's samples, short last voxels and all."""
-    x, y = grid.x, grid.y
-    values = grid.values[layer]
-    regular = len(range(x.start, x.stop, x.stride))
-    even = rows if (rows[-1] - y.start) % y.stride == 0 else rows[:-1]
-    if len(even):
-        part = values[even[0] : even[-1] + 1 : y.stride]
-        np.greater_equal(part[:, x.start : x.stop : x.stride], lowest, out=out[: len(even), :regular])
-        if regular < out.shape[1]:
-            np.greater_equal(part[:, x.stop - 1], lowest, out=out[: len(even), regular])
-    if len(even) < len(rows):
-        np.greater_equal(values[y.stop - 1, x.index[x.closed : x.count - x.closed]], lowest, out=out[-1])
+def _compare(
+    layer: NDArray[Any], x: Axis, y: Axis, rows: NDArray[np.intp], lowest: Any, out: NDArray[np.bool_]
+) -> None:
+    """Fill `out` (rows, columns) with `value >= lowest` of a layer's samples, short last voxels and all."""
+    if x.stride == y.stride == 1:
+        np.greater_equal(layer[rows[0] : rows[-1] + 1, x.start : x.stop], lowest, out=out)
+        return
+    # Memory is read fastest in one run: a few rows too many cost less than leaving them out.
+    skip = y.stride > ROWS_READ_IN_VAIN
+    near = layer[rows, x.start : x.stop] if skip else layer[rows[0] : rows[-1] + 1, x.start : x.stop]
+    inside = near >= lowest
+    step = 1 if skip else y.stride
+    regular = inside[::step, :: x.stride]
+    out[: len(regular), : regular.shape[1]] = regular
+    out[: len(regular), regular.shape[1] :] = inside[::step, -1:]
+    out[len(regular) :, : regular.shape[1]] = inside[-1:, :: x.stride]
+    out[len(regular) :, regular.shape[1] :] = inside[-1:, -1:]
 
 
 def check_threshold(threshold: float, values: NDArray[Any]) -> None:
