@@ -1,0 +1,27 @@
+"""What holds for every test: the checkout is a folder here, whatever it is called.
+
+Its `__init__.py` is the extension's door for Blender. Left to itself, pytest imports it as a package of the folder's
+name, which fails where that name is no Python name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+class PlainRoot:
+    """A plugin, because a conftest.py has no say over the folders above it."""
+
+    @staticmethod
+    def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Dir | None:
+        """Collect the checkout itself as a plain folder."""
+        return pytest.Dir.from_parent(parent, path=path) if path == ROOT else None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the plugin before anything is collected."""
+    config.pluginmanager.register(PlainRoot())
