@@ -1,9 +1,22 @@
 """What a person touches: properties, panels, operators."""
 
+from typing import Any
+
 
 def register() -> None:
     """Register every class, in order."""
+    for module in modules():
+        module.register()
 
 
 def unregister() -> None:
     """Unregister every class, in the reverse order."""
+    for module in reversed(modules()):
+        module.unregister()
+
+
+def modules() -> tuple[Any, ...]:
+    """Everything that registers, in order; imported only when Blender asks."""
+    from . import export, load, panels, properties, reconstruct, volumes
+
+    return (volumes, properties, load, reconstruct, export, panels)

@@ -1,0 +1,58 @@
+"""Write a surface to a file: the operator `ctmc.export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ..core import CtmcError
+from ..scene import SUFFIXES, export
+
+
+class CTMC_OT_export(bpy.types.Operator):
+    """Write the active surface in patient millimetres; the suffix chooses the format."""
+
+    bl_idname = "ctmc.export"
+    bl_label = "Export Surface"
+    bl_description = f"Write the active surface in millimetres; the suffix chooses the format: {', '.join(SUFFIXES)}"
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH")
+    space: EnumProperty(
+        name="Space",
+        description="Axes of STL, PLY and OBJ",
+        items=[
+            ("ras", "RAS", "x to the patient's right, y to the front, z to the head"),
+            ("lps", "LPS", "x to the patient's left, y to the back, z to the head, as in DICOM"),
+        ],
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a mesh to write."""
+        if context.object is None or context.object.type != "MESH":
+            cls.poll_message_set("Choose a surface first")
+            return False
+        return True
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for a file."""
+        if not self.filepath:
+            self.filepath = f"{context.object.name}.stl"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write it."""
+        path = Path(bpy.path.abspath(self.filepath))
+        try:
+            export(context.object, path, space=self.space, scene=context.scene)
+        except CtmcError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"Wrote {path.name}")
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))
