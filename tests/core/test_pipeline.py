@@ -1,0 +1,254 @@
+"""The whole of core: space, labels, regions, softening, parts, simplification, in their order."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import ReconstructionSettings, Volume, marching_cubes, reconstruct, reconstruct_steps
+from ctmc_addon.core.errors import (
+    CtmcError,
+    LabelError,
+    MemoryLimitError,
+    MeshError,
+    SettingsError,
+    ThresholdError,
+    VolumeError,
+)
+
+
+def ball(size=(40, 36, 30), radius=9.0, spacing=(1.0, 1.0, 1.0), where=0.5):
+    """Distance to a sphere in mm, positive inside; (slices, rows, columns)."""
+    x, y, z = (np.arange(n) * step for n, step in zip(size, spacing, strict=True))
+    cx, cy, cz = (where * (n - 1) * step for n, step in zip(size, spacing, strict=True))
+    distance = np.sqrt((z[:, None, None] - cz) ** 2 + (y[:, None] - cy) ** 2 + (x - cx) ** 2)
+    return (radius - distance).astype(np.float32)
+
+
+AFFINES = {
+    "plain": np.diag([1.0, 1.0, 1.0, 1.0]),
+    "mirrored": np.diag([-1.0, -1.0, 1.0, 1.0]) @ np.diag([1.0, 1.0, -1.0, 1.0]),
+    "anisotropic": np.diag([0.7, 0.8, 2.5, 1.0]),
+    "sheared": np.array([[1, 0, 0.3, 50], [0, 1, 0.4, -20], [0, 0, 1.5, 900], [0, 0, 0, 1.0]]),
+    "oblique": np.array([[0, 0.6, -0.8, 3], [0, 0.8, 0.6, 2], [1.0, 0, 0, 1], [0, 0, 0, 1.0]]),
+}
+
+
+@pytest.mark.parametrize("name", AFFINES)
+def test_positions_are_the_index_positions_carried_by_the_affine(name):
+    affine = AFFINES[name]
+    values = ball()
+    settings = ReconstructionSettings(threshold=0.0, stride=(2, 2, 1), alpha=0.6)
+    result = reconstruct(Volume(values, affine), settings)
+    index = marching_cubes(values, 0.0, (2, 2, 1), 0.6)
+    expected = index.vertices.astype(float) @ affine[:3, :3].T + affine[:3, 3]
+    np.testing.assert_allclose(result.mesh.vertices, expected, atol=2e-4)
+    determinant = np.linalg.det(affine[:3, :3])
+    assert result.mesh.volume == pytest.approx(index.volume * abs(determinant), rel=1e-4)
+    assert result.mesh.closed
+
+
+@pytest.mark.parametrize("name", AFFINES)
+def test_normals_point_outward_in_patient_space(name):
+    result = reconstruct(Volume(ball(), AFFINES[name]), ReconstructionSettings(threshold=0.0))
+    corners = result.mesh.vertices[result.mesh.faces].astype(float)
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    against = (outward * result.mesh.normals[result.mesh.faces].mean(axis=1)).sum(axis=1)
+    assert against.min() > 0.8
+
+
+def test_an_ellipsoid_on_anisotropic_voxels_has_the_spheres_area_and_normals():
+    spacing = (0.7, 0.8, 2.5)
+    values = ball((44, 40, 16), 12.0, spacing)
+    result = reconstruct(Volume(values, np.diag([*spacing, 1])), ReconstructionSettings(threshold=0.0))
+    assert 0.98 * 4 * np.pi * 144 < result.mesh.area < 4 * np.pi * 144
+    middle = np.array([43 * 0.7, 39 * 0.8, 15 * 2.5]) / 2
+    exact = result.mesh.vertices - middle
+    exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip((exact * result.mesh.normals).sum(axis=1), -1, 1)))
+    assert angle.max() < 3
+
+
+def test_a_softened_label_is_the_same_in_the_box_that_is_needed_as_in_the_whole_volume():
+    from ctmc_addon.core.progress import finish
+    from ctmc_addon.core.smoothing import soften_steps
+
+    labels = np.where(ball((60, 50, 40), 7.0) > 0, 2, 0).astype(np.uint8)
+    labels[:3, :3, :3] = 1
+    settings = ReconstructionSettings(label=2, soften_mm=1.2, stride=(3, 2, 1), alpha=0.7)
+    result = reconstruct(Volume(labels, np.eye(4), kind="label"), settings)
+    whole = finish(soften_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
+    expected = marching_cubes(whole, 0.5, (3, 2, 1), 0.7)
+    order, peer = np.lexsort(result.mesh.vertices.T), np.lexsort(expected.vertices.T)
+    np.testing.assert_allclose(result.mesh.vertices[order], expected.vertices[peer], atol=1e-4)
+    assert len(result.mesh.faces) == len(expected.faces)
+
+
+def test_a_label_at_the_border_is_closed_on_request():
+    labels = np.zeros((6, 8, 9), np.uint8)
+    labels[0:3, 2:6, 4:9] = 3
+    volume = Volume(labels, np.eye(4), kind="label")
+    closed = reconstruct(volume, ReconstructionSettings(label=3, close_border=True))
+    assert closed.mesh.closed
+    np.testing.assert_allclose(closed.mesh.vertices.max(axis=0), [8.5, 5.5, 2.5])
+    assert not reconstruct(volume, ReconstructionSettings(label=3)).mesh.closed
+
+
+@pytest.mark.parametrize("soften", [0.0, 1.0])
+def test_a_region_gives_the_surface_inside_it_and_counts_its_voxels(soften):
+    values = ball()
+    region = (4, 5, 6, 20, 25, 22)
+    whole = Volume(values, np.diag([1.0, 1.0, 2.0, 1.0]))
+    settings = ReconstructionSettings(threshold=0.0, region=region, stride=(3, 1, 2), soften_mm=soften)
+    result = reconstruct(whole, settings)
+    assert result.voxels_visited == 6 * 20 * 8
+    low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
+    assert (low >= [4, 5, 12]).all()
+    assert (high <= [20, 25, 44]).all()
+    capped = reconstruct(whole, ReconstructionSettings(threshold=0.0, region=region, close_border=True))
+    assert capped.mesh.closed
+
+
+def test_a_region_in_mm_takes_every_voxel_it_touches():
+    affine = np.diag([-0.5, 0.5, 2.0, 1.0])
+    affine[:3, 3] = [30, -40, 100]
+    volume = Volume(ball(), affine)
+    mm = ReconstructionSettings(threshold=0.0, region=(20.1, -36.9, 108.3, 27.9, -30.0, 147.7), region_unit="mm")
+    voxels = ReconstructionSettings(threshold=0.0, region=(4, 6, 4, 20, 20, 24))
+    one, other = reconstruct(volume, mm), reconstruct(volume, voxels)
+    assert one.mesh.vertices.tobytes() == other.mesh.vertices.tobytes()
+
+
+def test_the_largest_parts_are_kept():
+    values = np.maximum(ball((50, 30, 30), 9, where=0.36), ball((50, 30, 30), 4, where=0.85))
+    volume = Volume(values, np.eye(4))
+    assert reconstruct(volume, ReconstructionSettings(threshold=0.0)).mesh.parts == 2
+    kept = reconstruct(volume, ReconstructionSettings(threshold=0.0, keep_parts=1))
+    assert kept.mesh.parts == 1
+    assert kept.mesh.volume == pytest.approx(4 / 3 * np.pi * 9**3, rel=0.03)
+    dropped = reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1000))
+    assert dropped.mesh.vertices.tobytes() == kept.mesh.vertices.tobytes()
+    with pytest.raises(MeshError, match="no part is as large as 1e\\+06 mm3"):
+        reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1e6))
+
+
+def test_the_builtin_simplifier_fixes_alpha_and_decimate_leaves_the_full_mesh():
+    volume = Volume(ball(), np.eye(4))
+    full = reconstruct(volume, ReconstructionSettings(threshold=0.0))
+    simple = reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.9))
+    assert simple.surface is None
+    assert simple.full_faces == len(full.mesh.faces)
+    assert abs(len(simple.mesh.faces) - 0.1 * simple.full_faces) <= 2
+    assert simple.mesh.closed
+    live = reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.9, simplifier="decimate"))
+    assert live.surface is not None
+    assert live.mesh.vertices.tobytes() == full.mesh.vertices.tobytes()
+
+
+def test_without_threshold_or_label_otsus_is_used_and_said():
+    result = reconstruct(Volume(ball(), np.eye(4), notes=("1 mm was assumed.",)), ReconstructionSettings())
+    assert result.notes[0] == "1 mm was assumed."
+    assert "Otsu" in result.notes[1]
+    assert f"{result.threshold:g}" in result.notes[1]
+
+
+def test_nan_is_refused_or_read_as_told():
+    values = ball()
+    values[:2] = np.nan
+    volume = Volume(values, np.eye(4))
+    with pytest.raises(VolumeError, match="2880 voxels are NaN or infinite"):
+        reconstruct(volume, ReconstructionSettings(threshold=0.0))
+    read = reconstruct(volume, ReconstructionSettings(threshold=0.0, nan_as=-100))
+    assert read.mesh.closed
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "error", "words"),
+    [
+        ("HU", {"threshold": 3000}, ThresholdError, r"threshold 3000 is above this volume's maximum \d+\.?\d* \(range"),
+        ("grey value", {"threshold": -3000}, ThresholdError, "threshold -3000 is not above this volume's minimum"),
+        ("label", {"label": 9}, LabelError, "label 9 is empty here; the labels are 1, 5"),
+        ("label", {"label": 1, "region": (0, 0, 0, 5, 5, 5)}, LabelError, "empty in this region"),
+        (
+            "HU",
+            {"threshold": 0, "stride": (1, 16, 1), "region": (0, 0, 0, 9, 9, 9)},
+            SettingsError,
+            "stride 16 along y",
+        ),
+        ("HU", {"threshold": 0, "region": (100, 0, 0, 200, 9, 9)}, SettingsError, "leaves less than 2"),
+    ],
+)
+def test_what_gives_no_surface_is_one_sentence(kind, settings, error, words):
+    values = ball()
+    if kind == "label":
+        values = np.where(values > 3, 5, np.where(values > 0, 1, 0)).astype(np.int16)
+    with pytest.raises(error, match=words) as caught:
+        reconstruct(Volume(values, np.eye(4), kind=kind), ReconstructionSettings(**settings))
+    assert "\n" not in str(caught.value)
+
+
+def test_eight_bit_slices_get_their_hint():
+    values = (ball() > 0).astype(np.uint8) * 200
+    with pytest.raises(ThresholdError, match="these look like 8 bit slices, not HU"):
+        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(threshold=300))
+
+
+def test_work_that_would_not_fit_is_refused_before_it_starts():
+    volume = Volume(ball(), np.eye(4))
+    with pytest.raises(MemoryLimitError, match="GiB"):
+        reconstruct(volume, ReconstructionSettings(threshold=0.0), memory_limit=1000)
+    with pytest.raises(MemoryLimitError, match="softening"):
+        reconstruct(volume, ReconstructionSettings(threshold=0.0, soften_mm=1), memory_limit=1000)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_the_same_bytes_with_any_number_of_threads(threads):
+    values = np.random.default_rng(0).normal(size=(40, 48, 64)).astype(np.float32)
+    settings = ReconstructionSettings(threshold=0.1, soften_mm=1.0, stride=(2, 1, 1), alpha=0.4, reduction=0.5)
+    one = reconstruct(Volume(values, np.eye(4)), settings, threads=1).mesh
+    many = reconstruct(Volume(values, np.eye(4)), settings, threads=threads).mesh
+    for name in ("vertices", "faces", "normals"):
+        assert getattr(one, name).tobytes() == getattr(many, name).tobytes()
+
+
+def test_steps_rise_to_one_and_can_be_closed_at_each():
+    volume = Volume(ball(), np.eye(4))
+    settings = ReconstructionSettings(threshold=0.0, soften_mm=1.0, keep_parts=1, reduction=0.5)
+    fractions = [step.fraction for step in reconstruct_steps(volume, settings)]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    for stop in range(1, len(fractions), 3):
+        steps = reconstruct_steps(volume, settings)
+        for _ in range(stop):
+            next(steps)
+        steps.close()
+
+
+def test_a_report_is_plain_and_a_result_can_be_pickled():
+    import json
+
+    settings = ReconstructionSettings(threshold=0.0)
+    result = reconstruct(Volume(ball(), np.eye(4), name="case 7"), settings)
+    report = json.loads(json.dumps(result.report()))
+    assert report["faces"] == len(result.mesh.faces)
+    assert report["voxels_visited"] == 39 * 35 * 29
+    assert report["closed"] is True
+    assert report["euler"] == 2
+    assert report["parts"] == 1
+    assert [stage["name"] for stage in report["stages"]] == [
+        "Preparing values",
+        "Extracting the surface",
+        "Placing it in the patient",
+    ]
+    assert pickle.loads(pickle.dumps(result)).mesh.faces.tobytes() == result.mesh.faces.tobytes()
+
+
+def test_mesh_normals_are_the_meshs_own():
+    result = reconstruct(Volume(ball(), np.eye(4)), ReconstructionSettings(threshold=0.0, normals="mesh"))
+    assert result.surface.normals is None
+    np.testing.assert_allclose(np.linalg.norm(result.mesh.normals, axis=1), 1, atol=1e-6)
+
+
+def test_every_error_is_the_projects_own():
+    assert issubclass(ThresholdError, CtmcError)

@@ -1,0 +1,70 @@
+"""Settings check themselves against the limits that stand beside them."""
+
+import pickle
+from itertools import product
+
+import pytest
+
+from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.settings import described
+
+
+def test_every_setting_describes_itself():
+    for name, about in described().items():
+        assert about.text, name
+        assert about.label, name
+        assert about.choices or about.type in (int, float, bool), name
+
+
+def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
+    settings = ReconstructionSettings(threshold=200, stride=2, alpha=1, keep_parts=3.0)
+    assert settings.stride == (2, 2, 2)
+    assert (type(settings.threshold), type(settings.alpha), type(settings.keep_parts)) == (float, float, int)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"alpha": 1.2}, "alpha must be from 0 to 1, not 1.2"),
+        ({"alpha": float("nan")}, "alpha must be a finite number, not nan"),
+        ({"alpha": None}, "alpha needs a value: from 0 to 1"),
+        ({"stride": (1, 1)}, "stride takes 3 numbers, not 2"),
+        ({"stride": (1, 1, 17)}, "stride must be from 1 to 16, not 17"),
+        ({"stride": (1.5, 1, 1)}, "stride must be a whole number, not 1.5"),
+        ({"reduction": 1.0}, "reduction must be at least 0 and below 1, not 1"),
+        ({"soften_mm": -1}, "soften_mm must be from 0 to 50, not -1"),
+        ({"normals": "up"}, "normals is one of gradient, mesh, not 'up'"),
+        ({"threshold": float("inf")}, "threshold must be a finite number"),
+        ({"threshold": "bone"}, "threshold must be a finite number, not 'bone'"),
+        ({"threshold": 1, "label": 2}, "threshold 1 and label 2 are set together"),
+        ({"reduction": 0.5, "max_error_mm": 1}, "reduction and max_error_mm are set together"),
+        ({"simplifier": "decimate", "max_error_mm": 1}, "Decimate knows no error bound"),
+        ({"region": (5, 0, 0, 5, 9, 9)}, "is empty"),
+    ],
+)
+def test_a_value_outside_its_limits_is_refused_with_value_and_limit(values, words):
+    with pytest.raises(SettingsError, match=words):
+        ReconstructionSettings(**values)
+
+
+def test_settings_survive_a_dictionary_and_pickle():
+    settings = ReconstructionSettings(
+        label=2, stride=(2, 2, 1), soften_mm=1.5, region=(0, 0, 0, 9, 9, 9), max_error_mm=0.3
+    )
+    assert ReconstructionSettings.from_dict(settings.to_dict()) == settings
+    assert pickle.loads(pickle.dumps(settings)) == settings
+    assert hash(settings) == hash(pickle.loads(pickle.dumps(settings)))
+    with pytest.raises(SettingsError, match="unknown setting 'treshold'"):
+        ReconstructionSettings.from_dict({"treshold": 1})
+
+
+@pytest.mark.parametrize(("label", "soften"), [*product((None, 1), (0.0, 1.0))])
+def test_alpha_does_nothing_only_on_a_label_that_is_not_softened(label, soften):
+    assert ReconstructionSettings(label=label, soften_mm=soften).alpha_matters == (label is None or soften > 0)
+
+
+def test_a_goal_without_a_simplifier_simplifies_nothing():
+    assert not ReconstructionSettings().simplifies
+    assert ReconstructionSettings(reduction=0.5).simplifies
+    assert not ReconstructionSettings(reduction=0.5, simplifier="none").simplifies
