@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import MeshError
 from .field import field_steps, region_box
 from .marching_cubes import extract_steps
 from .mesh import Surface, TriangleMesh, vertex_normals
@@ -207,7 +206,4 @@ def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
 def _kept(surface: Surface, mesh: TriangleMesh, settings: ReconstructionSettings) -> Steps[Surface]:
     """Drop the parts the settings do not want."""
     yield Step(0.62, "Keeping parts")
-    kept = keep_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
-    if not len(kept.faces):
-        raise MeshError(f"no part is as large as {settings.min_part_mm3:g} mm3; choose a smaller min_part_mm3")
-    return kept
+    return keep_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
