@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Sequence
 from typing import TextIO, TypeVar
 
 from ..core import Step, Steps, finish
@@ -92,28 +89,3 @@ def listing(facts: Sequence[tuple[str, str]]) -> str:
 def by(numbers: Sequence[float]) -> str:
     """Numbers as sides: '0.74 x 0.74 x 5'."""
     return " x ".join(f"{number:.6g}" for number in numbers)
-
-
-@contextmanager
-def blender_silenced() -> Iterator[None]:
-    """Keep what Blender prints about saving and rendering from standard output, from Python and from C."""
-    sys.stdout.flush()
-    flush_c_streams()
-    try:
-        kept = os.dup(1)
-    except OSError:  # a process without one, such as a windowed program
-        yield
-        return
-    with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        os.dup2(nowhere.fileno(), 1)
-        try:
-            yield
-        finally:
-            flush_c_streams()
-            os.dup2(kept, 1)
-            os.close(kept)
-
-
-def flush_c_streams() -> None:
-    """Write out what C code has printed so far, to where standard output leads now."""
-    ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)

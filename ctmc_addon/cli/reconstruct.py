@@ -17,7 +17,8 @@ from ..core.output import require_writable, write_json
 from ..core.pipeline import Stage
 from ..core.progress import within
 from .arguments import add_input, add_settings, command_of, reading_of, settings_from
-from .output import Progress, blender_silenced, by, listing, table
+from .blender import blender_at_work, load_scene
+from .output import Progress, by, listing, table
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def add_parser(commands: Any) -> None:
 def run(chosen: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
     settings = settings_from(chosen)
-    scene = blender()
+    scene = load_scene()
     outputs = Outputs(
         (require_writable(chosen.output, scene.SUFFIXES),),
         require_writable(chosen.report, (".json",)) if chosen.report else None,
@@ -96,18 +97,6 @@ def run(chosen: argparse.Namespace) -> None:
         result = progress.drive(within(reconstruct_steps(volume, settings, chosen.threads), 0.3, 0.9))
         result = progress.drive(within(written_steps(result, outputs, work), 0.9, 1.0))
     print(summary(result, volume, outputs, work.notes))
-
-
-def blender() -> Any:
-    """The package that talks to Blender, or a sentence if there is no Blender here."""
-    try:
-        from .. import scene
-    except ImportError as error:
-        raise CtmcError(
-            f"writing a surface needs Blender ({error}); install the Python package bpy, "
-            "or run the command as: blender -b --command ctmc reconstruct ..."
-        ) from error
-    return scene
 
 
 def volume_steps(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work) -> Steps[Volume]:
@@ -130,26 +119,25 @@ def volume_steps(chosen: argparse.Namespace, settings: ReconstructionSettings, w
 
 def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps[Reconstruction]:
     """Make the Blender object, write every output, and return the result as it was written."""
-    scene = blender()
+    scene = load_scene()
     import bpy
 
     home = bpy.data.scenes.new("CTMC")
     thing = None
     try:
-        with blender_silenced():
-            with work.timed("Building the object"):
-                thing = scene.add_reconstruction(result, home)
-                if result.settings.simplifies and result.settings.simplifier == "decimate":
-                    # What is written is what the live modifier leaves.
-                    result = replace(result, mesh=scene.evaluated_triangles(thing, home))
-            for path in outputs.surfaces:
-                yield Step(0.2, f"Writing {path.name}")
-                with work.timed(f"Writing {path.suffix.lower()}"):
-                    scene.export(thing, path, space=outputs.space, scene=home)
-            if outputs.figure is not None:
-                yield Step(0.5, f"Rendering {outputs.figure.name}")
-                with work.timed("Rendering the figure"):
-                    scene.render_figure(thing, home, outputs.figure)
+        with work.timed("Building the object"), blender_at_work():
+            thing = scene.add_reconstruction(result, home)
+            if result.settings.simplifies and result.settings.simplifier == "decimate":
+                # What is written is what the live modifier leaves.
+                result = replace(result, mesh=scene.evaluated_triangles(thing, home))
+        for path in outputs.surfaces:
+            yield Step(0.2, f"Writing {path.name}")
+            with work.timed(f"Writing {path.suffix.lower()}"), blender_at_work():
+                scene.export(thing, path, space=outputs.space, scene=home)
+        if outputs.figure is not None:
+            yield Step(0.5, f"Rendering {outputs.figure.name}")
+            with work.timed("Rendering the figure"), blender_at_work():
+                scene.render_figure(thing, home, outputs.figure)
     finally:
         if thing is not None:
             bpy.data.meshes.remove(thing.data)  # and the object with it
