@@ -9,9 +9,14 @@ from ctmc_addon.cli.blender import interrupts_held, silence
 
 def test_an_interrupt_waits_for_the_end_of_the_block():
     reached = []
-    with pytest.raises(KeyboardInterrupt), interrupts_held():
-        signal.raise_signal(signal.SIGINT)
-        reached.append(True)
+
+    def held():
+        with interrupts_held():
+            signal.raise_signal(signal.SIGINT)
+            reached.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        held()
     assert reached == [True]
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
