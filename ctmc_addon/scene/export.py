@@ -23,7 +23,7 @@ from ..core.errors import OutputError
 from . import meshes
 from .blocks import remove_blocks
 from .evaluate import evaluated_copy, scale_of
-from .outputs import require_complete, written_whole
+from .outputs import require_complete, require_room, written_whole
 from .placement import moved, to_patient
 from .stage import prepare_scene
 from .surfaces import refresh_normals
@@ -76,6 +76,7 @@ def writer_of(path: Path) -> Callable[..., tuple[int, int]]:
 def write_stl(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
     """A binary STL; returns its bytes, and the bytes it should have."""
     with baked(thing, scene, space) as mesh:
+        require_room(path, 84 + 50 * triangles(mesh))
         bpy.ops.wm.stl_export(
             filepath=str(path), check_existing=False, apply_modifiers=True, forward_axis="Y", up_axis="Z"
         )
@@ -85,6 +86,7 @@ def write_stl(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.
 def write_ply(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
     """A binary PLY; returns its bytes, and the bytes it should have. Normals would part vertices."""
     with baked(thing, scene, space) as mesh:
+        require_room(path, 1000 + 12 * len(mesh.vertices) + 13 * triangles(mesh))
         bpy.ops.wm.ply_export(
             filepath=str(path),
             check_existing=False,
@@ -106,6 +108,8 @@ def write_ply(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.
 def write_obj(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
     """An OBJ without a material file; returns its faces, and the faces it should have."""
     with baked(thing, scene, space) as mesh:
+        # At most: a vertex in 45 letters, a face in 70, three normals of 24.
+        require_room(path, 1000 + 45 * len(mesh.vertices) + 142 * triangles(mesh))
         bpy.ops.wm.obj_export(
             filepath=str(path),
             check_existing=False,
@@ -130,7 +134,9 @@ def write_glb(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.
         raise OutputError("a .glb needs Blender's glTF exporter; enable 'glTF 2.0 format' in the add-on preferences")
     if bpy.app.version < (4, 5, 0) and not bpy.app.binary_path:
         atexit.register(forget_gltf)
-    with baked(thing, scene, "ras", unit_mm=MM_PER_M):
+    with baked(thing, scene, "ras", unit_mm=MM_PER_M) as mesh:
+        # At most: every corner with a position, a normal and a number of its own.
+        require_room(path, 10_000 + 84 * triangles(mesh))
         bpy.ops.export_scene.gltf(
             filepath=str(path),
             check_existing=False,
@@ -154,6 +160,8 @@ def write_blend(thing: bpy.types.Object, path: Path, space: str, scene: bpy.type
     try:
         home.collection.objects.link(thing)
         made = prepare_scene(home, thing)
+        # About: under and at the key, normals, edges, corners; and what every .blend holds.
+        require_room(path, 500_000 + 40 * len(thing.data.vertices) + 40 * triangles(thing.data))
         # Not save_as_mainfile: that would write the whole file, and the path it lies at.
         bpy.data.libraries.write(str(path), {home}, path_remap="RELATIVE_ALL")
     finally:

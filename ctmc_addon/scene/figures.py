@@ -17,7 +17,7 @@ from . import meshes
 from .blocks import remove_blocks
 from .evaluate import evaluated_copy
 from .materials import RED, YELLOW, edged_material
-from .outputs import written_whole
+from .outputs import require_room, written_whole
 from .stage import AZIMUTH, ELEVATION, SIZE, prepare_scene
 
 LINE_PIXELS = 2.0
@@ -57,6 +57,7 @@ def render_figure(
     if not hasattr(bpy.types.Scene, "cycles"):
         raise OutputError("a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences")
     with written_whole(target) as beside:
+        require_room(beside, 4 * size[0] * size[1] + 10_000)
         render(thing, scene, beside, size, azimuth, elevation)
         beside.write_bytes(without_texts(beside.read_bytes(), target.name))
 

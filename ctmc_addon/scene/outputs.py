@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +28,8 @@ REMEDIES = {
     errno.EFBIG: "the disk allows no file that large; choose another disk",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
+
+ZEROS = bytes(2**20)
 
 
 @contextmanager
@@ -51,6 +54,20 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def require_room(path: Path, size: int) -> None:
+    """Raise `OSError` now if `size` bytes cannot be written to `path`; the file is left empty.
+
+    Asked before an exporter starts, as Blender's PLY exporter ends the whole process when the disk is full.
+    """
+    with path.open("r+b") as file:
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+        else:
+            for start in range(0, size, len(ZEROS)):
+                file.write(ZEROS[: size - start])
+        file.truncate(0)
+
+
 def refused(path: Path, error: OSError) -> OutputError:
     """What an `OSError` means for whoever wanted `path`, with a remedy."""
     remedy = REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
@@ -60,15 +77,8 @@ def refused(path: Path, error: OSError) -> OutputError:
 def require_complete(path: Path, written: int, expected: int, name: str) -> None:
     """Raise `OutputError` if `written` is not what was `expected`, bytes or faces, of the file `name`."""
     if written != expected:
-        free = free_mib(path.parent)
+        free = shutil.disk_usage(path.parent).free // 2**20
         raise OutputError(
             f"{name} came out incomplete ({written} of {expected}) and was removed; "
             f"{free} MiB are free there, so free some space or choose another disk"
         )
-
-
-def free_mib(folder: Path) -> int:
-    """Free space of the disk that `folder` is on, whole MiB."""
-    import shutil
-
-    return shutil.disk_usage(folder).free // 2**20
