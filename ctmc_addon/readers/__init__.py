@@ -12,8 +12,7 @@ from pathlib import Path
 from ..core.errors import ReadError
 from ..core.progress import Step, Steps, finish, within
 from ..core.volume import Volume
-from . import dicom, nifti, nrrd, stacks
-from .images import picture
+from . import dicom, nifti, nrrd, stacks, tiff
 from .paths import (
     DICOM_SUFFIXES,
     KNOWN_SUFFIXES,
@@ -25,7 +24,7 @@ from .paths import (
     stem,
     suffix,
 )
-from .reading import Reading, Series, checked_flip, checked_spacing, volume_of, with_notes
+from .reading import Reading, Series, checked_flip, checked_spacing, volume_steps, with_notes
 
 __all__ = [
     "Series",
@@ -95,11 +94,10 @@ def read_volume_steps(
     place = existing(path)
     yield Step(0.0, f"Looking at {place.name}")
     try:
-        reading, name = yield from within(_reading_steps(place, sides, series, strict, threads), 0.0, 0.98)
+        reading, name = yield from within(_reading_steps(place, sides, series, strict, threads), 0.0, 0.9)
     except OSError as error:
         raise unreadable(place, error) from error
-    yield Step(0.98, "Looking at the values")
-    return volume_of(reading, name, sides, axes)
+    return (yield from within(volume_steps(reading, name, sides, axes), 0.9, 1.0))
 
 
 def list_series(path: PathLike) -> tuple[Series, ...]:
@@ -120,7 +118,7 @@ def list_series_steps(path: PathLike) -> Steps[tuple[Series, ...]]:
         describe = {"nifti": nifti.describe, "nrrd": nrrd.describe, "npy": stacks.describe_npy}.get(kind)
         if describe is not None:
             return (describe(place),)
-        return (stacks.describe_tiff(place) if kind == "tiff" else stacks.describe_folder(place.parent),)
+        return (tiff.describe_tiff(place) if kind == "tiff" else stacks.describe_folder(place.parent),)
     except OSError as error:
         raise unreadable(place, error) from error
 
@@ -145,14 +143,18 @@ def _reading_steps(
         reading = yield from stacks.folder_steps(place.parent, threads)
         note = f"{place.name} is one slice: its folder was read, {len(reading.values)} slices"
         return with_notes(reading, note), stem(place.absolute().parent)
-    readers = {"nifti": nifti.read_steps, "nrrd": nrrd.read_steps, "npy": stacks.npy_steps, "tiff": stacks.tiff_steps}
+    readers = {"nifti": nifti.read_steps, "nrrd": nrrd.read_steps, "npy": stacks.npy_steps, "tiff": tiff.tiff_steps}
     return (yield from readers[kind](place)), stem(place)
 
 
 def existing(path: PathLike) -> Path:
     """The path, or a `ReadError` if nothing is there."""
     place = Path(path)
-    if not str(path).strip() or not place.exists():
+    try:
+        found = bool(str(path).strip()) and place.exists()
+    except OSError as error:
+        raise unreadable(place, error) from error
+    if not found:
         raise ReadError(f"there is no file or folder '{path}'; check the path")
     return place
 
@@ -174,7 +176,7 @@ def file_format(place: Path) -> str:
     if end == ".npy":
         return "npy"
     if end in TIFF_SUFFIXES:
-        return "tiff" if picture(place).pages > 1 else "image"
+        return "tiff" if stacks.header_of(place).pages > 1 else "image"
     if end:
         return "image"
     raise ReadError(
@@ -201,5 +203,5 @@ def folder_format(place: Path) -> str:
     folders = sorted(folder.name for folder in place.iterdir() if folder.is_dir() and stacks.images_in(folder))
     hint = "choose the folder that holds the slices"
     if volumes or folders:
-        hint = f"choose one of {', '.join([*volumes, *folders][:5])} in it"
+        hint = f"choose {' or '.join([*volumes, *folders][:5])} in it"
     raise ReadError(f"the folder {place.name} has {files} files, and none is a DICOM image or a slice; {hint}")

@@ -22,8 +22,9 @@ from .multiframe import FrameGeometry
 from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
 from .pixels import DoesNotFit, SliceRead, check_codec, fill_slice, output_type, padding_mark
 from .pool import mapped, pool_size
-from .reading import Reading, Series, require_memory
+from .reading import Reading, Series
 from .slices import Stack, stack_up
+from .values import require_memory
 
 SCAN_SHARE = 0.3  # of the progress goes to headers
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
@@ -54,6 +55,7 @@ class Found(NamedTuple):
     series: dict[str, list[Slice]]
     broken: list[Broken]
     colour: int
+    strays: int
 
 
 def may_be_dicom(path: Path) -> bool:
@@ -80,6 +82,8 @@ def read_steps(
     slices, left_out = one_geometry(found.series[uid], path)
     notes += left_out
     check_whole(found, uid)
+    if found.strays:
+        notes.append(f"{found.strays} file{'s' * (found.strays > 1)} named like DICOM left out, being something else")
     for image in {one.image.pixels.syntax: one.image for one in slices}.values():
         check_codec(image)
     first = slices[0].geometry
@@ -108,7 +112,7 @@ def find_steps(path: Path) -> Steps[Found]:
     """Headers of every DICOM image in the folder, or of the file's series in its folder."""
     if path.is_file() and path.name.upper() != "DICOMDIR":
         own = read_header(path)
-        if own is None:
+        if own is None or (isinstance(own, Broken) and own.stray):
             raise ReadError(f"{path.name} is no DICOM image; choose a CT slice or its folder")
         if isinstance(own, Broken):
             raise truncated(own)
@@ -130,35 +134,34 @@ def named_after(path: Path) -> Path:
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
-    found = yield from mapped(_header, files, "Reading headers", threads=1, batch=32)
+    found = yield from mapped(read_header, files, "Reading headers", threads=1, batch=32)
     return [one for one in found if one is not None]
-
-
-def _header(path: Path) -> ImageFile | Broken | None:
-    return read_header(path) if path.name.upper() != "DICOMDIR" and may_be_dicom(path) else None
 
 
 def sorted_out(headers: Sequence[ImageFile | Broken]) -> Found:
     """Slices by series, in the order in which the series first appear."""
-    found = Found({}, [one for one in headers if isinstance(one, Broken)], 0)
-    colour = 0
+    series: dict[str, list[Slice]] = {}
+    broken, colour = [one for one in headers if isinstance(one, Broken)], 0
     for image in headers:
         if isinstance(image, Broken):
             continue
         if not image.grey:
             colour += 1
             continue
-        found.series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
-    return found._replace(colour=colour)
+        series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
+    unsound = [one for one in broken if not one.stray]
+    return Found(series, unsound, colour, len(broken) - len(unsound))
 
 
 def listed(found: Found) -> tuple[Series, ...]:
     """The series without patient data, numbered from 1."""
-    lines = []
+    lines: list[Series] = []
     for number, (uid, slices) in enumerate(found.series.items(), 1):
         sizes = Counter((one.image.columns, one.image.rows) for one in slices)
-        places = {one.geometry.position or one.name for one in slices}
-        lines.append(Series(number, uid, len(places), sizes.most_common(1)[0][0], slices[0].image.modality))
+        places = {one.geometry.position for one in slices} - {None}
+        lines.append(
+            Series(number, uid, len(places) or len(slices), sizes.most_common(1)[0][0], slices[0].image.modality)
+        )
     return tuple(lines)
 
 
@@ -177,8 +180,9 @@ def chosen_series(found: Found, series: str | int | None, path: Path) -> tuple[s
             if wanted in (line.uid, str(line.number)):
                 return line.uid, []
         raise ReadError(f"there is no series '{wanted}'; choose by number from {text}")
-    # As many slices: the one listed first.
-    best = max(lines, key=lambda line: (line.slices, -line.number))
+    # Pictures without a place make no volume; of as many slices the series listed first is taken.
+    placed = {line.uid: any(one.geometry.position for one in found.series[line.uid]) for line in lines}
+    best = max(lines, key=lambda line: (placed[line.uid], line.slices, -line.number))
     if len(lines) == 1:
         return best.uid, []
     return best.uid, [f"{len(lines)} series found, series {best.number} with the most slices was read: {text}"]
@@ -217,7 +221,8 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
             f"none of the {len(slices)} slices or frames in {path.name} has a position (ImagePositionPatient), "
             "so they cannot be put in order; export the series again, or as NIfTI"
         )
-    best = max(groups, key=len)  # the first of equals
+    # The largest, the first of equals; but a file given by itself chooses its own.
+    best = next((group for group in groups if any(one.image.path == path for one in group)), max(groups, key=len))
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
@@ -225,10 +230,8 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     if scouts:
         notes.append(f"{len(scouts)} scout{'s' * (len(scouts) > 1)} left out")
     if others:
-        size = f"{best[0].image.columns} x {best[0].image.rows}"
-        notes.append(
-            f"{others} of {len(slices)} slices left out: size, orientation or spacing differ from the other {size}"
-        )
+        plural = "slices" if others > 1 else "slice"
+        notes.append(f"{others} {plural} of another size, orientation or spacing left out")
     if any(one.image.lookup for one in best):
         raise ReadError("the series scales its values by a look-up table, not by a slope; export it with RescaleSlope")
     if any(one.geometry.slope == 0 for one in best):
@@ -260,10 +263,10 @@ def meaning(slices: Sequence[Slice]) -> list[str]:
 
 def values_steps(slices: list[Slice], stack: Stack, threads: int | None) -> Steps[tuple[NDArray[Any], list[str]]]:
     """Decode the ordered slices into one array in the smallest type that holds them."""
-    floating = any(one.image.pixels.allocated not in (8, 16, 32) for one in slices)
+    floating = any(one.image.pixels.floating for one in slices)
     shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
     for dtype in output_type([one.geometry for one in slices], floating):
-        require_memory(shape, dtype, "reading this series")
+        require_memory(shape, np.dtype(dtype).itemsize, "this series")
         values = np.empty(shape, dtype)
         decoding = resampled_steps if stack.resampled else decoded_steps
         try:

@@ -12,6 +12,7 @@ from typing import IO, Any, Literal, NamedTuple
 
 from .libraries import BROKEN, needed, quiet
 from .multiframe import FrameGeometry, frame_geometries
+from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
 
 WHAT = "DICOM"
 TAGS = [
@@ -40,9 +41,10 @@ TAGS = [
     "SharedFunctionalGroupsSequence",
     "PerFrameFunctionalGroupsSequence",
 ]
-NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC", "OT")
+NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
 DEFLATED = "1.2.840.10008.1.2.1.99"
 IMPLICIT_LITTLE = "1.2.840.10008.1.2"
+UNCOMPRESSED = (IMPLICIT_LITTLE, "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2", DEFLATED)
 
 
 class Pixels(NamedTuple):
@@ -53,6 +55,7 @@ class Pixels(NamedTuple):
     start: int | None  # first byte of uncompressed pixels; None where pydicom has to find them
     size: int  # bytes of uncompressed pixels that the file says it has
     big_endian: bool
+    floating: bool
     allocated: int
     stored: int
     signed: bool
@@ -82,14 +85,17 @@ class Broken(NamedTuple):
 
     path: Path
     series: str  # empty where it is not known
+    stray: bool = False  # has a DICOM file's name and nothing else of one
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
     """The header of a DICOM image; None where the file is something else."""
+    if path.name.upper() == "DICOMDIR" or (suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES):
+        return None
     with path.open("rb") as file:
         preamble = has_preamble(file)
         if not preamble and not looks_like_dataset(file):
-            return None
+            return Broken(path, "", stray=True) if suffix(path) in DICOM_SUFFIXES else None
         return _parsed(path, file, preamble)
 
 
@@ -117,7 +123,10 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         with quiet():
             dataset = pydicom.dcmread(file, stop_before_pixels=True, force=not preamble, specific_tags=TAGS)
             series = str(dataset.get("SeriesInstanceUID", None) or "")
-            image = is_image(dataset)
+            kind = sop_class(dataset)
+            if not kind:
+                return Broken(path, series) if preamble else None
+            image = "Image Storage" in kind and "Segmentation" not in kind
             if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
                 return Broken(path, series) if image and "Rows" not in dataset else None
             pixels = _pixels(dataset, file)
@@ -126,11 +135,10 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         return Broken(path, series) if preamble or image else None
 
 
-def is_image(dataset: Any) -> bool:
-    """Whether the file says of itself that it stores slices."""
+def sop_class(dataset: Any) -> str:
+    """Name of what the file says it stores, such as 'CT Image Storage'; empty where it does not say."""
     kind = dataset.get("SOPClassUID", None) or dataset.file_meta.get("MediaStorageSOPClassUID", None)
-    name = getattr(kind, "name", "")
-    return "Image Storage" in name and "Segmentation" not in name
+    return str(getattr(kind, "name", ""))
 
 
 def _image(path: Path, dataset: Any, pixels: Pixels | None, series: str) -> ImageFile | Broken:
@@ -168,16 +176,18 @@ def _pixels(dataset: Any, file: IO[bytes]) -> Pixels | None:
     syntax = dataset.file_meta.get("TransferSyntaxUID", None)
     implicit, little = dataset.original_encoding
     known = str(syntax) if syntax else IMPLICIT_LITTLE
-    compressed = bool(syntax) and bool(syntax.is_compressed)
+    compressed = known not in UNCOMPRESSED
     start: int | None = None
-    size = 0
+    size, floating = 0, False
     if known != DEFLATED:  # else the file's position says nothing
         at = file.tell()
         head = file.read(12)
         order: Literal["little", "big"] = "little" if little else "big"
         if len(head) < 12:
             return None
-        if [int.from_bytes(head[two : two + 2], order) for two in (0, 2)] == [0x7FE0, 0x0010] and not compressed:
+        group, element = (int.from_bytes(head[two : two + 2], order) for two in (0, 2))
+        floating = group == 0x7FE0 and element in (0x0008, 0x0009)
+        if (group, element) == (0x7FE0, 0x0010) and not compressed:
             # PS3.5 7.1: implicit VR has tag and length, explicit OB and OW have VR and two zero bytes between.
             start = at + (8 if implicit else 12)
             size = int.from_bytes(head[4:8] if implicit else head[8:12], order)
@@ -194,6 +204,7 @@ def _pixels(dataset: Any, file: IO[bytes]) -> Pixels | None:
         start,
         size,
         not little,
+        floating,
         allocated,
         stored,
         signed,

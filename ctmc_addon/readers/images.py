@@ -1,12 +1,10 @@
-"""One PNG, JPEG, BMP or TIFF slice to grey values as they stand in the file.
+"""One PNG, JPEG or BMP slice to grey values as they stand in the file, decoded by imageio with Pillow.
 
-imageio decodes with Pillow; TIFF goes through tifffile, and through Pillow where a compression asks
-for a library that is not there. Colour is taken where it is grey, and only then.
+Colour is taken where it is grey, and only then.
 """
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from .libraries import BROKEN, needed, quiet, reason
-from .paths import TIFF_SUFFIXES, suffix
+from .paths import suffix
 
 # Pillow's modes, and the mode to decode them in; None leaves them as they are.
 MODES: dict[str, tuple[str | None, str]] = {
@@ -51,8 +49,6 @@ class Picture(NamedTuple):
 
 def picture(path: Path) -> Picture:
     """Read the header alone."""
-    if suffix(path) in TIFF_SUFFIXES:
-        return _tiff_picture(path)
     pillow = needed("PIL.Image", "Pillow", "PNG, JPEG and BMP")
     try:
         with quiet(), pillow.open(path) as image:
@@ -68,26 +64,8 @@ def picture(path: Path) -> Picture:
     return Picture(path, rows, columns, np.dtype("uint16" if deep else MODES[mode][1]), 1, mode, deep)
 
 
-def _tiff_picture(path: Path) -> Picture:
-    tifffile = needed("tifffile", "tifffile", "TIFF")
-    try:
-        with quiet(), tifffile.TiffFile(path) as tiff:
-            page = tiff.pages[0]
-            dtype = np.dtype("uint8") if page.dtype is None or page.dtype == bool else page.dtype
-            # ImageJ writes one page header for a large stack.
-            planes = [
-                side for axis, side in zip(tiff.series[0].axes, tiff.series[0].shape, strict=True) if axis not in "SYX"
-            ]
-            pages = max(len(tiff.pages), math.prod(planes))
-            return Picture(path, page.imagelength, page.imagewidth, dtype.newbyteorder("="), pages, "", "")
-    except BROKEN as error:
-        raise ReadError(f"{path.name} is no readable TIFF ({reason(error)}); copy it again") from error
-
-
 def grey_slice(header: Picture) -> NDArray[Any]:
     """Grey values (rows, columns) of a picture of one page."""
-    if not header.mode:
-        return tiff_slice(header.path)
     iio = needed("imageio.v3", "imageio", "PNG, JPEG and BMP")
     try:
         if header.deep_colour:
@@ -113,50 +91,6 @@ def _deep_colour(header: Picture) -> NDArray[Any]:
             image.tile = [(*tile[:3], header.deep_colour[:-1] + order) for tile in image.tile]
             found |= np.asarray(image).astype(np.uint16) << np.uint16(shift)
     return found
-
-
-def tiff_slice(path: Path, page: int = 0) -> NDArray[Any]:
-    """Grey values (rows, columns) of one page of a TIFF."""
-    tifffile = needed("tifffile", "tifffile", "TIFF")
-    try:
-        with quiet(), tifffile.TiffFile(path) as tiff:
-            return page_slice(tiff.pages[page], path, page)
-    except BROKEN as error:
-        raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
-
-
-def page_slice(page: Any, path: Path, number: int) -> NDArray[Any]:
-    """Grey values (rows, columns) of an open page, number `number` of `path`."""
-    about = page.keyframe  # of a series, only the first page knows all of this
-    try:
-        with quiet():
-            found = np.asarray(page.asarray())
-    except BROKEN as error:
-        found = _by_pillow(path, number, about, error)
-    else:
-        if found.ndim == 3 and int(about.planarconfig) == 2:
-            found = np.moveaxis(found, 0, -1)  # colour planes one behind the other
-        if int(about.photometric) == 0 and found.dtype.kind in "bu":  # white is zero
-            found = ~found
-    if found.dtype == bool:
-        found = found.astype(np.uint8) * np.uint8(255)
-    return grey(found, path.name, JPEG_NOISE if "JPEG" in str(about.compression) else 0)
-
-
-def _by_pillow(path: Path, number: int, about: Any, error: BaseException) -> NDArray[Any]:
-    pillow = needed("PIL.Image", "Pillow", "TIFF")
-    name = getattr(about.compression, "name", str(about.compression))
-    try:
-        with quiet(), pillow.open(path) as image:
-            image.seek(number)
-            return np.asarray(image.convert(MODES[image.mode][0]) if MODES.get(image.mode, (None,))[0] else image)
-    except BROKEN as second:
-        if "imagecodecs" in str(error):
-            raise ReadError(
-                f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
-                "save it uncompressed or with Deflate"
-            ) from second
-        raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from second
 
 
 def grey(found: NDArray[Any], name: str, tolerance: int) -> NDArray[Any]:

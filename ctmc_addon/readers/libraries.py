@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import struct
 import warnings
 import zlib
@@ -28,6 +29,7 @@ BROKEN = (
     struct.error,
     zlib.error,
 )
+LOGGERS = ("tifffile", "PIL", "PIL.PngImagePlugin", "PIL.TiffImagePlugin", "pydicom", "nibabel.global", "imageio")
 
 
 def needed(module: str, package: str, what: str) -> Any:
@@ -43,13 +45,20 @@ def needed(module: str, package: str, what: str) -> Any:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep a library's warnings from the user; what matters is said in the notes.
+    """Keep the libraries' warnings and log lines from the user; what matters is said in the notes.
 
     Never held across a `yield` of steps, since the filters belong to the whole interpreter.
     """
+    talking = [logger for logger in map(logging.getLogger, LOGGERS) if not logger.disabled]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield
+        for logger in talking:
+            logger.disabled = True
+        try:
+            yield
+        finally:
+            for logger in talking:
+                logger.disabled = False
 
 
 def reason(error: BaseException) -> str:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from ..core.progress import Steps
+from ..core.progress import Steps, within
 from .libraries import BROKEN, needed, quiet, reason
-from .reading import Reading, Series, native, require_memory, scaled
+from .reading import Reading, Series
 from .streams import fill_steps, opened, skip
+from .values import native, require_memory, scaled_bytes, scaled_steps
 
 WHAT = "NIfTI"
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
@@ -30,15 +31,15 @@ def read_steps(path: Path) -> Steps[Reading]:
         header = read_header(stream, path.name)
         size = checked_size(header, path.name)
         dtype = checked_dtype(header, path.name)
-        require_memory(size[::-1], dtype, f"reading {path.name}")
+        slope, intercept = scaling(header, path.name)
+        require_memory(size[::-1], scaled_bytes(dtype, slope, intercept), path.name)
         skip(stream, int(header["vox_offset"]) - stream.tell(), path.name)
         values = np.empty(size[::-1], dtype)  # (k, j, i)
-        yield from fill_steps(values, stream, path.name)
-    slope, intercept = header.get_slope_inter()  # None where there is none
-    slope, intercept = (1.0 if slope is None else float(slope)), float(intercept or 0.0)
+        yield from within(fill_steps(values, stream, path.name), 0.0, 0.8)
+    values = yield from within(scaled_steps(native(values), slope, intercept), 0.8, 1.0)
     affine, notes = placed(header, path.name)
     names = label_names(header)
-    return Reading(scaled(native(values), slope, intercept), affine, notes, "", names, WHAT)
+    return Reading(values, affine, notes, "", names, WHAT)
 
 
 def describe(path: Path) -> Series:
@@ -61,13 +62,15 @@ def read_header(stream: IO[bytes], name: str) -> Any:
         kind = nifti2.Nifti2Header if second_version else nifti1.Nifti1Header
         with quiet(), globals_.LoggingOutputSuppressor():
             return kind.from_fileobj(stream)
-    except (*BROKEN, header_error()) as error:
+    except header_errors() as error:
         raise ReadError(f"{name} is no readable NIfTI file ({reason(error)}); export or copy it again") from error
 
 
-def header_error() -> Any:
+def header_errors() -> tuple[Any, ...]:
     """What nibabel raises on a header it cannot accept."""
-    return needed("nibabel.spatialimages", "nibabel", WHAT).HeaderDataError
+    spatial = needed("nibabel.spatialimages", "nibabel", WHAT)
+    wrapped = needed("nibabel.wrapstruct", "nibabel", WHAT)
+    return (*BROKEN, spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError)
 
 
 def checked_size(header: Any, name: str) -> tuple[int, int, int]:
@@ -96,11 +99,20 @@ def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
     return dtype
 
 
+def scaling(header: Any, name: str) -> tuple[float, float]:
+    """Slope and intercept of the values; 1 and 0 where the header has none."""
+    try:
+        slope, intercept = header.get_slope_inter()
+    except header_errors() as error:
+        raise ReadError(f"{name} has a broken scale ({reason(error)}); export it again") from error
+    return (1.0 if slope is None else float(slope)), float(intercept or 0.0)
+
+
 def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Affine by nibabel, in mm, and what had to be assumed."""
     try:
         affine = np.array(header.get_best_affine(), np.float64)
-    except (*BROKEN, header_error()) as error:
+    except header_errors() as error:
         raise ReadError(f"{name} has a broken orientation ({reason(error)}); export it again") from error
     notes = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):

@@ -19,8 +19,9 @@ from ..core.errors import ReadError
 from ..core.progress import Steps, within
 from .libraries import BROKEN, needed, quiet, reason
 from .paths import natural
-from .reading import Reading, Series, native, require_memory
+from .reading import Reading, Series
 from .streams import fill_steps, skip, unpacked
+from .values import native, require_memory
 
 WHAT = "NRRD"
 # Signs that turn a named space's axes to right, anterior, superior.
@@ -53,7 +54,7 @@ def read_steps(path: Path) -> Steps[Reading]:
         header = read_header(stream, path.name)
         size, kept = checked_size(header, path.name)
         dtype = checked_dtype(header, path.name)
-        require_memory(size[::-1], dtype, f"reading {path.name}")
+        require_memory(size[::-1], dtype.itemsize, path.name)
         files = data_files(header, path)
         values = np.empty(size[::-1], dtype)
         if not files:
@@ -81,11 +82,14 @@ def describe(path: Path) -> Series:
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     """Header by pynrrd; `stream` is left at the first byte of attached data."""
     nrrd = needed("nrrd", "pynrrd", WHAT)
+    lines, names = header_lines(stream)
     try:
         with quiet():
-            header: Mapping[str, Any] = nrrd.read_header(stream)
-    except (*BROKEN, nrrd.NRRDError) as error:
+            header = dict(nrrd.read_header(lines))
+    except (*BROKEN, nrrd.NRRDError, StopIteration) as error:
         raise ReadError(f"{name} is no readable NRRD file ({reason(error)}); export or copy it again") from error
+    if names:
+        header["data file"] = names
     for field in ("type", "dimension", "sizes", "encoding"):
         if field not in header:
             raise ReadError(f"{name} lacks the field '{field}' in its header; export it again")
@@ -94,6 +98,22 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
             f"{name} has {header['dimension']} dimensions but {len(header['sizes'])} sizes; export it again"
         )
     return header
+
+
+def header_lines(stream: IO[bytes]) -> tuple[list[bytes], list[str]]:
+    """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know."""
+    if stream.read(4) != b"NRRD":
+        return [], []
+    lines, names = [b"NRRD" + stream.readline()], []
+    listing = False
+    while line := stream.readline().strip(b"\r\n"):
+        if listing:
+            names.append(line.decode("utf-8", "replace").strip())
+        elif re.match(rb"data ?file:\s*LIST", line, re.IGNORECASE):
+            listing = True
+        else:
+            lines.append(line)
+    return lines, names
 
 
 def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int]]:
@@ -130,26 +150,13 @@ def data_files(header: Mapping[str, Any], path: Path) -> list[Path]:
 
     `data file` is a name, a list under `LIST`, or a pattern `name%d first last step [dimension]`.
     """
-    text = header.get("data file", header.get("datafile"))
-    if text is None:
-        return []
-    text = str(text).strip()
-    pattern = re.fullmatch(r"(.*%\d*d.*?)\s+(-?\d+)\s+(-?\d+)\s+(-?\d+)(?:\s+\d+)?", text)
+    named = header.get("data file", header.get("datafile", []))
+    names: list[str] = [named] if isinstance(named, str) else named
+    pattern = re.fullmatch(r"(.*%\d*d.*?)\s+(-?\d+)\s+(-?\d+)\s+(-?\d+)(?:\s+\d+)?", names[0]) if names else None
     if pattern and int(pattern[4]):
         first, last, step = (int(pattern[group]) for group in (2, 3, 4))
         names = [pattern[1] % number for number in range(first, last + (1 if step > 0 else -1), step)]
-    elif text.upper().startswith("LIST"):
-        names = listed(path)
-    else:
-        names = [text]
     return [Path(os.path.normpath(path.parent / name.replace("\\", "/"))) for name in names]
-
-
-def listed(path: Path) -> list[str]:
-    """The names after `data file: LIST`, which run to the header's end."""
-    lines = path.read_text("utf-8", "replace").splitlines()
-    start = next(at for at, line in enumerate(lines) if re.match(r"data ?file:\s*LIST", line, re.IGNORECASE))
-    return [line.strip() for line in lines[start + 1 :] if line.strip()]
 
 
 def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, Any], path: Path) -> Steps[None]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from .headers import WHAT, ImageFile
+from .headers import DEFLATED, WHAT, ImageFile
 from .libraries import BROKEN, needed, reason
 from .multiframe import FrameGeometry
 
@@ -74,7 +74,9 @@ def _decoded(image: ImageFile, frame: int) -> NDArray[Any]:
     pydicom = needed("pydicom", "pydicom", WHAT)
     index = frame if len(image.frames) > 1 else None
     try:
-        found: NDArray[Any] = pydicom.pixels.pixel_array(image.path, index=index)
+        # pydicom finds the pixels by their place in the file, which deflated files do not have.
+        source = pydicom.dcmread(image.path) if image.pixels.syntax == DEFLATED else image.path
+        found: NDArray[Any] = pydicom.pixels.pixel_array(source, index=index)
     except BROKEN as error:
         name = pydicom.uid.UID(image.pixels.syntax).name
         raise ReadError(

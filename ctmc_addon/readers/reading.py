@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import memory
 from ..core.errors import SettingsError
-from ..core.volume import KINDS, Volume
-
-LABEL_NAMES = ("segmentation", "label", "mask", "seg")
+from ..core.progress import Steps
+from ..core.volume import Volume
+from .values import kind_steps
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Reading:
     notes : tuple of str
         What was assumed.
     kind : str
-        One of `KINDS`, or empty where only name and values can tell.
+        As in `Volume`, or empty where only name and values can tell.
     label_names : mapping of int to str
         Where the file has them.
     what : str
@@ -81,7 +80,7 @@ class Reading:
     what: str = ""
 
 
-def volume_of(reading: Reading, name: str, spacing: tuple[float, float, float] | None, flip: str) -> Volume:
+def volume_steps(reading: Reading, name: str, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
     """The volume, with the user's spacing and mirrored axes applied and said."""
     notes = list(reading.notes)
     affine = reading.affine
@@ -99,7 +98,9 @@ def volume_of(reading: Reading, name: str, spacing: tuple[float, float, float] |
     if flip:
         affine = flipped(affine, reading.values.shape[::-1], flip)
         notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
-    kind = reading.kind or kind_of(reading.values, name, bool(reading.label_names), reading.affine is not None)
+    kind = reading.kind
+    if not kind:
+        kind = yield from kind_steps(reading.values, name, bool(reading.label_names), reading.affine is not None)
     return Volume(reading.values, affine, tuple(notes), name, kind, reading.label_names)
 
 
@@ -157,80 +158,6 @@ def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -
     out[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
     old, new = (" x ".join(f"{value:.4g}" for value in three) for three in (lengths, spacing))
     return out, f"spacing {new} mm as asked, in place of the file's own {old} mm"
-
-
-def kind_of(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu: bool) -> str:
-    """What the values mean, where the file does not say it.
-
-    Labels: the file names them, its name begins like a label file's, or all values are whole numbers
-    from 0 to 255 with at most 128 different ones (TotalSegmentator has 117 labels; grey values of
-    8 bits nearly use up their range). HU: the format holds physical values and some lie below -100,
-    which only air, lung and fat have. Everything else is a grey value.
-    """
-    integral = values.dtype.kind in "bui"
-    if has_label_names or (name.lower().startswith(LABEL_NAMES) and (integral or _all_whole(values))):
-        return KINDS[2]
-    if not may_be_hu:
-        return KINDS[1]
-    low = min(float(np.fmin.reduce(plane, axis=None)) for plane in values)
-    high = max(float(np.fmax.reduce(plane, axis=None)) for plane in values)
-    if integral and low >= 0 and high <= 255:
-        counts = np.zeros(256, np.int64)
-        for plane in values:
-            counts += np.bincount(plane.ravel().astype(np.uint8), minlength=256)
-        return KINDS[2] if (counts > 0).sum() <= 128 else KINDS[1]
-    return KINDS[0] if low < -100 else KINDS[1]
-
-
-def _all_whole(values: NDArray[Any]) -> bool:
-    return all(bool((plane == np.floor(plane)).all()) for plane in values)
-
-
-def native(values: NDArray[Any]) -> NDArray[Any]:
-    """The same values in the machine's byte order, swapped in place; later stages run faster."""
-    if values.dtype.isnative:
-        return values
-    return values.byteswap(inplace=True).view(values.dtype.newbyteorder("="))
-
-
-def scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any]:
-    """`values * slope + intercept`, plane by plane: int16 or int32 where it is exact, else float32.
-
-    As nibabel does it, in float64, and then rounded to float32.
-    """
-    if slope == 1.0 and intercept == 0.0:
-        return values
-    whole = values.dtype.kind in "bui" and slope.is_integer() and intercept.is_integer()
-    dtype: Any = np.float32
-    if whole:
-        ends = [int(end) * int(slope) + int(intercept) for end in (values.min(), values.max())]
-        dtype = smallest_integer(min(ends), max(ends)) or np.float32
-    if values.dtype.itemsize == np.dtype(dtype).itemsize and values.flags.writeable:
-        out = values.view(dtype)  # plane by plane in place
-    else:
-        require_memory(values.shape, dtype, "scaling this volume")
-        out = np.empty(values.shape, dtype)
-    for plane, target in zip(values, out, strict=True):
-        target[...] = plane.astype(np.float64) * slope + intercept
-    return out
-
-
-def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
-    """int16 or int32, whichever first holds `low` to `high`; None where neither does."""
-    for dtype in (np.int16, np.int32):
-        limits = np.iinfo(dtype)
-        if limits.min <= low and high <= limits.max:
-            return dtype
-    return None
-
-
-def require_memory(shape: Sequence[int], dtype: Any, what: str) -> None:
-    """Say before anything is read that a volume (slices, rows, columns) would not fit in memory."""
-    size = math.prod(int(side) for side in shape) * np.dtype(dtype).itemsize
-    sides = " x ".join(str(int(side)) for side in reversed(shape))
-    memory.require(
-        size, f"{what} ({sides}, {np.dtype(dtype)})", "read fewer or smaller slices, or close other programs"
-    )
 
 
 def with_notes(reading: Reading, *notes: str) -> Reading:

@@ -1,4 +1,4 @@
-"""A folder of image slices, a multi-page TIFF or a NumPy file to values; none of them has orientation."""
+"""A folder of image slices or a NumPy file to values; neither has orientation."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from ..core.progress import Step, Steps, within
-from .images import Picture, grey_slice, page_slice, picture
-from .libraries import BROKEN, needed, quiet, reason
-from .paths import IMAGE_SUFFIXES, natural, suffix
+from ..core.progress import Steps, within
+from .images import Picture, grey_slice, picture
+from .libraries import BROKEN, quiet, reason
+from .paths import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
 from .pool import mapped, pool_size
-from .reading import Reading, Series, native, require_memory
+from .reading import Reading, Series
 from .streams import fill_steps
+from .tiff import describe_tiff, tiff_picture, tiff_slice, tiff_steps
+from .values import native, require_memory
 
 SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif"}
 WORDS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF"}
@@ -27,6 +29,16 @@ def images_in(folder: Path) -> list[Path]:
     """The image files of a folder, in natural order; hidden ones are passed over."""
     files = (path for path in folder.iterdir() if suffix(path) in IMAGE_SUFFIXES and not path.name.startswith("."))
     return sorted((path for path in files if path.is_file()), key=natural)
+
+
+def header_of(path: Path) -> Picture:
+    """What an image's header says, whatever its format."""
+    return tiff_picture(path) if suffix(path) in TIFF_SUFFIXES else picture(path)
+
+
+def slice_of(header: Picture) -> NDArray[Any]:
+    """Grey values (rows, columns) of an image of one page."""
+    return grey_slice(header) if header.mode else tiff_slice(header.path)
 
 
 def one_format(images: Sequence[Path]) -> tuple[list[Path], list[str]]:
@@ -41,7 +53,7 @@ def one_format(images: Sequence[Path]) -> tuple[list[Path], list[str]]:
 def folder_steps(folder: Path, threads: int | None) -> Steps[Reading]:
     """Read the slices of a folder, one image each."""
     images, notes = one_format(images_in(folder))
-    headers = yield from within(mapped(picture, images, "Reading headers", threads, batch=64), 0.0, 0.2)
+    headers = yield from within(mapped(header_of, images, "Reading headers", threads, batch=64), 0.0, 0.2)
     if len(headers) == 1:
         if headers[0].pages > 1:
             return (yield from tiff_steps(images[0]))
@@ -49,11 +61,11 @@ def folder_steps(folder: Path, threads: int | None) -> Steps[Reading]:
     check_alike(headers)
     first = headers[0]
     shape = (len(headers), first.rows, first.columns)
-    require_memory(shape, first.dtype, f"reading {folder.name}")
+    require_memory(shape, first.dtype.itemsize, folder.name)
     values = np.empty(shape, first.dtype)
 
     def fill(at: int) -> None:
-        found = grey_slice(headers[at])
+        found = slice_of(headers[at])
         if found.shape != values.shape[1:] or found.dtype.itemsize > values.dtype.itemsize:
             raise ReadError(
                 f"{headers[at].path.name} is {found.shape} {found.dtype}, not as its header says; save it again"
@@ -97,88 +109,17 @@ def _depth(header: Picture) -> str:
 def describe_folder(folder: Path) -> Series:
     """Size of a folder's stack, from its first image."""
     images, _ = one_format(images_in(folder))
-    if len(images) == 1 and picture(images[0]).pages > 1:
+    if len(images) == 1 and header_of(images[0]).pages > 1:
         return describe_tiff(images[0])
-    first = picture(images[0])
+    first = header_of(images[0])
     return Series(1, "", len(images), (first.columns, first.rows))
-
-
-def tiff_steps(path: Path) -> Steps[Reading]:
-    """Read a multi-page TIFF, page by page; an uncompressed ImageJ stack in one go."""
-    tifffile = needed("tifffile", "tifffile", "TIFF")
-    try:
-        with quiet():
-            tiff = tifffile.TiffFile(path)
-    except BROKEN as error:
-        raise ReadError(f"{path.name} is no readable TIFF ({reason(error)}); copy it again") from error
-    with tiff:
-        shape, dtype, notes = tiff_shape(tiff, path)
-        require_memory(shape, dtype, f"reading {path.name}")
-        series = tiff.series[0]
-        if (
-            series.dataoffset is not None
-            and series.keyframe.samplesperpixel == 1
-            and int(series.keyframe.photometric) == 1
-        ):
-            values = np.empty(shape, series.dtype.newbyteorder(tiff.byteorder))
-            with path.open("rb") as stream:
-                stream.seek(series.dataoffset)
-                yield from fill_steps(values, stream, path.name)
-            return Reading(native(values), None, notes, what="TIFF")
-        values = np.empty(shape, dtype)
-        for number in range(shape[0]):
-            yield Step(number / shape[0], "Decoding pages")
-            try:
-                page = series.pages[number]
-            except BROKEN as error:
-                raise ReadError(
-                    f"{path.name} is truncated at page {number + 1} ({reason(error)}); copy it again"
-                ) from error
-            found = page_slice(page, path, page.index)
-            if found.shape != shape[1:]:
-                raise ReadError(
-                    f"page {number + 1} of {path.name} is {found.shape}, and the first is {shape[1:]}; save it again"
-                )
-            values[number] = found
-    return Reading(values, None, notes, what="TIFF")
-
-
-def tiff_shape(tiff: Any, path: Path) -> tuple[tuple[int, int, int], np.dtype[Any], tuple[str, ...]]:
-    """(slices, rows, columns), type and notes of a TIFF's first series of pages."""
-    series = tiff.series[0]
-    sides = [(axis, int(side)) for axis, side in zip(series.axes, series.shape, strict=True)]
-    stack = [(axis, side) for axis, side in sides if axis not in "SYX" and side > 1]
-    image = dict(sides)
-    sizes = {one.shape for one in tiff.series}
-    if len(tiff.series) > 1 and len(stack) == 0:
-        text = ", ".join(" x ".join(map(str, size)) for size in sorted(sizes)[:3])
-        raise ReadError(f"{path.name} has pages of different sizes ({text}); save pages of one size")
-    if len(stack) > 1 or any(axis == "C" for axis, _ in stack):
-        text = " x ".join(f"{axis} {side}" for axis, side in sides)
-        raise ReadError(f"{path.name} has more than one channel or time ({text}); save one as a stack of its own")
-    if not stack:
-        raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
-    notes = (f"{len(tiff.series) - 1} further series of pages in the TIFF left out",) if len(tiff.series) > 1 else ()
-    dtype = np.dtype("uint8") if series.dtype == bool else series.dtype.newbyteorder("=")
-    return (stack[0][1], image["Y"], image["X"]), dtype, notes
-
-
-def describe_tiff(path: Path) -> Series:
-    """Size of a multi-page TIFF, from its headers."""
-    tifffile = needed("tifffile", "tifffile", "TIFF")
-    try:
-        with quiet(), tifffile.TiffFile(path) as tiff:
-            slices, rows, columns = tiff_shape(tiff, path)[0]
-    except BROKEN as error:
-        raise ReadError(f"{path.name} is no readable TIFF ({reason(error)}); copy it again") from error
-    return Series(1, "", slices, (columns, rows))
 
 
 def npy_steps(path: Path) -> Steps[Reading]:
     """Read a NumPy file of (slices, rows, columns), in the order it was saved."""
     with path.open("rb") as stream:
         shape, fortran, dtype = npy_header(stream, path.name)
-        require_memory(shape, dtype, f"reading {path.name}")
+        require_memory(shape, dtype.itemsize, path.name)
         values: NDArray[Any] = np.empty(shape, dtype, order="F" if fortran else "C")
         yield from fill_steps(values, stream, path.name)
     return Reading(native(values), None, what="a NumPy file")

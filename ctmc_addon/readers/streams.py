@@ -47,6 +47,11 @@ def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]
         if not count:
             raise ReadError(f"{name} is truncated: {done} of {len(flat)} bytes of values are there; copy it again")
         done += count
+    if isinstance(stream, gzip.GzipFile | bz2.BZ2File):
+        try:
+            stream.read(1)  # reaches the check sum at the end
+        except BROKEN as error:
+            raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
 
 
 def skip(stream: IO[bytes], count: int, name: str) -> None:

@@ -1,0 +1,118 @@
+"""What all readers ask of grey values: do they fit, what scale have they, what do they mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import memory
+from ..core.progress import Step, Steps
+
+HU, GREY, LABEL = "HU", "grey value", "label"
+LABEL_NAMES = ("segmentation", "label", "mask", "seg")
+MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit grey values nearly use up their 256
+AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
+PLANES = 16  # looked at between two steps
+
+
+def require_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
+    """Say before anything is read that a volume (slices, rows, columns) would not fit in memory."""
+    size = math.prod(int(side) for side in shape) * voxel_bytes
+    sides = " x ".join(str(int(side)) for side in reversed(shape))
+    memory.require(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
+
+
+def native(values: NDArray[Any]) -> NDArray[Any]:
+    """The same values in the machine's byte order, swapped in place; later stages run faster."""
+    if values.dtype.isnative:
+        return values
+    return values.byteswap(inplace=True).view(values.dtype.newbyteorder("="))
+
+
+def scaled_bytes(dtype: np.dtype[Any], slope: float, intercept: float) -> int:
+    """Bytes a voxel that reading and `scaled_steps` need together, at most."""
+    if (slope == 1.0 and intercept == 0.0) or dtype.itemsize == 4:
+        return dtype.itemsize
+    return dtype.itemsize + 4
+
+
+def scaled_steps(values: NDArray[Any], slope: float, intercept: float) -> Steps[NDArray[Any]]:
+    """`values * slope + intercept`: int16 or int32 where that is exact, else float32; in place where sizes allow.
+
+    Computed in float64, as nibabel does, and then rounded to float32.
+    """
+    if slope == 1.0 and intercept == 0.0:
+        return values
+    dtype: Any = np.float32
+    if values.dtype.kind in "bui" and slope.is_integer() and intercept.is_integer():
+        low, high = yield from range_steps(values)
+        ends = (int(low) * int(slope) + int(intercept), int(high) * int(slope) + int(intercept))
+        dtype = smallest_integer(min(ends), max(ends)) or np.float32
+    same_size = values.dtype.itemsize == np.dtype(dtype).itemsize
+    out = values.view(dtype) if same_size else np.empty(values.shape, dtype)
+    for at, (plane, target) in enumerate(zip(values, out, strict=True)):
+        if at % PLANES == 0:
+            yield Step(at / len(values), "Scaling values")
+        target[...] = plane.astype(np.float64) * slope + intercept
+    return out
+
+
+def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
+    """int16 or int32, whichever first holds `low` to `high`; None where neither does."""
+    for dtype in (np.int16, np.int32):
+        limits = np.iinfo(dtype)
+        if limits.min <= low and high <= limits.max:
+            return dtype
+    return None
+
+
+def range_steps(values: NDArray[Any]) -> Steps[tuple[float, float]]:
+    """Lowest and highest value, NaN left out."""
+    low, high = math.inf, -math.inf
+    for at in range(0, len(values), PLANES):
+        yield Step(at / len(values), "Looking at the values")
+        low = min(low, float(np.fmin.reduce(values[at : at + PLANES], axis=None)))
+        high = max(high, float(np.fmax.reduce(values[at : at + PLANES], axis=None)))
+    return low, high
+
+
+def kind_steps(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu: bool) -> Steps[str]:
+    """What the values mean, where the file does not say it.
+
+    Labels: the file names them; or its name begins like a label file's and all values are whole
+    numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
+    HU: the format holds physical values, and some are as low as air. Else they are grey values.
+    """
+    whole = values.dtype.kind in "bui"
+    if has_label_names or (name.lower().startswith(LABEL_NAMES) and (whole or (yield from whole_steps(values)))):
+        return LABEL
+    if not may_be_hu:
+        return GREY
+    low, high = yield from range_steps(values)
+    if whole and low >= 0 and high <= 255:
+        return LABEL if (yield from different_steps(values)) <= MOST_LABELS else GREY
+    return HU if low < AIR_HU else GREY
+
+
+def whole_steps(values: NDArray[Any]) -> Steps[bool]:
+    """Whether all values are whole numbers."""
+    for at, plane in enumerate(values):
+        if at % PLANES == 0:
+            yield Step(at / len(values), "Looking at the values")
+        if (plane != np.floor(plane)).any():
+            return False
+    return True
+
+
+def different_steps(values: NDArray[Any]) -> Steps[int]:
+    """How many different values there are among whole numbers from 0 to 255."""
+    seen = np.zeros(256, bool)
+    for at, plane in enumerate(values):
+        if at % PLANES == 0:
+            yield Step(at / len(values), "Looking at the values")
+        seen[plane.astype(np.uint8).ravel()] = True
+    return int(seen.sum())

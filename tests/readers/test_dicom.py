@@ -1,0 +1,422 @@
+"""DICOM folders and files: HU against pydicom's own, place against the positions themselves."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pydicom
+import pytest
+from pydicom import uid
+
+from ctmc_addon.core import CtmcError
+from ctmc_addon.readers import list_series, read_volume
+
+AXIAL = (1, 0, 0, 0, 1, 0)
+
+
+def said(volume, text):
+    return any(text in note for note in volume.notes)
+
+
+def hounsfield(dataset):
+    return pydicom.pixels.apply_rescale(dataset.pixel_array, dataset)
+
+
+@pytest.mark.parametrize("z", [(0, 1.5, 3), (3, 1.5, 0), (1.5, 3, 0)])
+def test_a_series_is_ordered_by_position_and_keeps_integers(tmp_path, save_stack, z):
+    hu = save_stack(tmp_path, z)
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu[np.argsort(z)])
+    assert volume.values.dtype == np.int16
+    assert volume.kind == "HU"
+    assert volume.notes == ()
+    np.testing.assert_array_equal(volume.affine, [[-0.5, 0, 0, 10], [0, -0.8, 0, 20], [0, 0, 1.5, 0], [0, 0, 0, 1]])
+
+
+SYNTAXES = [
+    uid.ImplicitVRLittleEndian,
+    uid.ExplicitVRLittleEndian,
+    uid.DeflatedExplicitVRLittleEndian,
+    uid.ExplicitVRBigEndian,
+]
+
+
+@pytest.mark.parametrize("syntax", SYNTAXES)
+@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "uint32", "int32"])
+def test_every_uncompressed_syntax_and_type_gives_pydicoms_values(tmp_path, save_slice, syntax, dtype):
+    limits = np.iinfo(dtype)
+    random = np.random.default_rng(1)
+    for z in range(2):
+        stored = random.integers(max(limits.min, -5000), min(limits.max, 5000), (3, 4)).astype(dtype)
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), syntax)
+    volume = read_volume(tmp_path)
+    for z in range(2):
+        np.testing.assert_array_equal(volume.values[z], hounsfield(pydicom.dcmread(tmp_path / f"{z}.dcm")))
+
+
+@pytest.mark.parametrize("compress", [uid.RLELossless, uid.JPEG2000Lossless])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_compressed_slices_give_the_same_values(tmp_path, save_stack, compress, threads):
+    hu = save_stack(tmp_path, range(6), (40, 40), compress=compress)
+    np.testing.assert_array_equal(read_volume(tmp_path, threads=threads).values, hu)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_bits_above_bits_stored_are_ignored(tmp_path, save_slice, signed):
+    random = np.random.default_rng(2)
+    for z in range(2):
+        stored = random.integers(0, 65536, (4, 5)).astype(np.uint16)
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), BitsStored=12, PixelRepresentation=int(signed))
+    volume = read_volume(tmp_path)
+    for z in range(2):
+        np.testing.assert_array_equal(volume.values[z], hounsfield(pydicom.dcmread(tmp_path / f"{z}.dcm")))
+
+
+def test_slope_and_intercept_are_taken_slice_by_slice(tmp_path, save_slice):
+    stored = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    for z, (slope, intercept) in enumerate([(1, -1024), (2, 0), (3, 5)]):
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), RescaleSlope=slope, RescaleIntercept=intercept)
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, np.stack([stored - 1024.0, stored * 2.0, stored * 3.0 + 5]))
+    assert volume.values.dtype == np.int16
+
+
+def test_a_fractional_slope_gives_float32(tmp_path, save_slice):
+    stored = np.arange(12, dtype=np.uint16).reshape(3, 4) * 1000
+    for z, slope in enumerate([1, 0.1]):
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), RescaleSlope=slope)
+    volume = read_volume(tmp_path)
+    assert volume.values.dtype == np.float32
+    np.testing.assert_array_equal(volume.values[1], (stored * 0.1 - 1024).astype(np.float32))
+
+
+def test_values_beyond_int16_are_read_into_int32(tmp_path, save_slice):
+    for z in range(4):
+        save_slice(tmp_path / f"{z}.dcm", np.full((3, 4), 60000 * (z == 3), np.uint16), (0, 0, z))
+    volume = read_volume(tmp_path)
+    assert volume.values.dtype == np.int32
+    assert volume.values.max() == 58976
+
+
+def test_missing_slope_and_intercept_are_one_and_zero(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(3), RescaleSlope=None, RescaleIntercept=None)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu + 1024)
+
+
+def test_tilted_and_oblique_corners_agree_with_the_positions(tmp_path, save_slice, pixel_ras):
+    turn = np.radians(20)
+    orientation = (np.cos(0.3), np.sin(0.3), 0, -np.sin(0.3) * np.cos(turn), np.cos(0.3) * np.cos(turn), -np.sin(turn))
+    datasets = []
+    for z in range(4):
+        stored = np.full((5, 7), z, np.uint16)
+        position = (-120.5 + 0.1 * z, 33.25, 700 - 3 * z)
+        tags = {"ImageOrientationPatient": [round(value, 6) for value in orientation]}
+        datasets.append(save_slice(tmp_path / f"{z}.dcm", stored, position, **tags))
+    volume = read_volume(tmp_path)
+    assert said(volume, "tilted")
+    for at, plane in enumerate(volume.values):
+        dataset = datasets[plane[0, 0] + 1024]
+        for row, column in ((0, 0), (0, 6), (4, 0), (4, 6)):
+            found = (volume.affine @ (column, row, at, 1))[:3]
+            np.testing.assert_allclose(found, pixel_ras(dataset, row, column), atol=1e-3)
+
+
+def test_uneven_slices_are_interpolated_between_their_neighbours(tmp_path, save_slice):
+    for z, value in ((0, 0), (1, 100), (3, 300), (5, 501), (7, 700)):
+        save_slice(tmp_path / f"{z}.dcm", np.full((3, 4), value, np.int16), (0, 0, z), RescaleIntercept=0)
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values[:, 1, 2], [0, 100, 200, 300, 400, 501, 600, 700])
+    assert volume.values.dtype == np.int16
+    assert said(volume, "gaps between slices are uneven (1 and 2 mm)")
+    with pytest.raises(CtmcError, match="strict"):
+        read_volume(tmp_path, strict=True)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_resampling_a_long_stack_is_the_same_for_any_number_of_threads(tmp_path, save_stack, threads):
+    z = np.cumsum(np.r_[0, np.tile([1, 2], 30)]).astype(float)
+    hu = save_stack(tmp_path, z)
+    volume = read_volume(tmp_path, threads=threads)
+    expected = np.stack([np.interp(np.arange(91), z, hu[:, r, c]) for r in range(5) for c in range(7)], axis=1)
+    np.testing.assert_array_equal(volume.values.reshape(91, -1), np.rint(expected))
+
+
+def test_duplicate_positions_are_dropped_and_said(tmp_path, save_stack):
+    hu = save_stack(tmp_path, (0, 1, 2, 1, 2, 3))
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu[[0, 1, 2, 5]])
+    assert said(volume, "2 slices stand where another already is")
+
+
+def test_the_series_with_most_slices_is_read_and_the_others_are_listed(tmp_path, save_stack):
+    small = save_stack(tmp_path / "a", range(3), SeriesInstanceUID="1.9.1")
+    large = save_stack(tmp_path / "b" / "deep", range(5), (6, 6), SeriesInstanceUID="1.9.2")
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, large)
+    assert said(volume, "series 1: 3 slices of 7 x 5, CT")
+    assert not said(volume, "1.9.")
+    assert [(one.number, one.uid, one.slices, one.size, one.modality) for one in list_series(tmp_path)] == [
+        (1, "1.9.1", 3, (7, 5), "CT"),
+        (2, "1.9.2", 5, (6, 6), "CT"),
+    ]
+    for series in ("1.9.1", 1, "1"):
+        np.testing.assert_array_equal(read_volume(tmp_path, series=series).values, small)
+    with pytest.raises(CtmcError, match=r"no series '1.9.7'; choose by number from series 1: 3 slices.*series 2"):
+        read_volume(tmp_path, series="1.9.7")
+
+
+def test_scouts_and_other_sizes_are_left_out_and_said(tmp_path, save_stack, save_slice):
+    hu = save_stack(tmp_path, range(4))
+    save_slice(
+        tmp_path / "scout.dcm", np.zeros((5, 7), np.uint16), (0, 0, 50), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"]
+    )
+    save_slice(tmp_path / "large.dcm", np.zeros((9, 9), np.uint16), (0, 0, 4))
+    save_slice(tmp_path / "sagittal.dcm", np.zeros((5, 7), np.uint16), ImageOrientationPatient=[0, 1, 0, 0, 0, -1])
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu)
+    assert said(volume, "1 scout left out")
+    assert said(volume, "2 slices of another size")
+
+
+@pytest.mark.parametrize(
+    ("signed", "padding", "limit", "padded"),
+    [(True, 63536, None, -2000), (True, -2000, None, -2000), (True, -2000, -1990, -1995), (False, 65535, None, 65535)],
+)
+def test_padding_takes_the_lowest_real_value_and_is_said(tmp_path, save_slice, signed, padding, limit, padded):
+    from pydicom.dataelem import DataElement
+
+    dtype = np.int16 if signed else np.uint16
+    for z in range(3):
+        stored = np.full((4, 4), 1000 + z, dtype)
+        stored[0] = padded
+        dataset = save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z))
+        vr = "SS" if padding < 0 else "US"
+        dataset[0x00280120] = DataElement(0x00280120, vr, padding)
+        if limit is not None:
+            dataset[0x00280121] = DataElement(0x00280121, vr, limit)
+        pydicom.dcmwrite(tmp_path / f"{z}.dcm", dataset, enforce_file_format=True)
+    volume = read_volume(tmp_path)
+    assert volume.values.dtype == np.int16
+    assert (volume.values[:, 0] == -24).all()
+    assert volume.values.min() == -24
+    assert [plane[1, 1] for plane in volume.values] == [-24, -23, -22]
+    assert said(volume, "12 padding pixels were set to the lowest value, -24")
+
+
+def test_padding_beside_a_resampled_slice_makes_no_step(tmp_path, save_slice):
+    for z in (0, 1, 3, 5):
+        stored = np.full((2, 4), 100, np.int16)
+        stored[:, 0] = -2000
+        stored[0, 1] = -2000 if z == 1 else 100
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), RescaleIntercept=0, PixelPaddingValue=-2000)
+    volume = read_volume(tmp_path)
+    assert len(volume.values) == 6
+    assert (volume.values == 100).all()
+
+
+def test_a_series_of_padding_alone_is_refused(tmp_path, save_slice):
+    for z in range(2):
+        save_slice(tmp_path / f"{z}.dcm", np.full((2, 2), 5, np.uint16), (0, 0, z), PixelPaddingValue=5)
+    with pytest.raises(CtmcError, match="all 8 pixels"):
+        read_volume(tmp_path)
+
+
+def test_mr_is_read_and_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), Modality="MR", RescaleSlope=None, RescaleIntercept=None)
+    volume = read_volume(tmp_path)
+    assert volume.kind == "grey value"
+    assert said(volume, "series is MR, not CT")
+
+
+def test_one_file_stands_for_its_series_in_its_folder(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(4))
+    save_stack(tmp_path / "other", range(9))
+    (tmp_path / "notes.txt").write_text("no slice")
+    volume = read_volume(tmp_path / "2.dcm")
+    np.testing.assert_array_equal(volume.values, hu)
+    assert volume.name == tmp_path.name
+
+
+def save_dicomdir(folder):
+    """A directory file without records, which is all that a reader who walks the folder may see of it."""
+    folder.mkdir()
+    meta = pydicom.dataset.FileMetaDataset()
+    meta.TransferSyntaxUID = uid.ExplicitVRLittleEndian
+    meta.MediaStorageSOPClassUID = uid.MediaStorageDirectoryStorage
+    meta.MediaStorageSOPInstanceUID = uid.generate_uid()
+    directory = pydicom.Dataset()
+    directory.file_meta = meta
+    directory.FileSetID, directory.DirectoryRecordSequence = "TEST", []
+    pydicom.dcmwrite(folder / "DICOMDIR", directory, enforce_file_format=True)
+    return folder
+
+
+def test_stray_files_and_a_dicomdir_do_no_harm(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "IMAGES", range(3))
+    disc = save_dicomdir(tmp_path / "disc")
+    (tmp_path / "IMAGES").rename(disc / "IMAGES")
+    (tmp_path / "disc" / "README.TXT").write_text("made for a test")
+    (tmp_path / "disc" / "AUTORUN").write_bytes(b"\x08\x00" + bytes(range(40)))
+    (tmp_path / "disc" / "empty").write_bytes(b"")
+    for path in (tmp_path / "disc", tmp_path / "disc" / "DICOMDIR"):
+        volume = read_volume(path)
+        np.testing.assert_array_equal(volume.values, hu)
+        assert volume.name == "disc"
+
+
+def test_files_without_suffix_or_preamble_are_found(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(3))
+    for file in list(tmp_path.iterdir()):
+        file.with_suffix("").write_bytes(file.read_bytes()[132:])
+        file.unlink()
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_no_patient_data_leaves_the_reader(tmp_path, save_stack):
+    save_stack(tmp_path, (0, 1, 3, 3), SeriesDescription="Muster liver")
+    save_stack(tmp_path / "x", (0, 1), SeriesInstanceUID="1.2.77")
+    volume = read_volume(tmp_path)
+    text = " ".join([*volume.notes, volume.name, *map(repr, list_series(tmp_path))])
+    assert "Muster" not in text
+    assert "4711" not in text
+    assert "1.2.3.4.5" not in " ".join(volume.notes)
+
+
+def test_a_missing_pixel_spacing_is_refused_unless_one_is_given(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), PixelSpacing=None)
+    with pytest.raises(CtmcError, match=r"no PixelSpacing.*give the spacing"):
+        read_volume(tmp_path)
+    assert read_volume(tmp_path, spacing=(0.7, 0.6, 2)).spacing == pytest.approx((0.7, 0.6, 2))
+
+
+def test_a_pixel_spacing_of_zero_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), PixelSpacing=[0, 0])
+    with pytest.raises(CtmcError, match=r"PixelSpacing of 0 mm.*above 0 mm"):
+        read_volume(tmp_path)
+
+
+def test_slices_without_positions_are_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), ImagePositionPatient=None)
+    with pytest.raises(CtmcError, match=r"none of the 3 slices.*ImagePositionPatient"):
+        read_volume(tmp_path)
+
+
+def test_one_slice_only_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, (4,))
+    with pytest.raises(CtmcError, match=r"one slice only.*at least 2 slices"):
+        read_volume(tmp_path)
+
+
+@pytest.mark.parametrize("keep", [140, 300, 0.5, 0.99])
+@pytest.mark.parametrize("compress", [None, uid.RLELossless])
+def test_a_truncated_slice_is_refused_by_name(tmp_path, save_stack, keep, compress):
+    save_stack(tmp_path, range(3), (20, 30), compress=compress)
+    file = tmp_path / "1.dcm"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: keep if keep > 1 else int(len(whole) * keep)])
+    with pytest.raises(CtmcError, match=r"1\.dcm.*(truncated|damaged).*copy it again"):
+        read_volume(tmp_path)
+
+
+def test_a_file_cut_before_it_can_be_known_as_dicom_is_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3))
+    (tmp_path / "2.dcm").write_bytes(bytes(100))
+    volume = read_volume(tmp_path)
+    assert len(volume.values) == 2
+    assert said(volume, "1 file named like DICOM left out")
+
+
+def test_a_broken_file_of_another_series_does_not_matter(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "a", range(3))
+    save_stack(tmp_path / "b", (0,), (20, 30), SeriesInstanceUID="1.2.8")
+    file = tmp_path / "b" / "0.dcm"
+    file.write_bytes(file.read_bytes()[:-1000])
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_noise_with_a_dicom_name_is_refused(tmp_path):
+    file = tmp_path / "noise.dcm"
+    file.write_bytes(np.random.default_rng(3).bytes(5000))
+    with pytest.raises(CtmcError, match=r"noise.dcm is no DICOM image"):
+        read_volume(file)
+    with pytest.raises(CtmcError, match=r"none is a DICOM image"):
+        read_volume(tmp_path)
+    file.write_bytes(bytes(128) + b"DICM" + np.random.default_rng(3).bytes(5000))
+    for path in (file, tmp_path):
+        with pytest.raises(CtmcError, match=r"noise.dcm is a truncated or damaged DICOM file \(5132 bytes\)"):
+            read_volume(path)
+
+
+def test_a_folder_of_dicom_without_images_is_refused(tmp_path):
+    from pydicom.dataset import Dataset, FileMetaDataset
+
+    report = Dataset()
+    report.file_meta = FileMetaDataset()
+    report.file_meta.TransferSyntaxUID = uid.ExplicitVRLittleEndian
+    report.SOPClassUID, report.SOPInstanceUID, report.Modality = uid.BasicTextSRStorage, uid.generate_uid(), "SR"
+    report.file_meta.MediaStorageSOPClassUID = report.SOPClassUID
+    report.file_meta.MediaStorageSOPInstanceUID = report.SOPInstanceUID
+    pydicom.dcmwrite(tmp_path / "report.dcm", report, enforce_file_format=True)
+    with pytest.raises(CtmcError, match=r"no DICOM images.*choose the folder of a CT series"):
+        read_volume(tmp_path)
+
+
+def test_colour_images_are_refused(tmp_path, save_slice):
+    for z in range(2):
+        tags = {
+            "SamplesPerPixel": 3,
+            "PhotometricInterpretation": "RGB",
+            "PlanarConfiguration": 0,
+            "Rows": 2,
+            "Columns": 2,
+        }
+        save_slice(tmp_path / f"{z}.dcm", np.zeros((2, 6), np.uint8), (0, 0, z), **tags)
+    with pytest.raises(CtmcError, match="2 colour images are no CT"):
+        read_volume(tmp_path)
+
+
+def test_a_look_up_table_in_place_of_a_slope_is_refused(tmp_path, save_stack):
+    from pydicom.dataset import Dataset
+
+    table = Dataset()
+    table.LUTDescriptor, table.LUTData = [4, 0, 16], bytes(8)
+    table["LUTData"].VR = "OW"
+    save_stack(tmp_path, range(2), ModalityLUTSequence=[table])
+    with pytest.raises(CtmcError, match="look-up table"):
+        read_volume(tmp_path)
+
+
+def test_a_missing_codec_is_named_with_its_syntax(tmp_path, save_stack, monkeypatch):
+    save_stack(tmp_path, range(2), (40, 40), compress=uid.JPEG2000Lossless)
+    from pydicom.pixels.decoders import JPEG2000LosslessDecoder
+
+    monkeypatch.setattr(type(JPEG2000LosslessDecoder), "is_available", property(lambda self: False))
+    with pytest.raises(CtmcError, match=r"'JPEG 2000 Image Compression \(Lossless Only\)'.*pylibjpeg-openjpeg"):
+        read_volume(tmp_path)
+
+
+def test_an_unknown_syntax_is_named(tmp_path, save_stack):
+    save_stack(tmp_path, range(2))
+    for file in tmp_path.iterdir():
+        dataset = pydicom.dcmread(file)
+        dataset.file_meta.TransferSyntaxUID = uid.MPEG2MPML
+        dataset["PixelData"].VR = "OB"
+        dataset.PixelData = pydicom.encaps.encapsulate([dataset.PixelData])
+        pydicom.dcmwrite(file, dataset, enforce_file_format=True)
+    with pytest.raises(CtmcError, match=r"MPEG2.*cannot decode"):
+        read_volume(tmp_path)
+
+
+def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, save_stack, monkeypatch):
+    save_stack(tmp_path, range(3))
+    monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
+    monkeypatch.setattr("ctmc_addon.readers.pixels.stored_pixels", lambda *_: pytest.fail("a slice was read"))
+    with pytest.raises(CtmcError, match=r"7 x 5 x 3.*memory"):
+        read_volume(tmp_path)
+
+
+def test_copies_of_a_slice_in_other_folders_change_nothing(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "a", range(3))
+    shutil.copytree(tmp_path / "a", tmp_path / "copy")
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)

@@ -1,0 +1,168 @@
+"""NRRD against pynrrd's own values, and space directions against closed forms."""
+
+from __future__ import annotations
+
+import gzip
+
+import nrrd
+import numpy as np
+import pytest
+
+from ctmc_addon.core import CtmcError
+from ctmc_addon.readers import list_series, read_volume
+
+DIRECTIONS = np.array([[0.7, 0.1, 0], [-0.1, 0.7, 0.2], [0, -0.3, 2.5]])
+ORIGIN = np.array([-100.5, 20.25, 3])
+LPS = {"space": "left-posterior-superior", "space directions": DIRECTIONS, "space origin": ORIGIN}
+
+
+def numbers(dtype="i2", shape=(5, 6, 7)):
+    return np.random.default_rng(0).integers(0 if "u" in dtype else -120, 120, shape).astype(dtype)
+
+
+def saved(path, values, header=LPS, **options):
+    nrrd.write(str(path), values, {**header}, **options)
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2", "ASCII"])
+@pytest.mark.parametrize("dtype", ["i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8", ">i2", ">f4"])
+def test_values_and_type_are_pynrrds(tmp_path, encoding, dtype):
+    path = saved(tmp_path / "ct.nrrd", numbers(dtype), {**LPS, "encoding": encoding})
+    volume = read_volume(path)
+    oracle, _ = nrrd.read(str(path))
+    np.testing.assert_array_equal(volume.values.T, oracle)
+    assert volume.values.dtype == np.dtype(dtype).newbyteorder("=")
+
+
+SIGNS = {
+    "left-posterior-superior": (-1, -1, 1),
+    "LPS": (-1, -1, 1),
+    "right-anterior-superior": (1, 1, 1),
+    "RAS": (1, 1, 1),
+    "left-anterior-superior": (-1, 1, 1),
+    "left-posterior-superior-time": (-1, -1, 1),
+}
+
+
+@pytest.mark.parametrize("space", [name for name in SIGNS if "time" not in name])
+def test_every_named_space_is_turned_to_ras(tmp_path, space):
+    volume = read_volume(saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "space": space}))
+    index = np.array([3, 2, 6])
+    expected = (ORIGIN + index @ DIRECTIONS) * SIGNS[space]
+    np.testing.assert_allclose((volume.affine @ (*index, 1))[:3], expected, atol=1e-9)
+    assert volume.notes == ()
+
+
+def test_an_unnamed_space_is_taken_as_ras_and_said(tmp_path):
+    volume = read_volume(saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "space": "scanner-xyz"}))
+    np.testing.assert_allclose(volume.affine[:3, :3], DIRECTIONS.T)
+    assert "'scanner-xyz' names no side of the patient" in volume.notes[0]
+
+
+def test_spacings_without_directions_are_axial_and_said(tmp_path):
+    volume = read_volume(saved(tmp_path / "ct.nrrd", numbers(), {"spacings": [0.5, 0.6, 2]}))
+    np.testing.assert_array_equal(volume.affine, np.diag([-0.5, -0.6, 2, 1]))
+    assert "no orientation: taken as axial" in volume.notes[0]
+
+
+def test_neither_spacing_nor_orientation_is_said(tmp_path):
+    volume = read_volume(saved(tmp_path / "ct.nrrd", numbers(), {}))
+    np.testing.assert_array_equal(volume.affine, np.diag([-1, -1, 1, 1]))
+    assert "1 mm is assumed" in volume.notes[1]
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+def test_detached_data_is_found_beside_its_header(tmp_path, encoding):
+    folder = tmp_path / "Leber ä 肝"
+    folder.mkdir()
+    array = numbers()
+    saved(folder / "ct.nhdr", array, {**LPS, "encoding": encoding}, detached_header=True)
+    np.testing.assert_array_equal(read_volume(folder / "ct.nhdr").values.T, array)
+
+
+HEADER = "NRRD0005\ntype: short\ndimension: 3\nsizes: 5 6 8\nspacings: 1 1 2\nendian: little\nencoding: {}\n{}\n"
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+@pytest.mark.parametrize(
+    "files", ["data file: part.%02d 1 4 1", "data file: part.%02d 4 1 -1", "datafile: LIST\npart.02\npart.01"]
+)
+def test_data_in_many_files_is_joined_in_order(tmp_path, encoding, files):
+    array = numbers(shape=(8, 6, 5)).astype("<i2")
+    order = [1, 2, 3, 4] if "1 4" in files else [4, 3, 2, 1] if "4 1" in files else [2, 1]
+    for number, part in zip(order, np.split(array, len(order)), strict=True):
+        content = part.tobytes()
+        (tmp_path / f"part.{number:02}").write_bytes(gzip.compress(content) if encoding == "gzip" else content)
+    (tmp_path / "ct.nhdr").write_text(HEADER.format(encoding, files))
+    np.testing.assert_array_equal(read_volume(tmp_path / "ct.nhdr").values, array)
+
+
+@pytest.mark.parametrize("skip", [0, 11, -1])
+def test_bytes_before_the_data_are_skipped(tmp_path, skip):
+    array = numbers(shape=(8, 6, 5)).astype("<i2")
+    (tmp_path / "ct.raw").write_bytes(bytes(11 if skip else 0) + array.tobytes())
+    (tmp_path / "ct.nhdr").write_text(HEADER.format("raw", f"byte skip: {skip}\ndata file: ct.raw"))
+    np.testing.assert_array_equal(read_volume(tmp_path / "ct.nhdr").values, array)
+
+
+def test_a_missing_data_file_is_named(tmp_path):
+    (tmp_path / "ct.nhdr").write_text(HEADER.format("raw", "data file: gone.raw"))
+    with pytest.raises(CtmcError, match=r"ct.nhdr names the data file gone.raw, which is missing"):
+        read_volume(tmp_path / "ct.nhdr")
+
+
+def test_slicer_segments_name_the_labels(tmp_path):
+    header = {**LPS, "Segment0_LabelValue": "1", "Segment0_Name": "Liver", "Segment1_LabelValue": "2"}
+    volume = read_volume(saved(tmp_path / "x.seg.nrrd", numbers() % 3, header))
+    assert volume.label_names == {1: "Liver", 2: "Segment 1"}
+    assert volume.kind == "label"
+
+
+def test_one_layer_of_a_list_is_a_volume(tmp_path):
+    array = numbers(shape=(1, 5, 6, 7))
+    directions = np.vstack([np.full(3, np.nan), DIRECTIONS])
+    header = {**LPS, "space directions": directions, "kinds": ["list", "domain", "domain", "domain"]}
+    volume = read_volume(saved(tmp_path / "x.nrrd", array, header))
+    np.testing.assert_array_equal(volume.values.T, array[0])
+    np.testing.assert_allclose(volume.affine[:3, 0], DIRECTIONS[0] * (-1, -1, 1))
+
+
+def test_several_layers_are_refused(tmp_path):
+    directions = np.vstack([np.full(3, np.nan), DIRECTIONS])
+    header = {**LPS, "space directions": directions, "kinds": ["list", "domain", "domain", "domain"]}
+    with pytest.raises(CtmcError, match=r"sizes \(2, 5, 6, 7\) \(list domain.*label layer as a file of its own"):
+        read_volume(saved(tmp_path / "x.nrrd", numbers(shape=(2, 5, 6, 7)), header))
+
+
+def test_colour_is_refused(tmp_path):
+    with pytest.raises(CtmcError, match="RGB-color voxels; convert"):
+        read_volume(saved(tmp_path / "x.nrrd", numbers("u1", (3, 5, 6)), {"kinds": ["RGB-color", "domain", "domain"]}))
+
+
+def test_singular_directions_are_refused(tmp_path):
+    directions = DIRECTIONS.copy()
+    directions[2] = directions[1]
+    with pytest.raises(CtmcError, match="affine is singular"):
+        read_volume(saved(tmp_path / "x.nrrd", numbers(), {**LPS, "space directions": directions}))
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2", "ASCII"])
+@pytest.mark.parametrize("cut", [10, 200])
+def test_truncated_data_is_refused(tmp_path, encoding, cut):
+    path = saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "encoding": encoding})
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.raises(CtmcError, match=r"ct.nrrd is truncated.*copy it again"):
+        read_volume(path)
+
+
+def test_noise_with_an_nrrd_name_is_refused(tmp_path):
+    for name, content in (("a.nrrd", np.random.default_rng(0).bytes(999)), ("b.nhdr", b""), ("c.nrrd", b"NRRD0004\nx")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(CtmcError, match=rf"{name}.*again"):
+            read_volume(tmp_path / name)
+
+
+def test_the_series_of_a_file_is_its_size(tmp_path):
+    (one,) = list_series(saved(tmp_path / "ct.nrrd", numbers()))
+    assert (one.slices, one.size) == (7, (5, 6))
