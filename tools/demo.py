@@ -60,7 +60,7 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
         shown = SETTINGS.stride[0]
         results[shown] = progress.drive(within(written_steps(results[shown], outputs, work), 0.65, 1.0))
     write_json(folder / "report.json", report(made, results, outputs))
-    print(told(made, volume, results, outputs))
+    print(told(made, volume, results, outputs, folder))
 
 
 def against(made: Phantom, volume_mm3: float) -> float:
@@ -90,7 +90,7 @@ def report(made: Phantom, results: dict[int, Reconstruction], outputs: Outputs) 
     }
 
 
-def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outputs: Outputs) -> str:
+def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outputs: Outputs, folder: Path) -> str:
     """The table of stages, seconds, triangles and volumes, a column for every voxel side."""
     names = [stage.name for stage in results[SETTINGS.stride[0]].stages]
     seconds = [{stage.name: f"{stage.seconds:.3f}" for stage in result.stages} for result in results.values()]
@@ -113,7 +113,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
         ("settings", f"{command_of(SETTINGS)} (voxel sides 1 and 3 beside it)"),
         ("", "softening makes round shapes a little smaller, and fewer triangles cut their corners"),
         ("files", f"{', '.join([*outputs.names, 'report.json'])}, the phantom"),
-        ("", f"in {FOLDER.parent.name}/{FOLDER.name}"),
+        ("", f"in {folder.parent.name}/{folder.name}"),
     ]
     return f"\n{listing(facts[:4])}\n\n{table(rows)}\n\n{listing(facts[4:])}"
 
