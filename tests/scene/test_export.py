@@ -209,6 +209,12 @@ def test_a_missing_folder_is_said(thing, tmp_path, suffix):
         export(thing, tmp_path / "nowhere" / f"a{suffix}")
 
 
+def test_a_file_in_place_of_the_folder_is_said(thing, tmp_path):
+    (tmp_path / "folder").write_bytes(b"")
+    with pytest.raises(OutputError, match="the folder is a file"):
+        export(thing, tmp_path / "folder" / "a.stl")
+
+
 def test_a_folder_in_the_way_is_said_and_nothing_left(thing, tmp_path):
     (tmp_path / "a.stl").mkdir()
     with pytest.raises(OutputError, match=r"a\.stl"):
