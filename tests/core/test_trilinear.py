@@ -1,0 +1,145 @@
+"""The trilinear topology against an oracle that resamples, and the tables against what a surface must be."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from trilinear_oracle import grid_topology, united, voxel_topology
+
+from ctmc_addon.core.cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES, face_segments, loops
+from ctmc_addon.core.contours import OWN, contours, in_one_face, segments
+from ctmc_addon.core.trilinear import AMBIGUOUS, NEEDS, crossings, own_points, resolve, tables
+
+CORNERS = np.array([(corner & 1, corner >> 1 & 1, corner >> 2) for corner in range(8)])
+CHECKERBOARD = 1 - 2 * (CORNERS.sum(axis=1) % 2)
+ROWS = range(len(tables().triangle_count))
+
+
+def row_triangles(row):
+    first = tables().first_triangle[row]
+    return [tuple(t) for t in tables().triangle_edges[first : first + tables().triangle_count[row]].tolist()]
+
+
+def sides(triangles):
+    """Every triangle's sides, each from its first to its second end."""
+    return [(t[i - 1], t[i]) for t in triangles for i in range(3)]
+
+
+def cases_of(values, threshold=0.0):
+    return ((values >= threshold) << np.arange(8)).sum(axis=1).astype(np.uint8)
+
+
+def voxels_of(grid):
+    """Corner values (n, 8) of all voxels of an (x, y, z) grid, and the places of their lowest corners."""
+    places = np.array(list(np.ndindex(*(side - 1 for side in grid.shape))))
+    at = places[:, None] + CORNERS
+    return grid[at[..., 0], at[..., 1], at[..., 2]], places
+
+
+def assembled(grid, threshold=0.0):
+    """Triangles of a grid, voxel by voxel: slow and obvious. A vertex is named by its edge or by its voxel."""
+    values, places = voxels_of(grid)
+    cases = cases_of(values, threshold)
+    number = np.arange(grid.size).reshape(grid.shape)
+    triangles = []
+    for voxel, (place, row) in enumerate(zip(places, resolve(values, threshold, cases).tolist(), strict=True)):
+        corners = [int(number[tuple(place + corner)]) for corner in CORNERS]
+        names = [3 * corners[low] + edge // 4 for edge, (low, _) in enumerate(EDGES)]
+        names += [3 * grid.size + 3 * voxel + own for own in range(3)]
+        triangles += [tuple(names[edge] for edge in triangle) for triangle in row_triangles(row)]
+    return triangles
+
+
+def topology(triangles):
+    """Euler number and number of parts."""
+    used, corner = np.unique(np.array(triangles).reshape(-1, 3), return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    label = united(len(used), np.concatenate([corner[:, :2], corner[:, 1:]]))
+    edges = {frozenset(side) for side in sides(triangles)}
+    return len(used) - len(edges) + len(triangles), len(set(label.tolist()))
+
+
+def is_closed_manifold(triangles):
+    """Every side has its opposite once, and the triangles at a vertex are one fan."""
+    count = Counter(sides(triangles))
+    if set(count.values()) - {1} or any((b, a) not in count for a, b in count):
+        return False
+    following = {}
+    for triangle in triangles:
+        for i in range(3):
+            following.setdefault(triangle[i], {})[triangle[i - 2]] = triangle[i - 1]
+    for around in following.values():
+        start = step = next(iter(around))
+        turns = 0
+        while turns == 0 or step != start:
+            step, turns = around[step], turns + 1
+        if turns != len(around):
+            return False
+    return True
+
+
+def closed(inner, outside=-1.0):
+    """A grid with a border of outside values."""
+    return np.pad(inner, 1, constant_values=outside)
+
+
+def random_corners(count, seed, checkerboard):
+    """Corner values from -1 to 1; in a checkerboard five of six corners take its sign: all loops and tunnels."""
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(-1, 1, (count, 8))
+    if checkerboard:
+        values = np.abs(values) * CHECKERBOARD * np.where(rng.random((count, 8)) < 1 / 6, -1, 1)
+    return values
+
+
+def test_the_first_rows_are_the_classic_cases():
+    assert (tables().triangle_count[:256] == TRIANGLE_COUNT).all()
+    assert (tables().first_triangle[:256] == FIRST_TRIANGLE).all()
+    assert (tables().triangle_edges[: len(TRIANGLE_EDGES)] == TRIANGLE_EDGES).all()
+    assert not tables().own_count[:256].any()
+
+
+def test_a_case_needs_a_decision_where_it_has_an_ambiguous_face_or_two_loops():
+    for case in range(256):
+        faces = [len(list(cut)) == 2 for cut in segments(case)]
+        assert AMBIGUOUS[case].tolist() == faces
+        assert NEEDS[case] == (any(faces) or len(loops(case)) > 1)
+        assert sorted(contours(case, 0)) == sorted(loops(case))
+
+
+@pytest.mark.parametrize("checkerboard", [False, True])
+def test_a_voxel_has_the_trilinear_surfaces_euler_number_and_parts(checkerboard):
+    values = random_corners(800, 1, checkerboard)
+    cases = cases_of(values)
+    checked = 0
+    for corners, case, row in zip(values, cases, resolve(values, 0.0, cases).tolist(), strict=True):
+        expected = voxel_topology(corners.reshape(2, 2, 2).transpose(2, 1, 0))
+        if expected is None or not NEEDS[case]:
+            continue
+        triangles = row_triangles(row)
+        label = united(OWN + 3, np.array(triangles)[:, [0, 1, 1, 2]].reshape(-1, 2))
+        parts = {
+            frozenset(np.flatnonzero(label == name).tolist()) - {12, 13, 14} for name in label[np.unique(triangles)]
+        }
+        assert (topology(triangles)[0], parts) == expected
+        checked += 1
+    assert checked > 300
+
+
+def test_a_grid_is_closed_and_manifold_with_the_trilinear_surfaces_euler_number_and_parts():
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        grid = closed(rng.uniform(-1, 1, (3, 3, 3)))
+        triangles = assembled(grid)
+        assert is_closed_manifold(triangles)
+        assert topology(triangles) == grid_topology(grid, 0.0)
+
+
+@pytest.mark.parametrize("levels", [2, 3, 5])
+def test_ties_give_a_closed_manifold_too(levels):
+    """Few grey values: saddles that meet the threshold exactly, and corners that do."""
+    rng = np.random.default_rng(levels)
+    for threshold in (0.0, 0.5):
+        for _ in range(15):
+            grid = closed(rng.integers(-(levels // 2), levels // 2 + 1, (4, 4, 4)).astype(float), -levels)
+            assert is_closed_manifold(assembled(grid, threshold))
