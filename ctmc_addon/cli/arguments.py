@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..core import ReconstructionSettings
+from ..core.errors import SettingsError
 from ..core.settings import Setting, described
+from ..core.settings_file import from_toml
 
 # Settings of which one at most may be given.
 ALTERNATIVES = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
@@ -24,17 +28,23 @@ def flag_of(name: str, about: Setting) -> str:
     return "--" + (about.flag or name.replace("_", "-"))
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """A flag for every field of `ReconstructionSettings`; only flags that are given reach the namespace."""
+def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
+    """A flag for every field of `ReconstructionSettings`, and --settings for a file of them.
+
+    Only flags that are given reach the namespace; those of the settings in `many` may be repeated and arrive as lists.
+    """
     group = parser.add_argument_group("settings")
+    group.add_argument(
+        "--settings", metavar="FILE.toml", help="settings to start from, as `ctmc settings` writes them; flags win"
+    )
     groups = {}
     for names in ALTERNATIVES:
         groups.update(dict.fromkeys(names, group.add_mutually_exclusive_group()))
     for name, about in described().items():
-        add_setting(groups.get(name, group), name, about)
+        add_setting(groups.get(name, group), name, about, name in many)
 
 
-def add_setting(group: Any, name: str, about: Setting) -> None:
+def add_setting(group: Any, name: str, about: Setting, repeated: bool = False) -> None:
     """One setting's flag, its help made from the setting's text, unit, limits and default."""
     default = getattr(ReconstructionSettings, name)
     options: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS, "help": help_of(about, default)}
@@ -46,6 +56,8 @@ def add_setting(group: Any, name: str, about: Setting) -> None:
         options["type"], options["metavar"] = about.type, metavar_of(about)
         if about.size > 1:
             options["nargs"] = about.size
+        if repeated:
+            options["action"] = "append"
     group.add_argument(flag_of(name, about), **options)
 
 
@@ -74,7 +86,39 @@ def metavar_of(about: Setting) -> str | tuple[str, ...]:
 
 def settings_from(chosen: argparse.Namespace) -> ReconstructionSettings:
     """The settings that were asked for; a `SettingsError` says what is outside its limits."""
-    return ReconstructionSettings(**{name: value for name, value in vars(chosen).items() if name in described()})
+    return ReconstructionSettings(**given_settings(chosen))
+
+
+def given_settings(chosen: argparse.Namespace) -> dict[str, Any]:
+    """The settings that the file of --settings and the flags give, by name; flags win."""
+    flags = {name: value for name, value in vars(chosen).items() if name in described()}
+    return overridden(read_settings(chosen.settings), flags) if chosen.settings else flags
+
+
+def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Both, `above` winning; a setting also replaces its alternatives.
+
+    Examples
+    --------
+    >>> overridden({"threshold": 200.0, "alpha": 0.5}, {"label": 2})
+    {'alpha': 0.5, 'label': 2}
+    """
+    replaced = {name for names in ALTERNATIVES if set(names) & set(above) for name in names}
+    return {name: value for name, value in below.items() if name not in replaced} | dict(above)
+
+
+def read_settings(path: str) -> dict[str, Any]:
+    """The settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
+    place = Path(path)
+    try:
+        content = place.read_bytes()
+        utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        text = content.decode("utf-16" if utf16 else "utf-8-sig")
+    except OSError as error:
+        raise SettingsError(f"the settings file {path} cannot be read: {error.strerror}; check the path") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{place.name} is no text; `ctmc settings` writes one to start from") from error
+    return from_toml(text, place.name)
 
 
 def command_of(settings: ReconstructionSettings) -> str:
@@ -96,9 +140,28 @@ def command_of(settings: ReconstructionSettings) -> str:
     return " ".join(words)
 
 
+def with_flags(sentence: str) -> str:
+    """The sentence with settings called by their flags, where their names are no plain words.
+
+    Examples
+    --------
+    >>> with_flags("NaN voxels; set nan_as")
+    'NaN voxels; set --nan-as'
+    """
+    for name, about in described().items():
+        if "_" in name:
+            sentence = re.sub(rf"\b{name}\b", flag_of(name, about), sentence)
+    return sentence
+
+
 def add_input(parser: argparse.ArgumentParser) -> None:
     """INPUT and how it is read."""
     parser.add_argument("input", metavar="INPUT", help="folder of slices, DICOM, .nii, .nii.gz, .nrrd, .nhdr or .npy")
+    add_reading(parser)
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """How INPUT is read."""
     group = parser.add_argument_group("reading")
     group.add_argument(
         "--spacing",

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 from ..core import CtmcError
 from ..core.version import VERSION
-from . import info, phantom, reconstruct
-from .arguments import single_numbers_repeated
+from . import info, phantom, reconstruct, settings
+from .arguments import single_numbers_repeated, with_flags
 
-COMMANDS = (info, phantom, reconstruct)
+COMMANDS = (info, phantom, reconstruct, settings)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         chosen.run(chosen)
         sys.stdout.flush()
     except CtmcError as error:
-        print("ctmc: " + " ".join(str(error).split()), file=sys.stderr)
+        print(f"ctmc: {with_flags(' '.join(str(error).split()))}", file=sys.stderr)
         return 1
     except MemoryError:
         print("ctmc: there is not enough memory; choose a region, a larger stride or a smaller volume", file=sys.stderr)
