@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SettingsError
+from .memory import require
 from .phantom_shapes import Blob, grow_tumours, liver_shape
 from .progress import Step, Steps, finish
 from .volume import Volume
@@ -89,6 +90,8 @@ def phantom(
     ------
     SettingsError
         If a number is outside its limits.
+    MemoryLimitError
+        If it would not fit.
 
     Examples
     --------
@@ -104,6 +107,7 @@ def phantom_steps(
 ) -> Steps[Phantom]:
     """The same as `phantom`, a slice a step."""
     spacing = checked_grid(slices, size, spacing, seed)
+    require(3 * slices * size * size, f"a phantom of {slices} slices of {size} x {size}", "make it smaller")
     axes = [centred(size, spacing[0]), centred(size, spacing[1]), centred(slices, spacing[2])]
     scale = min(spacing[0], spacing[1]) * size / FIELD_MM
     chance = np.random.Generator(np.random.PCG64(seed))

@@ -3,7 +3,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.errors import MemoryLimitError, SettingsError
 from ctmc_addon.core.phantom import LIVER, TUMOUR, phantom
 from ctmc_addon.core.phantom_shapes import Blob, directions, grow_tumours, liver_shape, unit_vectors
 
@@ -169,3 +169,8 @@ def test_a_seed_always_gives_the_same_bytes():
 def test_an_impossible_grid_is_refused_with_its_limit(wrong, words):
     with pytest.raises(SettingsError, match=words):
         phantom(**wrong)
+
+
+def test_a_phantom_that_would_not_fit_is_refused_before_it_is_made():
+    with pytest.raises(MemoryLimitError, match="make it smaller"):
+        phantom(slices=10**9)
