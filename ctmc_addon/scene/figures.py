@@ -21,7 +21,7 @@ from .outputs import require_room, written_whole
 from .stage import AZIMUTH, ELEVATION, SIZE, prepare_scene
 
 LINE_PIXELS = 2.0
-LINE_SHARE = 0.16  # of an edge: finer meshes get finer lines, or nothing red would be left
+LINE_SHARE = 0.08  # of an edge: finer meshes get finer lines, or nothing red would be left
 
 # What a picture needs; the rest is text, times and names.
 PNG_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"gAMA", b"cHRM", b"sRGB", b"pHYs", b"IDAT", b"IEND")

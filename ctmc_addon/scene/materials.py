@@ -50,9 +50,12 @@ def edged_material(name: str, face: Colour, edge: Colour, width: float) -> bpy.t
     shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
     output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     shader.inputs["Specular IOR Level"].default_value = 0.15
-    line = tree.nodes.new("ShaderNodeEmission")
-    line.inputs["Color"].default_value = (*edge, 1.0)
-    line.inputs["Strength"].default_value = 0.9
+    line = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    # Lines glow a little, so that they are seen in the shade, and are shaded, so that a dense mesh keeps its form.
+    for name, value in (("Base Color", (*edge, 1.0)), ("Emission Color", (*edge, 1.0))):
+        line.inputs[name].default_value = value
+    for name, number in (("Emission Strength", 0.35), ("Roughness", 0.9), ("Specular IOR Level", 0.0)):
+        line.inputs[name].default_value = number
     wire = tree.nodes.new("ShaderNodeWireframe")
     wire.inputs["Size"].default_value = width
     mix = tree.nodes.new("ShaderNodeMixShader")
