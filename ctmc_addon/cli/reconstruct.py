@@ -29,6 +29,7 @@ class Outputs:
     report: Path | None = None
     figure: Path | None = None
     space: str = "ras"
+    figure_size: tuple[int, int] | None = None  # pixels; None is the usual size
 
     @property
     def names(self) -> list[str]:
@@ -102,19 +103,28 @@ def run(chosen: argparse.Namespace) -> None:
 def volume_steps(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work) -> Steps[Volume]:
     """Read INPUT; of a LiTS volume whose label is asked for, its segmentation."""
     path = Path(chosen.input)
-    sibling = readers.segmentation_sibling(path) if settings.label is not None else None
-    if sibling is not None:
-        work.notes.append(
-            f"{path.name} holds grey values: label {settings.label} is taken from {sibling.name} beside it"
-        )
+    source, notes = source_of(path, settings.label)
+    work.notes += notes
     with work.timed("Reading"):
-        volume = yield from readers.read_volume_steps(sibling or path, **reading_of(chosen))
-    if settings.label is not None and volume.kind == "HU":
-        raise LabelError(
-            f"{path.name} holds HU, in which {settings.label} is a density and no label; "
-            "give the label volume, or --threshold"
-        )
+        volume = yield from readers.read_volume_steps(source, **reading_of(chosen))
+    require_label_volume(volume, path, settings.label)
     return volume
+
+
+def source_of(path: Path, label: int | None) -> tuple[Path, list[str]]:
+    """The file to read, for a label that of a LiTS volume's segmentation, and a note if it is another than `path`."""
+    sibling = readers.segmentation_sibling(path) if label is not None else None
+    if sibling is None:
+        return path, []
+    return sibling, [f"{path.name} holds grey values: label {label} is taken from {sibling.name} beside it"]
+
+
+def require_label_volume(volume: Volume, path: Path, label: int | None) -> None:
+    """Raise `LabelError` if a label is asked of Hounsfield units."""
+    if label is not None and volume.kind == "HU":
+        raise LabelError(
+            f"{path.name} holds HU, in which {label} is a density and no label; give the label volume, or --threshold"
+        )
 
 
 def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps[Reconstruction]:
@@ -137,7 +147,8 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
         if outputs.figure is not None:
             yield Step(0.5, f"Rendering {outputs.figure.name}")
             with work.timed("Rendering the figure"), blender_at_work():
-                scene.render_figure(thing, home, outputs.figure)
+                size = {} if outputs.figure_size is None else {"size": outputs.figure_size}
+                scene.render_figure(thing, home, outputs.figure, **size)
     finally:
         if thing is not None:
             bpy.data.meshes.remove(thing.data)  # and the object with it
