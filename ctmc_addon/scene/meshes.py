@@ -58,6 +58,10 @@ def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
 
 def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
     """The mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
+    if len(mesh.loops) == 3 * len(mesh.polygons) > 0:
+        out = np.empty(len(mesh.loops), np.int32)
+        mesh.attributes[".corner_vert"].data.foreach_get("value", out)
+        return out.reshape(-1, 3)
     mesh.calc_loop_triangles()
     out = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", out)

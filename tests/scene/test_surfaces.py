@@ -233,3 +233,13 @@ def test_made_final_it_is_a_plain_mesh_in_the_same_shape(scene, torus):
     assert (after.faces == before.faces).all()
     assert np.abs(after.vertices - before.vertices).max() <= 1e-4
     assert len(bpy.data.meshes) == 1
+
+
+def test_larger_polygons_are_read_as_triangles(scene):
+    mesh = bpy.data.meshes.new("square")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
+    thing = bpy.data.objects.new("square", mesh)
+    scene.collection.objects.link(thing)
+    seen = evaluated_triangles(thing)
+    assert len(seen.faces) == 2
+    assert seen.area == pytest.approx(100.0**2)
