@@ -99,6 +99,12 @@ def read_header(path: Path) -> ImageFile | Broken | None:
         return _parsed(path, file, preamble)
 
 
+def pydicom_errors() -> tuple[type[Exception], ...]:
+    """What pydicom raises on broken files; some of its own errors derive from nothing common."""
+    errors = vars(needed("pydicom.errors", "pydicom", WHAT)).values()
+    return (*BROKEN, *(one for one in errors if isinstance(one, type) and issubclass(one, Exception)))
+
+
 def has_preamble(file: IO[bytes]) -> bool:
     """Whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
     head = file.read(132)
@@ -131,7 +137,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
                 return Broken(path, series) if image and "Rows" not in dataset else None
             pixels = _pixels(dataset, file)
             return None if pixels is None and not image else _image(path, dataset, pixels, series)
-    except (*BROKEN, pydicom.errors.InvalidDicomError):
+    except pydicom_errors():
         return Broken(path, series) if preamble or image else None
 
 

@@ -29,7 +29,16 @@ BROKEN = (
     struct.error,
     zlib.error,
 )
-LOGGERS = ("tifffile", "PIL", "PIL.PngImagePlugin", "PIL.TiffImagePlugin", "pydicom", "nibabel.global", "imageio")
+LOGGERS = (
+    "tifffile",
+    "tifffile.tifffile",
+    "PIL",
+    "PIL.PngImagePlugin",
+    "PIL.TiffImagePlugin",
+    "pydicom",
+    "nibabel.global",
+    "imageio",
+)
 
 
 def needed(module: str, package: str, what: str) -> Any:

@@ -192,11 +192,15 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
     space = str(header.get("space", "")).strip().lower()
     if "space directions" in header:
         directions = np.asarray(header["space directions"], np.float64)
-        if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) <= max(kept):
-            raise ReadError(f"'space directions' of {directions.shape} do not place three axes; export the NRRD again")
+        origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), np.float64)
+        if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) <= max(kept) or origin.shape != (3,):
+            raise ReadError(
+                f"'space directions' {directions.shape} and 'space origin' {origin.shape} of the NRRD do not place "
+                "three axes in space; export it again"
+            )
         affine = np.eye(4)
         affine[:3, :3] = directions[kept].T
-        affine[:3, 3] = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), np.float64)
+        affine[:3, 3] = origin
         notes = []
         signs = SPACES.get(space.removesuffix("-time"))
         if signs is None:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from .headers import DEFLATED, WHAT, ImageFile
-from .libraries import BROKEN, needed, reason
+from .headers import DEFLATED, WHAT, ImageFile, pydicom_errors
+from .libraries import needed, reason
 from .multiframe import FrameGeometry
 
 
@@ -77,7 +77,7 @@ def _decoded(image: ImageFile, frame: int) -> NDArray[Any]:
         # pydicom finds the pixels by their place in the file, which deflated files do not have.
         source = pydicom.dcmread(image.path) if image.pixels.syntax == DEFLATED else image.path
         found: NDArray[Any] = pydicom.pixels.pixel_array(source, index=index)
-    except BROKEN as error:
+    except pydicom_errors() as error:
         name = pydicom.uid.UID(image.pixels.syntax).name
         raise ReadError(
             f"the pixels of {image.path.name} ({name}) are truncated or damaged ({reason(error)}); copy it again"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -132,7 +133,7 @@ def npy_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.d
         read = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
         with quiet():
             shape, fortran, dtype = read(stream)
-    except BROKEN as error:
+    except (*BROKEN, TokenError) as error:  # the header is a line of Python
         raise ReadError(f"{name} is no readable NumPy file ({reason(error)}); save it again with numpy.save") from error
     sides = [side for side in shape if side != 1] if len(shape) > 3 else list(shape)
     if len(sides) != 3 or (len(shape) == 4 and shape[-1] in (3, 4)):

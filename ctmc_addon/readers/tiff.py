@@ -20,7 +20,12 @@ from .streams import fill_steps
 from .values import native, require_memory
 
 WHAT = "TIFF"
-DAMAGE = ("invalid page offset", "corrupted", "suspicious")  # what tifffile logs and then passes over
+DAMAGE = (
+    "invalid page offset",
+    "invalid offset to page",
+    "corrupted",
+    "suspicious",
+)  # what tifffile logs and then passes over
 
 
 class PageStack(NamedTuple):
@@ -55,11 +60,11 @@ def opened_tiff(path: Path) -> Iterator[Any]:
     try:
         tiff = tifffile.TiffFile(path)
         try:
-            len(tiff.pages), len(tiff.series)  # both are found when asked for
-        except BROKEN:
+            len(tiff.pages), tiff.pages[0], len(tiff.series), tiff.series[0]  # found when asked for
+        except (*BROKEN, tifffile.TiffFileError):
             tiff.close()
             raise
-    except BROKEN as error:
+    except (*BROKEN, tifffile.TiffFileError) as error:
         raise ReadError(f"{path.name} is no readable TIFF ({reason(error)}); copy it again") from error
     finally:
         logger.removeHandler(heard)
@@ -153,7 +158,7 @@ def page_slice(page: Any, path: Path, number: int) -> NDArray[Any]:
     try:
         with quiet():
             found = np.asarray(page.asarray())
-    except BROKEN as error:
+    except (*BROKEN, needed("tifffile", "tifffile", WHAT).TiffFileError) as error:
         found = _by_pillow(path, number, about, error)
     else:
         if found.ndim == 3 and int(about.planarconfig) == 2:
