@@ -156,6 +156,10 @@ def write_glb(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.
 def write_blend(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
     """A .blend with the live object, framed; nothing else of the present file goes in."""
     home = bpy.data.scenes.new("CTMC")
+    home.frame_current = next(iter([scene] if scene else thing.users_scene), home).frame_current
+    # So that Blender's own rulers and sidebar tell the patient's millimetres.
+    home.unit_settings.scale_length = 1 / (scale_of(thing) * MM_PER_M)
+    home.unit_settings.length_unit = "MILLIMETERS"
     made: tuple[bpy.types.ID, ...] = ()
     try:
         home.collection.objects.link(thing)

@@ -174,6 +174,9 @@ def test_a_blend_opens_with_object_material_and_camera(thing, tmp_path):
     assert sorted(one.name for one in scene.objects) == ["CTMC Camera", "CTMC Light", "leber ü"]
     assert scene.camera.name == "CTMC Camera"
     assert not bpy.data.libraries
+    # Blender's rulers show the torus's 80 mm.
+    metres = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length
+    assert metres == pytest.approx(0.08, rel=0.02)
     opened = scene.objects["leber ü"]
     assert opened.data.materials[0].name == "leber ü"
     assert opened.data.shape_keys.key_blocks["alpha"].value == pytest.approx(0.7)
