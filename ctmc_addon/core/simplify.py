@@ -19,15 +19,18 @@ from numpy.typing import NDArray
 from .errors import SettingsError
 from .mesh import TriangleMesh
 from .progress import Step, Steps, finish
-from .quadrics import best_step, cross, dot, error, moved, vertex_quadrics
+from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, vertex_quadrics
 
 Ints = NDArray[np.int32]
+Places = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-SHARE = 0.1  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
+SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 PASSES = 2  # of picking edges whose triangles do not meet
 BLOCK = 8192  # edges whose costs are worked out together: what fits the cache
+FEW = 0.05  # of the edges tried could collapse: the round was poor
+POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
 TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
 
 
@@ -115,7 +118,8 @@ def _target(face_count: int, reduction: float | None, target_faces: int | None, 
 class _Work:
     """The mesh while it is simplified: columns instead of rows, and every edge once.
 
-    positions, normals : (3, V) float32; V stays, vertices that are gone are just not used any more
+    positions, normals : (3, V) float32
+    quadrics : (6, V) float32
     faces : (3, F) int32, vertex numbers
     face_edges : (3, F) int32, the edge from corner i to corner i + 1
     edges : (2, E) int32, vertex numbers
@@ -135,183 +139,195 @@ class _Work:
         self.fixed = _fixed(self.faces, self.edges, self.face_edges, len(vertices))
         self.quadrics = vertex_quadrics(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
+        self.accepted = 1.0  # share of the edges tried in the last round that could collapse
+        self.poor_rounds = 0  # in a row, with hardly a collapse
         self.collapsed = 0  # since refused edges were last given another chance
 
     @property
     def face_count(self) -> int:
         return self.faces.shape[1]
 
-    def price(self, edges: NDArray[np.int64]) -> Steps[None]:
+    def price(self, edges: Places) -> Steps[None]:
         """Work out the cost of these edges."""
         for number, start in enumerate(range(0, len(edges), BLOCK)):
             block = edges[start : start + BLOCK]
-            quadric, step, _ = self.merged(block)
-            cost = np.maximum(error(quadric, step), np.float32(0.0))
-            cost[self.fixed[self.edges[:, block]].all(axis=0)] = np.inf
+            first, second = np.take(self.edges, block, axis=1)
+            quadric, step, _ = self.merged(first, second)
+            cost = error(quadric, step)
+            cost[self.fixed[first] & self.fixed[second]] = np.inf
             self.cost[block] = cost
-            if number % 16 == 15:
+            if number % 64 == 63:
                 yield Step(0.0, "Simplifying")
 
-    def merged(self, edges: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
-        """Sum of the quadrics of the edges' ends about the midpoint, step from there to the new vertex, midpoint."""
-        first, second = self.edges[:, edges]
-        start, end = self.positions[:, first], self.positions[:, second]
+    def merged(self, first: Ints, second: Ints) -> tuple[EdgeQuadric, Floats, Floats]:
+        """Quadric of the edges between these vertices, step from the middle to the new vertex, the new vertex."""
+        start, end = np.take(self.positions, first, axis=1), np.take(self.positions, second, axis=1)
         half = (end - start) * np.float32(0.5)
-        quadric = moved(self.quadrics[:, first], half)
-        quadric += moved(self.quadrics[:, second], -half)
+        quadric = edge_quadric(np.take(self.quadrics, first, axis=1), np.take(self.quadrics, second, axis=1), half)
         step = best_step(quadric)
-        for side, at in ((first, -half), (second, half)):
-            fixed = self.fixed[side]
-            step[:, fixed] = at[:, fixed]
-        return quadric, step, start + half
+        target = start + half + step
+        for vertex, place, way in ((first, start, -half), (second, end, half)):
+            fixed = self.fixed[vertex]
+            if fixed.any():
+                np.copyto(step, way, where=fixed)
+                np.copyto(target, place, where=fixed)
+        return quadric, step, target
 
     def can_collapse(self) -> bool:
-        """Whether an edge is left to try; refused ones are tried again once others have gone."""
-        if np.isfinite(self.cost).any():
+        """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
+        if self.poor_rounds < POOR_ROUNDS and np.isfinite(self.cost).any():
             return True
-        if not self.collapsed:
+        if self.collapsed <= len(self.cost) // 1000:
             return False
-        self.collapsed = 0
-        finish(self.price(np.arange(self.edges.shape[1])))
+        self.poor_rounds = self.collapsed = 0
+        finish(self.price(np.arange(len(self.cost))))
         return bool(np.isfinite(self.cost).any())
 
     def collapse(self, budget: int) -> None:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
-        chosen = self.apart(self.cheapest(min(int(SHARE * len(self.cost)), 8 * budget)))
-        quadric, step, middle = self.merged(chosen)
+        count = min(SHARE * len(self.cost), 8 * budget) / self.accepted
+        chosen = self.apart(self.cheapest(min(int(count), len(self.cost) - 1)))
+        first, second = np.take(self.edges, chosen, axis=1)
+        _, _, target = self.merged(first, second)
         owner = np.full(self.positions.shape[1], -1, np.int32)  # which collapse a vertex belongs to
-        owner[self.edges[:, chosen]] = np.arange(len(chosen), dtype=np.int32)
-        target = middle + step
+        owner[first] = owner[second] = np.arange(len(chosen), dtype=np.int32)
+
         star, star_owner, gone = self.stars(owner)
-        refused = self.linked(owner, len(chosen))
-        refused |= self.turning(star, star_owner, gone, owner, target)
+        refused = self.unlinked(owner, len(chosen))
+        moved = self.positions.copy()
+        moved[:, first] = target
+        moved[:, second] = target
+        refused[star_owner[~gone][self.turned(star[~gone], moved)]] = True
         self.cost[chosen[refused]] = np.inf
+
         kept = np.flatnonzero(~refused)
+        self.accepted = max(len(kept) / len(chosen), FEW)
+        self.poor_rounds = self.poor_rounds + 1 if self.accepted == FEW else 0
         if len(kept) > budget:
             kept = np.sort(kept[np.argsort(self.cost[chosen[kept]], kind="stable")[:budget]])
-        if not len(kept):
-            return
-        self.collapsed += len(kept)
-        accepted = np.zeros(len(chosen), bool)
-        accepted[kept] = True
-        self.merge(chosen[kept], quadric[:, kept], step[:, kept], target[:, kept], star[gone & accepted[star_owner]])
+        if len(kept):
+            self.collapsed += len(kept)
+            accepted = np.zeros(len(chosen), bool)
+            accepted[kept] = True
+            self.merge(chosen[kept], target[:, kept], star[gone & accepted[star_owner]])
 
-    def cheapest(self, count: int) -> NDArray[np.int64]:
+    def cheapest(self, count: int) -> Places:
         """The `count` cheapest edges and those that cost the same as the last of them."""
         limit = np.partition(self.cost, count)[count]
         if np.isfinite(limit):
             return np.flatnonzero(self.cost <= limit)
         return np.flatnonzero(np.isfinite(self.cost))
 
-    def apart(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+    def apart(self, candidates: Places) -> Places:
         """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
         candidates = candidates[np.argsort(_shuffled(candidates))]
-        first, second = self.edges[0], self.edges[1]
+        first, second = self.edges
         free = np.ones(self.positions.shape[1], bool)
-        winners: list[NDArray[np.int64]] = []
-        for number in range(PASSES):
-            if number:
-                near = np.zeros(len(free), bool)
-                near[first[winners[-1]]] = True
-                near[second[winners[-1]]] = True
-                free[first[near[second]]] = False
-                free[second[near[first]]] = False
-                candidates = candidates[free[self.edges[:, candidates]].all(axis=0)]
+        chosen: list[Places] = []
+        for _ in range(PASSES):
+            a, b = np.take(self.edges, candidates, axis=1)
             count = len(candidates)
             rank = np.arange(count, dtype=np.int32)
             # The best rank at every vertex: written from the worst to the best, the last stays.
             best = np.full(len(free), count, np.int32)
-            best[self.edges[:, candidates[::-1]].T.ravel()] = np.repeat(rank[::-1], 2)
-            beside_first, beside_second = best[first], best[second]
+            best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
+            beside_first, beside_second = np.take(best, first), np.take(best, second)
             lost = np.zeros(len(free), bool)
-            lost[first[beside_first > beside_second]] = True
-            lost[second[beside_second > beside_first]] = True
-            a, b = self.edges[:, candidates]
-            winners.append(candidates[(best[a] == rank) & (best[b] == rank) & ~lost[a] & ~lost[b]])
-        return np.concatenate(winners)
+            lost[np.compress(beside_first > beside_second, first)] = True
+            lost[np.compress(beside_second > beside_first, second)] = True
+            won = (best[a] == rank) & (best[b] == rank) & ~(lost[a] | lost[b])
+            chosen.append(candidates[won])
 
-    def stars(self, owner: Ints) -> tuple[NDArray[np.int64], Ints, Flags]:
+            near = np.zeros(len(free), bool)
+            near[a[won]] = near[b[won]] = True
+            free[near] = False
+            free[np.compress(np.take(near, second), first)] = False
+            free[np.compress(np.take(near, first), second)] = False
+            candidates = candidates[free[a] & free[b]]
+        return np.concatenate(chosen)
+
+    def stars(self, owner: Ints) -> tuple[Places, Ints, Flags]:
         """Faces with a corner in a collapse, the collapse, and whether they vanish (two corners in it)."""
-        owners = owner[self.faces]  # (3, F)
+        owners = np.take(owner, self.faces)  # (3, F)
         highest = owners.max(axis=0)
         star = np.flatnonzero(highest >= 0)
-        owners = owners[:, star]
-        return star, highest[star], (owners >= 0).sum(axis=0) == 2
+        inside = np.take(owners, star, axis=1) >= 0
+        return star, highest[star], (inside[0] & (inside[1] | inside[2])) | (inside[1] & inside[2])
 
-    def linked(self, owner: Ints, count: int) -> Flags:
+    def unlinked(self, owner: Ints, count: int) -> Flags:
         """Which collapses fail the link condition: the ends must share two neighbours, no more.
 
         And neither of the two may have only one neighbour beside them, or a tetrahedron would fold flat.
         """
         first, second = self.edges
-        owner_first, owner_second = owner[first], owner[second]
+        owner_first, owner_second = np.take(owner, first), np.take(owner, second)
         pairs = []
         for inside, outside, end in ((owner_first, owner_second, second), (owner_second, owner_first, first)):
-            across = (inside >= 0) & (inside != outside)
+            across = np.flatnonzero((inside >= 0) & (inside != outside))
             pairs.append(inside[across].astype(np.int64) * len(owner) + end[across])
         keys = np.sort(np.concatenate(pairs))
         shared, neighbour = np.divmod(keys[1:][keys[1:] == keys[:-1]], len(owner))
         refused = np.bincount(shared, minlength=count) != 2
-        neighbours = np.bincount(first, minlength=len(owner)) + np.bincount(second, minlength=len(owner))
+        neighbours = np.bincount(self.edges.ravel(), minlength=len(owner))
         refused[shared[(neighbours[neighbour] == 3) & ~self.fixed[neighbour]]] = True
         return refused
 
-    def turning(self, star: NDArray[np.int64], star_owner: Ints, gone: Flags, owner: Ints, target: Floats) -> Flags:
-        """Which collapses would turn a triangle over or leave it without area."""
-        star, star_owner = star[~gone], star_owner[~gone]
-        corners = self.faces[:, star]
-        before = [self.positions[:, corner] for corner in corners]
-        after = []
-        for corner, place in zip(corners, before, strict=True):
-            moving = owner[corner] >= 0
-            place = place.copy()
-            place[:, moving] = target[:, star_owner[moving]]
-            after.append(place)
-        old = cross(before[1] - before[0], before[2] - before[0])
-        new = cross(after[1] - after[0], after[2] - after[0])
-        straight = dot(old, new)
-        size = dot(new, new)
-        bad = (straight < 0) | (straight * straight < TURN * TURN * dot(old, old) * size) | (size == 0)
-        refused = np.zeros(target.shape[1], bool)
-        refused[star_owner[bad]] = True
-        return refused
+    def turned(self, faces: Places, moved: Floats) -> Flags:
+        """Which of the faces turn too far, or lose their area, when the vertices move to (3, V)."""
+        corners = np.take(self.faces, faces, axis=1)
+        normals = []
+        for positions in (self.positions, moved):
+            a, b, c = (np.take(positions, corner, axis=1) for corner in corners)
+            normals.append(cross(b - a, c - a))
+        before, after = normals
+        straight, size = dot(before, after), dot(after, after)
+        return (straight < 0) | (straight * straight < TURN * TURN * dot(before, before) * size) | (size == 0)
 
-    def merge(
-        self, chosen: NDArray[np.int64], quadric: Floats, step: Floats, target: Floats, gone: NDArray[np.int64]
-    ) -> None:
-        """Collapse the chosen edges; `gone` are the faces that vanish."""
-        first, second = self.edges[:, chosen]
+    def merge(self, chosen: Places, target: Floats, gone: Places) -> None:
+        """Collapse the chosen edges into the target positions; `gone` are the faces that vanish."""
+        first, second = np.take(self.edges, chosen, axis=1)
         swap = self.fixed[second]
         keep, drop = np.where(swap, second, first), np.where(swap, first, second)
-        free = ~self.fixed[keep]
-        self.positions[:, keep[free]] = target[:, free]
-        self.quadrics[:, keep] = moved(quadric, step)
+        self.positions[:, keep] = target
         if self.normals is not None:
             self.normals[:, keep] += self.normals[:, drop]
 
         # In every face that vanishes the other two edges become one.
         collapsed = np.zeros(len(self.cost), bool)
         collapsed[chosen] = True
-        sides = self.face_edges[:, gone]
+        sides = np.take(self.face_edges, gone, axis=1)
         slot = np.argmax(collapsed[sides], axis=0)
         column = np.arange(len(gone))
         lost, stays = sides[(slot + 1) % 3, column], sides[(slot + 2) % 3, column]
-        alive = ~collapsed
-        alive[lost] = False
-        edge_number = np.cumsum(alive, dtype=np.int32) - np.int32(1)
+        collapsed[lost] = True
+        edge_left = np.flatnonzero(~collapsed)
+        edge_number = np.empty(len(collapsed), np.int32)
+        edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
         edge_number[lost] = edge_number[stays]
-        vertex_number = np.arange(self.positions.shape[1], dtype=np.int32)
-        vertex_number[drop] = keep
-        face_alive = np.ones(self.face_count, bool)
-        face_alive[gone] = False
-        self.faces = vertex_number[self.faces[:, face_alive]]
-        self.face_edges = edge_number[self.face_edges[:, face_alive]]
-        self.edges = vertex_number[self.edges[:, alive]]
-        self.cost = self.cost[alive]
 
-        changed = np.zeros(len(vertex_number), bool)
-        changed[keep] = True
-        finish(self.price(np.flatnonzero(changed[self.edges[0]] | changed[self.edges[1]])))
+        face_left = np.ones(self.face_count, bool)
+        face_left[gone] = False
+        face_left = np.flatnonzero(face_left)
+        vertex_left = np.ones(self.positions.shape[1], bool)
+        vertex_left[drop] = False
+        vertex_left = np.flatnonzero(vertex_left)
+        vertex_number = np.empty(self.positions.shape[1], np.int32)
+        vertex_number[vertex_left] = np.arange(len(vertex_left), dtype=np.int32)
+        vertex_number[drop] = vertex_number[keep]
+
+        self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
+        self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
+        self.edges = np.take(vertex_number, np.take(self.edges, edge_left, axis=1))
+        self.cost = self.cost[edge_left]
+        self.positions = np.take(self.positions, vertex_left, axis=1)
+        self.fixed = self.fixed[vertex_left]
+        if self.normals is not None:
+            self.normals = np.take(self.normals, vertex_left, axis=1)
+        self.quadrics = vertex_quadrics(self.positions, self.faces)
+
+        changed = np.zeros(len(vertex_left), bool)
+        changed[vertex_number[keep]] = True
+        finish(self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0))))
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""
@@ -353,7 +369,7 @@ def _fixed(faces: Ints, edges: Ints, face_edges: Ints, vertex_count: int) -> Fla
     return fixed
 
 
-def _shuffled(numbers: NDArray[np.int64]) -> NDArray[np.uint32]:
+def _shuffled(numbers: Places) -> NDArray[np.uint32]:
     """Another number for every number below 2^32, none twice, in no visible order."""
     mixed = numbers.astype(np.uint32)
     for factor in (0x85EBCA6B, 0xC2B2AE35):  # the odd factors of MurmurHash3's last mixing

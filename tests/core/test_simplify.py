@@ -212,7 +212,7 @@ def test_a_flat_sheet_stays_in_its_plane_and_loses_nearly_every_inner_vertex():
     small = simplify(flat, target_faces=1)
     border = 4 * 29
     assert (small.vertices[:, 2] == 0).all()
-    assert border <= len(small.vertices) <= border + 4
+    assert border <= len(small.vertices) <= border + 8  # of 28 * 28 inner ones
     assert len(small.faces) == 2 * len(small.vertices) - border - 2
     assert small.area == pytest.approx(29 * 29, rel=1e-6)
 
@@ -292,7 +292,7 @@ def test_the_mean_error_is_no_worse_than_that_of_vtk(reduction):
         support.vtk_to_numpy(out.GetPolys().GetConnectivityArray()).reshape(-1, 3),
     )
     ours = simplify(mesh, target_faces=len(peer.faces))
-    assert mean_error(mesh, ours) < 1.1 * mean_error(mesh, peer)
+    assert mean_error(mesh, ours) < mean_error(mesh, peer)
 
 
 def test_the_mean_error_is_no_worse_than_that_of_fast_simplification():
@@ -300,7 +300,7 @@ def test_the_mean_error_is_no_worse_than_that_of_fast_simplification():
     mesh = bumpy()
     theirs = as_mesh(*peer.simplify(mesh.vertices, mesh.faces, 0.9))
     ours = simplify(mesh, target_faces=len(theirs.faces))
-    assert mean_error(mesh, ours) < 1.1 * mean_error(mesh, theirs)
+    assert mean_error(mesh, ours) < mean_error(mesh, theirs)
 
 
 # Goals
