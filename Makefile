@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all lint types build clean
+.PHONY: help setup demo test test-all lint types build bench accuracy clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -30,6 +30,12 @@ types: setup  ## mypy, strict
 
 build: setup  ## the extension's zips, one for each platform, in dist
 	@$(python) tools/build_extension.py
+
+bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extraction" for a part of it
+	@'$(or $(starter),python3)' tests/benchmarks/environment.py $(ARGS)
+
+accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/accuracy.md
+	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches
 	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -1,0 +1,156 @@
+"""Measure this project and its peers in one run; print the rows, keep them in out/bench/bench.json.
+
+Run by `make bench`, which makes the environment (environment.py). Every part runs in a process of its own, so
+that no part inherits another's memory, threads or Blender.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from . import documents
+from .measuring import Row, Session
+from .peers import versions
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "out" / "bench" / "bench.json"
+PARTS = {  # name: module, what is measured
+    "extraction": "against VTK, scikit-image, PyMCubes; strides; memory",
+    "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
+    "reading": "a DICOM folder against SimpleITK",
+    "blender": "folder to object in a process of its own; alpha on 1M vertices",
+    "growth": "time and memory over size, triangles, threads, stride",
+}
+WORK, PEER = 70, 36  # widths of the printed columns
+
+
+def main() -> int:
+    """Run the parts asked for; 0 whether or not targets are met, as a slow minute is no defect."""
+    options = arguments()
+    if options.part:
+        return child(options)
+    parts = options.only or list(PARTS)
+    found = {"machine": machine(), "command": command(options), "rows": [], "facts": {}}
+    if RESULTS.exists() and options.only:  # what was measured before stays
+        found = {**found, **{key: json.loads(RESULTS.read_text())[key] for key in ("rows", "facts")}}
+        found["rows"] = [row for row in found["rows"] if row["part"] not in parts]
+    print(header(), flush=True)
+    status = 0
+    with tempfile.TemporaryDirectory(prefix="ctmc-bench-") as scratch:
+        for part in parts:
+            answer = Path(scratch) / f"{part}.json"
+            done = subprocess.run(child_command(options, part, Path(scratch), answer), check=False)
+            if not answer.exists():
+                print(f"The part {part} ended with status {done.returncode} and without a result", file=sys.stderr)
+                status = 1
+                continue
+            result = json.loads(answer.read_text())
+            found["rows"] += result["rows"]
+            found["facts"][part] = result["facts"]
+    RESULTS.parent.mkdir(parents=True, exist_ok=True)
+    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    judged = [row["met"] for row in found["rows"] if row["met"] is not None]
+    print(f"{sum(judged)} of {len(judged)} targets met; all numbers are in {RESULTS}")
+    if options.write_docs:
+        for path in documents.write(found):
+            print(f"written: {path.relative_to(ROOT)}")
+    return status
+
+
+def arguments() -> argparse.Namespace:
+    """What may be asked."""
+    parser = argparse.ArgumentParser(prog="make bench ARGS=...", description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=PARTS, action="append", help="run this part only; may be given again")
+    parser.add_argument("--quick", action="store_true", help="3 calls instead of 9, for a first look")
+    parser.add_argument("--repeats", type=int, help="calls of which the median counts")
+    parser.add_argument("--ct", type=Path, action="append", default=[], help="a CT of your own to measure as well")
+    parser.add_argument("--write-docs", action="store_true", help="put the numbers into docs/performance.md")
+    hidden = {"help": argparse.SUPPRESS}
+    parser.add_argument("--part", **hidden)
+    parser.add_argument("--scratch", type=Path, **hidden)
+    parser.add_argument("--answer", type=Path, **hidden)
+    options = parser.parse_args()
+    options.repeats = options.repeats or (3 if options.quick else 9)
+    return options
+
+
+def command(options: argparse.Namespace) -> str:
+    """The command that repeats this run."""
+    given = " ".join(sys.argv[1:])
+    return f"make bench ARGS='{given}'" if given else "make bench"
+
+
+def child_command(options: argparse.Namespace, part: str, scratch: Path, answer: Path) -> list[str]:
+    """The same program for one part."""
+    asked = [sys.executable, "-m", "benchmarks.bench", "--part", part, "--repeats", str(options.repeats)]
+    asked += ["--scratch", str(scratch), "--answer", str(answer)]
+    return asked + [word for path in options.ct for word in ("--ct", str(path))]
+
+
+def child(options: argparse.Namespace) -> int:
+    """Run one part and leave at once: Blender as a module may hang while Python shuts down."""
+    session = Session(
+        part=options.part,
+        repeats=options.repeats,
+        show=lambda row: print(line(row), flush=True),
+        say=lambda sentence: print(f"# {sentence}", flush=True),
+        scratch=options.scratch,
+        data=ROOT.parent / "shared" / "data",
+        also=options.ct,
+    )
+    importlib.import_module(f"benchmarks.{options.part}").measure(session)
+    answer = {"rows": [row.as_dict() for row in session.rows], "facts": session.facts}
+    options.answer.write_text(json.dumps(answer))
+    sys.stdout.flush()
+    os._exit(0)
+
+
+def header() -> str:
+    """The names of the columns."""
+    return f"{'work':{WORK}}  {'peer':{PEER}}  {'ours_s':>9}  {'peer_s':>9}  {'ratio':>6}  target"
+
+
+def line(row: Row) -> str:
+    """A row as it is printed; values that are no seconds carry their unit."""
+    work = row.work if row.unit == "s" else f"{row.work}, {row.unit}"
+    target = "" if row.target is None else f"{row.target:.2f}  {row.verdict}"
+    note = f"  ({row.note})" if row.note else ""
+    return f"{work:{WORK}}  {row.peer:{PEER}}  {row.ours:9.4f}  {row.theirs:9.4f}  {row.ratio:6.3f}  {target}{note}"
+
+
+def machine() -> dict[str, Any]:
+    """Where and when, and what took part."""
+    name, memory = platform.processor() or platform.machine(), ""
+    try:
+        for entry in Path("/proc/cpuinfo").read_text().splitlines():
+            if entry.startswith("model name"):
+                name = entry.partition(":")[2].strip()
+                break
+        kilobytes = int(Path("/proc/meminfo").read_text().split()[1])
+        memory = f"{kilobytes / 2**20:.0f} GiB"
+    except OSError:
+        pass
+    return {
+        "date": date.today().isoformat(),
+        "processor": name,
+        "cores": os.cpu_count(),
+        "memory": memory,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": versions(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,215 @@
+"""Extraction against VTK, scikit-image and PyMCubes; strides against stride 1; memory; distance from the limit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctmc_addon.core.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
+from ctmc_addon.core.mesh import TriangleMesh
+from ctmc_addon.core.progress import finish
+from ctmc_addon.core.sampling import make_grid
+
+from . import peers, scenes
+from .measuring import Row, Session, bandwidth, median_seconds, peak_bytes, stage_seconds
+
+VTK = "vtkFlyingEdges3D"
+STRIDES = {(2, 2, 1): 0.39, (3, 3, 1): 0.21}  # of the time at stride 1: 61 % and 79 % saved
+PREVIEW_MS = 100
+
+
+def measure(session: Session) -> None:
+    """All rows of this part."""
+    sparse = scenes.tumours()
+    work = f"extraction, sparse, {sized(sparse, scenes.EDGE)}"
+    against_vtk(session, work, sparse, scenes.EDGE, False, {1: 0.5, 2: 0.5, None: 0.33})
+    against_vtk(session, f"{work}, normals", sparse, scenes.EDGE, True, {1: None, 2: None, None: None})
+    session.compare(
+        work,
+        lambda: marching_cubes(sparse, scenes.EDGE, normals=False),
+        {
+            "scikit-image": (peers.scikit_image(sparse, scenes.EDGE), 0.04),
+            "PyMCubes": (peers.pymcubes(sparse, scenes.EDGE), None),
+        },
+        note="CTMC with its usual threads; scikit-image always makes normals",
+        repeats=max(1, session.repeats // 2),
+    )
+    memory(session, "sparse", sparse, scenes.EDGE, 0.25)
+
+    dense = scenes.abdomen(session.scratch)
+    work = f"extraction, dense, {sized(dense, scenes.DENSE_THRESHOLD)}"
+    against_vtk(session, work, dense, scenes.DENSE_THRESHOLD, False, {1: 0.8, 2: 0.8, None: 0.5})
+    against_vtk(session, f"{work}, normals", dense, scenes.DENSE_THRESHOLD, True, {1: 1.0, 2: 1.0, None: None})
+    memory(session, "dense", dense, scenes.DENSE_THRESHOLD, None)
+
+    real(session)
+    widths = {threads: bandwidth(threads) for threads in (1, 2)}
+    session.facts["bandwidth"] = widths
+    strides(session, "sparse", sparse, scenes.EDGE, widths[2])
+    strides(session, "dense", dense, scenes.DENSE_THRESHOLD, widths[2])
+    few = np.ascontiguousarray(dense[:: dense.shape[0] // 29][:29])
+    strides(session, "29 slices", few, scenes.DENSE_THRESHOLD, widths[2])
+    session.facts["stages"] = {
+        f"{name}, {threads} thread{'s' if threads > 1 else ''}": stages(session, values, at, threads, widths[threads])
+        for name, values, at in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD))
+        for threads in (1, 2)
+    }
+    preview(session, sparse, dense)
+
+
+def sized(values: NDArray[Any], threshold: float) -> str:
+    """`512 x 512 x 250 uint8, 240k triangles`."""
+    slices, rows, columns = values.shape
+    faces = counted(values, threshold).faces
+    size = f"{faces / 1e6:.2f}M" if faces >= 1e6 else f"{faces / 1e3:.0f}k"
+    return f"{columns} x {rows} x {slices} {values.dtype}, {size} triangles"
+
+
+def counted(values: NDArray[Any], threshold: float, stride: tuple[int, int, int] = (1, 1, 1)) -> Counts:
+    """The exact numbers of a surface."""
+    return finish(count_steps(make_grid(values, stride), threshold))
+
+
+def against_vtk(
+    session: Session,
+    work: str,
+    values: NDArray[Any],
+    threshold: float,
+    normals: bool,
+    targets: dict[int | None, float | None],
+) -> None:
+    """One thread each, two threads each, and both as installed (None): CTMC with all it uses, VTK with one."""
+    for threads, target in targets.items():
+        how = "as installed" if threads is None else f"{threads} thread{'s' if threads > 1 else ''} each"
+        session.compare(
+            work,
+            lambda threads=threads: marching_cubes(values, threshold, normals=normals, threads=threads),
+            {f"{VTK}, {how}": (peers.flying_edges(values, threshold, normals, threads), target)},
+        )
+
+
+def real(session: Session) -> None:
+    """Bone and skin of the real CT that is there."""
+    volumes = scenes.real_ct(session.data, session.also)
+    if not volumes:
+        session.say(f"No real CT in {session.data}: rows left out")
+    for name, volume in volumes.items():
+        for tissue, threshold, target in (("bone", scenes.BONE, 0.5), ("skin", scenes.SKIN, 0.6)):
+            work = f"extraction, {tissue} of {name}, {sized(volume.values, threshold)}"
+            against_vtk(session, work, volume.values, threshold, False, {None: target, 1: None, 2: None})
+
+
+def memory(session: Session, name: str, values: NDArray[Any], threshold: float, target: float | None) -> None:
+    """The most memory a call holds beside its result."""
+    peak = peak_bytes(lambda: marching_cubes(values, threshold, normals=False), mesh_bytes)
+    session.add(
+        Row(
+            session.part,
+            f"extraction, {name}: memory beside the result",
+            "size of the volume",
+            peak / 2**20,
+            values.nbytes / 2**20,
+            target,
+            unit="MiB",
+        )
+    )
+
+
+def mesh_bytes(mesh: TriangleMesh) -> int:
+    """What a mesh holds."""
+    return sum(array.nbytes for array in (mesh.vertices, mesh.faces, mesh.normals) if array is not None)
+
+
+def strides(session: Session, name: str, values: NDArray[Any], threshold: float, width: dict[str, float]) -> None:
+    """Voxel sides of 2 x 2 and 3 x 3 pixels, and what the bytes alone would allow."""
+    sides = {(1, 1, 1): None, **STRIDES}
+    seconds = session.race(
+        {
+            str(stride): lambda stride=stride: marching_cubes(values, threshold, stride, normals=False)
+            for stride in sides
+        }
+    )
+    least = {stride: least_seconds(values, threshold, stride, width) for stride in sides}
+    for stride, target in STRIDES.items():
+        runs = {name: seconds[name] for name in (str(stride), str((1, 1, 1)))}
+        ours, whole = (float(np.median(taken)) for taken in runs.values())
+        limit = least[stride] / least[(1, 1, 1)]
+        session.add(
+            Row(
+                session.part,
+                f"extraction, {name}, stride {stride[0]} x {stride[1]}",
+                "CTMC at stride 1",
+                ours,
+                whole,
+                target,
+                note=f"saves {1 - ours / whole:.0%}; the bytes allow {1 - limit:.0%}",
+                runs=runs,
+            )
+        )
+
+
+def least_seconds(values: NDArray[Any], threshold: float, stride: tuple[int, int, int], width: dict[str, float]) -> float:
+    """What reading the rows that hold samples and writing the result takes at this machine's bandwidth.
+
+    Memory comes in lines of 64 bytes: of a row that holds samples all is read, up to strides of a line.
+    """
+    read = values.nbytes / stride[1] / stride[2]
+    if stride[0] * values.itemsize > 64:
+        read /= stride[0] * values.itemsize / 64
+    counts = counted(values, threshold, stride)
+    return read / width["read"] + 12 * (counts.vertices + counts.faces) / (width["copy"] / 2)
+
+
+def stages(
+    session: Session, values: NDArray[Any], threshold: float, threads: int, width: dict[str, float]
+) -> list[dict[str, Any]]:
+    """For every stage of an extraction: seconds, the bytes it must move at least, and what the memory would take."""
+    grid = make_grid(values)
+    seconds = stage_seconds(lambda: extract_steps(grid, threshold, False, threads), session.repeats)
+    counts = finish(count_steps(grid, threshold))
+    bits = values.size / 8
+    moved = {
+        "Comparing with the threshold": values.nbytes + bits,
+        # Every active voxel leaves its place (int32) and its case.
+        "Finding active voxels": bits + 5 * counts.active,
+        # Two values for every vertex; both ends of alpha, 12 bytes each; a triangle 12.
+        "Placing vertices and triangles": 5 * counts.active
+        + (2 * values.itemsize + 24) * counts.vertices
+        + 12 * counts.faces,
+    }
+    rows = []
+    for stage, taken in seconds.items():
+        least = moved.get(stage)
+        rows.append(
+            {
+                "stage": stage,
+                "seconds": taken,
+                "bytes": least,
+                "limit_seconds": None if least is None else least / width["copy"],
+            }
+        )
+    return rows
+
+
+def preview(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None:
+    """A coarse surface after the threshold has changed: counted, then extracted without normals."""
+    stride = (4, 4, 2)
+    for name, values, threshold in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD)):
+
+        def call(values: NDArray[Any] = values, threshold: float = threshold) -> Any:
+            grid = make_grid(values, stride)
+            finish(count_steps(grid, threshold))
+            return finish(extract_steps(grid, threshold, normals=False))
+
+        session.add(
+            Row(
+                session.part,
+                f"preview, {name}, threshold changed: count and extract at stride {' x '.join(map(str, stride))}",
+                f"{PREVIEW_MS} ms",
+                median_seconds(call, session.repeats),
+                PREVIEW_MS / 1000,
+                1.0,
+            )
+        )

@@ -1,0 +1,206 @@
+"""How the benchmark measures: calls in turn, medians, rows with a target, and what the memory can do.
+
+Everything that is compared runs in one process, one call after the other and round again, so that a
+slow minute of the machine falls on all alike. A result is let go only when the clock has stopped.
+"""
+
+from __future__ import annotations
+
+import gc
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Call = Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison. `ours` and `theirs` are in `unit`; less is better throughout.
+
+    Parameters
+    ----------
+    part : str
+        The part of the benchmark it belongs to.
+    work, peer : str
+        What was done, and what it is compared with.
+    ours, theirs : float
+        Medians; `theirs` may be a limit such as one frame at 60 Hz.
+    target : float or None
+        The ratio ours / theirs is to stay at or below this; None where no promise is made.
+    unit : str
+        Of `ours` and `theirs`.
+    note : str
+        What a reader should know to understand the number.
+    """
+
+    part: str
+    work: str
+    peer: str
+    ours: float
+    theirs: float
+    target: float | None = None
+    unit: str = "s"
+    note: str = ""
+    runs: dict[str, list[float]] = field(default_factory=dict)
+
+    @property
+    def ratio(self) -> float:
+        """Ours over theirs."""
+        return self.ours / self.theirs
+
+    @property
+    def verdict(self) -> str:
+        """Whether the target is met; empty where there is none."""
+        if self.target is None:
+            return ""
+        return "met" if self.ratio <= self.target else "not met"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For bench.json: seconds under the names of the printed table, the unit beside them."""
+        known = asdict(self)
+        return {
+            "part": self.part,
+            "work": self.work,
+            "peer": self.peer,
+            "ours_s": self.ours,
+            "peer_s": self.theirs,
+            "unit": self.unit,
+            "ratio": self.ratio,
+            "target": self.target,
+            "met": None if self.target is None else self.ratio <= self.target,
+            "note": self.note,
+            "runs": known["runs"],
+        }
+
+
+@dataclass
+class Session:
+    """What one part of the benchmark measures with and reports to.
+
+    Parameters
+    ----------
+    part : str
+    repeats : int
+        Calls of each competitor whose median counts.
+    show : callable
+        Called with every `Row` as soon as it is known.
+    say : callable
+        Called with a sentence about what goes on.
+    scratch, data : Path
+        A folder for the run's own files, and the folder of real CT.
+    also : list of Path
+        More CT to measure.
+    """
+
+    part: str
+    repeats: int
+    show: Callable[[Row], None]
+    say: Callable[[str], None]
+    scratch: Path
+    data: Path
+    also: list[Path] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, row: Row) -> None:
+        """Keep a row and show it."""
+        self.rows.append(row)
+        self.show(row)
+
+    def race(self, calls: dict[str, Call], repeats: int | None = None) -> dict[str, list[float]]:
+        """Seconds of every call, made in turn `repeats` times after one round that does not count."""
+        seconds: dict[str, list[float]] = {name: [] for name in calls}
+        for turn in range(1 + (repeats or self.repeats)):
+            for name, call in calls.items():
+                taken, _ = timed(call)
+                if turn:
+                    seconds[name].append(taken)
+        return seconds
+
+    def compare(
+        self,
+        work: str,
+        ours: Call,
+        peers: dict[str, tuple[Call, float | None]],
+        note: str = "",
+        repeats: int | None = None,
+    ) -> dict[str, float]:
+        """Race `ours` against every peer (its call and its target) and add a row for each; returns the medians."""
+        seconds = self.race({"CTMC": ours, **{name: call for name, (call, _) in peers.items()}}, repeats)
+        medians = {name: statistics.median(taken) for name, taken in seconds.items()}
+        for name, (_, target) in peers.items():
+            runs = {"CTMC": seconds["CTMC"], name: seconds[name]}
+            self.add(Row(self.part, work, name, medians["CTMC"], medians[name], target, note=note, runs=runs))
+        return medians
+
+
+def timed(call: Call) -> tuple[float, Any]:
+    """Seconds of a call and its result, with no garbage collection in between."""
+    gc.collect()
+    gc.disable()
+    try:
+        start = time.perf_counter()
+        result = call()
+        return time.perf_counter() - start, result
+    finally:
+        gc.enable()
+
+
+def median_seconds(call: Call, repeats: int) -> float:
+    """Median of `repeats` calls after one that does not count."""
+    return statistics.median([timed(call)[0] for _ in range(repeats + 1)][1:])
+
+
+def peak_bytes(call: Call, returned: Callable[[Any], int]) -> int:
+    """Most memory Python and NumPy held during a call, less what the call returned."""
+    call()  # tables and imports made on first use are not the call's
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        result = call()
+        return tracemalloc.get_traced_memory()[1] - before - returned(result)
+    finally:
+        tracemalloc.stop()
+
+
+def stage_seconds(make_steps: Callable[[], Any], repeats: int) -> dict[str, float]:
+    """Median seconds between the steps of long work, by the message of the step that ends them."""
+    runs: list[dict[str, float]] = []
+    for _ in range(repeats + 1):
+        gc.collect()
+        taken: dict[str, float] = {}
+        before = time.perf_counter()
+        for step in make_steps():
+            now = time.perf_counter()
+            taken[step.message] = taken.get(step.message, 0.0) + now - before
+            before = now
+        runs.append(taken)
+    return {stage: statistics.median([run.get(stage, 0.0) for run in runs[1:]]) for stage in runs[-1]}
+
+
+def bandwidth(threads: int, size: int = 1 << 27, repeats: int = 7) -> dict[str, float]:
+    """Bytes a second this machine reads, and copies (read and written both counted), with so many threads.
+
+    A copy into memory that is in use already: what fresh memory costs on top is the system's page faults.
+    """
+    source, target = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
+    parts = [slice(size * part // threads, size * (part + 1) // threads) for part in range(threads)]
+    with ThreadPoolExecutor(threads) as pool:
+
+        def read() -> None:
+            list(pool.map(lambda part: source[part].max(), parts))
+
+        def copy() -> None:
+            list(pool.map(lambda part: np.copyto(target[part], source[part]), parts))
+
+        return {"read": size / median_seconds(read, repeats), "copy": 2 * size / median_seconds(copy, repeats)}

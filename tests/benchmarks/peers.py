@@ -1,0 +1,159 @@
+"""The others, called as their users call them; each import stands where it is needed.
+
+VTK gets the volume as vtkImageData without a copy, scalars off, and is timed for `Update` alone: what its
+users must still do to have NumPy arrays is not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctmc_addon.core.mesh import TriangleMesh
+
+PACKAGES = ("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK")
+
+
+def versions() -> dict[str, str]:
+    """What is compared with, as installed."""
+    known = {}
+    for name in (*PACKAGES, "bpy"):
+        try:
+            known[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            known[name] = "missing"
+    return known
+
+
+def vtk_threads(count: int | None) -> None:
+    """So many threads for VTK; None for what its wheel does unless told otherwise."""
+    from vtkmodules.vtkCommonCore import vtkSMPTools
+
+    vtkSMPTools.SetBackend("Sequential" if count is None else "STDThread")
+    vtkSMPTools.Initialize(count or 0)
+
+
+def vtk_image(values: NDArray[Any]) -> Any:
+    """The volume as VTK sees it; shares its memory."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
+    image = vtkImageData()
+    image.SetDimensions(*values.shape[::-1])
+    image.GetPointData().SetScalars(numpy_to_vtk(values.reshape(-1)))
+    return image
+
+
+def flying_edges(values: NDArray[Any], threshold: float, normals: bool, threads: int | None) -> Callable[[], Any]:
+    """A call that extracts with vtkFlyingEdges3D."""
+    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
+
+    image = vtk_image(values)
+
+    def call() -> Any:
+        vtk_threads(threads)
+        contour = vtkFlyingEdges3D()
+        contour.SetInputData(image)
+        contour.SetValue(0, threshold)
+        contour.SetComputeScalars(False)
+        contour.SetComputeGradients(False)
+        contour.SetComputeNormals(normals)
+        contour.Update()
+        return contour.GetOutput()
+
+    return call
+
+
+def scikit_image(values: NDArray[Any], threshold: float) -> Callable[[], Any]:
+    """A call that extracts with skimage.measure.marching_cubes; it always makes normals."""
+    from skimage.measure import marching_cubes
+
+    return lambda: marching_cubes(values, threshold)
+
+
+def pymcubes(values: NDArray[Any], threshold: float) -> Callable[[], Any]:
+    """A call that extracts with PyMCubes."""
+    import mcubes
+
+    return lambda: mcubes.marching_cubes(values, threshold)
+
+
+def vtk_polydata(mesh: TriangleMesh) -> Any:
+    """A mesh as VTK sees it."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    points, cells, data = vtkPoints(), vtkCellArray(), vtkPolyData()
+    points.SetData(numpy_to_vtk(mesh.vertices, deep=True))
+    offsets = np.arange(0, mesh.faces.size + 1, 3, dtype=np.int64)
+    corners = mesh.faces.astype(np.int64).ravel()
+    cells.SetData(numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(corners, deep=True))
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    return data
+
+
+def from_polydata(data: Any) -> TriangleMesh:
+    """And back."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    vertices = vtk_to_numpy(data.GetPoints().GetData()).astype(np.float32)
+    faces = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int32)
+    return TriangleMesh(vertices, faces)
+
+
+def quadric_decimation(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
+    """A call that simplifies with vtkQuadricDecimation."""
+    from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
+
+    data = vtk_polydata(mesh)
+
+    def call() -> TriangleMesh:
+        decimation = vtkQuadricDecimation()
+        decimation.SetInputData(data)
+        decimation.SetTargetReduction(reduction)
+        decimation.Update()
+        return from_polydata(decimation.GetOutput())  # a copy: about a hundredth of the whole
+
+    return call
+
+
+def fast_simplification(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
+    """A call that simplifies with fast-simplification."""
+    import fast_simplification as library
+
+    return lambda: TriangleMesh(*library.simplify(mesh.vertices, mesh.faces, reduction))
+
+
+def pyfqmr(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
+    """A call that simplifies with pyfqmr."""
+    import pyfqmr as library
+
+    def call() -> TriangleMesh:
+        simplifier = library.Simplify()
+        simplifier.setMesh(mesh.vertices, mesh.faces)
+        simplifier.simplify_mesh(target_count=round(len(mesh.faces) * (1 - reduction)), verbose=False)
+        vertices, faces, _ = simplifier.getMesh()
+        return TriangleMesh(vertices.astype(np.float32), faces.astype(np.int32))
+
+    return call
+
+
+def meshoptimizer(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
+    """A call that simplifies with meshoptimizer; it keeps vertices where they are."""
+    import meshoptimizer as library
+
+    indices = mesh.faces.astype(np.uint32).ravel()
+
+    def call() -> TriangleMesh:
+        out = np.empty_like(indices)
+        target = 3 * round(len(mesh.faces) * (1 - reduction))
+        count = library.simplify(out, indices, mesh.vertices, target_index_count=target, target_error=1.0)
+        return TriangleMesh(mesh.vertices, out[:count].reshape(-1, 3).astype(np.int32))
+
+    return call
