@@ -19,8 +19,9 @@ def register() -> None:
 
     ui.register()
     _commands.append(bpy.utils.register_cli_command("ctmc", run_command))
-    # The bpy module crashes at exit while anything is still registered.
-    atexit.register(unregister)
+    if not bpy.app.binary_path:
+        # The bpy module crashes at exit while anything is still registered; Blender itself tidies up before that.
+        atexit.register(unregister)
 
 
 def unregister() -> None:

@@ -164,6 +164,7 @@ def write_blend(thing: bpy.types.Object, path: Path, space: str, scene: bpy.type
     try:
         home.collection.objects.link(thing)
         made = prepare_scene(home, thing)
+        home.view_layers[0].objects.active = thing
         # About: under and at the key, normals, edges, corners; and what every .blend holds.
         require_room(path, 500_000 + 40 * len(thing.data.vertices) + 40 * triangles(thing.data))
         # Not save_as_mainfile: that would write the whole file, and the path it lies at.

@@ -56,7 +56,7 @@ def prepare_scene(
     sun.energy, sun.angle = 2.6, math.radians(4)
     light = bpy.data.objects.new("CTMC Light", sun)
     # From beyond the camera's left shoulder.
-    light.matrix_world = rotation(view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0)))
+    light.matrix_world = rotation(view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0)), eye.matrix_world.translation)
     world = white_world()
     for one in (eye, light):
         scene.collection.objects.link(one)

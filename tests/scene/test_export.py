@@ -177,7 +177,8 @@ def test_a_blend_opens_with_object_material_and_camera(thing, tmp_path):
     # Blender's rulers show the torus's 80 mm.
     metres = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length
     assert metres == pytest.approx(0.08, rel=0.02)
-    opened = scene.objects["leber ü"]
+    opened = bpy.context.view_layer.objects.active
+    assert opened.name == "leber ü"
     assert opened.data.materials[0].name == "leber ü"
     assert opened.data.shape_keys.key_blocks["alpha"].value == pytest.approx(0.7)
     assert (evaluated_triangles(opened).vertices == before.vertices).all()
