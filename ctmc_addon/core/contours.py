@@ -6,9 +6,9 @@ regions of inside and of outside corners; a tunnel joins two regions of one side
 common region, and the two loops between become the rims of one band. Every other loop bounds a disc.
 
 A triangle's inner edge may lie in no face of the cube: the neighbour could have the same one. So some
-voxels need vertices of their own, inside, which stand in the tables as edges 12, 13 and 14: one in the middle of
-a disc that has no allowed diagonals, three around the waist of a tunnel. Each is the mean of the vertices
-of a group of edges that lie in no common face.
+voxels need vertices of their own, inside, which stand in the tables as edges 12, 13 and 14: one in the
+middle of a disc that has no allowed diagonals, three around the waist of a tunnel. Each belongs to a group of
+edges and lies half-way between the mean of the group's vertices and that of the whole disc's or band's.
 
 Chernyaev 1995, CERN CN/95-17; Nielson 2003, doi:10.1109/TVCG.2003.1207437; Custodio et al. 2013,
 doi:10.1016/j.cag.2013.04.004.
@@ -16,19 +16,19 @@ doi:10.1016/j.cag.2013.04.004.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 from itertools import combinations
 
-from .cases import EDGES, FACES, FACES_OF_EDGE, MIDPOINTS, Loop, Triangle, face_segments
+from .cases import EDGES, FACES, FACES_OF_EDGE, MIDPOINTS, Loop, Triangle, face_segments, triangulations
 
 OWN = 12  # the first of the numbers that stand for a voxel's own vertices where others name an edge
 
+LONGEST_CUT = 7  # edges of a loop; longer ones bend too much for diagonals, or have none that are allowed
+
 Group = tuple[int, ...]
 Piece = tuple[tuple[Triangle, ...], tuple[Group, ...]]
-"""Triangles of a disc or band, and for each own vertex among them the edges whose mean it is."""
-
-FACE_BITS = tuple(sum(1 << face for face in faces) for faces in FACES_OF_EDGE)
+"""Triangles of a disc or band, and for each own vertex among them its group of edges."""
 
 APART = [[sum((p - q) ** 2 for p, q in zip(one, other, strict=True)) for one in MIDPOINTS] for other in MIDPOINTS]
 """(12, 12) squared distances between the midpoints of the edges."""
@@ -74,79 +74,55 @@ def joined_corners(case: int, joined: int) -> list[tuple[int, int]]:
     return pairs
 
 
+def regions(case: int, joined: int) -> list[int]:
+    """Region of the voxel's boundary that each corner lies in, named by its lowest corner."""
+    region = list(range(8))
+    alike = [ends for ends in EDGES if not (case >> ends[0] ^ case >> ends[1]) & 1]
+    for one, other in alike + joined_corners(case, joined):
+        low, high = sorted((region[one], region[other]))
+        region = [low if each == high else each for each in region]
+    return region
+
+
 def tunnels(case: int, joined: int) -> Iterator[tuple[int, tuple[Loop, Loop]]]:
     """Numbers of the possible `TUNNELS`, and the two loops that each makes into one band.
 
-    Slices along every axis show a tunnel, each with a condition that is quadratic along the axis: where it
-    is met within the tunnel, it is met nowhere else, so the same diagonal is joined in neither end face.
+    What joins two z edges is a condition quadratic in z: met within a tunnel, it is met in neither end face.
     """
-    across = joined_corners(case, joined)
-    region = list(range(8))  # of the voxel's boundary, named by its lowest corner
-    for one, other in across + [ends for ends in EDGES if not (case >> ends[0] ^ case >> ends[1]) & 1]:
-        low, high = sorted((region[one], region[other]))
-        region = [low if each == high else each for each in region]
+    in_ends = [{one & 3, other & 3} for one, other in joined_corners(case, joined)]
+    region = regions(case, joined)
     between = {}  # inside and outside region to loop, both ways
     for loop in contours(case, joined):
         one, other = (region[corner] for corner in EDGES[loop[0]])
         between[one, other] = between[other, one] = loop
-
-    def shown(corners: tuple[int, int], plane: int) -> bool:
-        taken = [{corner & plane for corner in pair} for pair in across if pair[0] ^ pair[1] == plane]
-        return corners[0] ^ corners[1] in (plane, 7) and {corner & plane for corner in corners} not in taken
-
     for number, ends in enumerate(TUNNELS):
         one, other = (region[end] for end in ends)
         common = [far for near, far in between if near == one and (other, far) in between]
-        if one == other or not common or not shown(ends, 3):
-            continue
-        pairs = [(p, q) for p in range(8) for q in range(8) if region[p] == one and region[q] == other]
-        if all(any(shown(pair, plane) for pair in pairs) for plane in (5, 6)):
-            yield number, (between[one, common[0]], between[other, common[0]])
+        if one != other and common and {end & 3 for end in ends} not in in_ends:
+            rims = between[one, common[0]], between[other, common[0]]
+            if len(rims[0]) + len(rims[1]) < 10:  # longer ones are met in an end face along x or y
+                yield number, rims
 
 
-@cache
-def in_one_face(edges: Sequence[int]) -> bool:
-    """Whether a face of the cube holds all these edges."""
-    bits = FACE_BITS[edges[0]]
-    for edge in edges[1:]:
-        bits &= FACE_BITS[edge]
-    return bits != 0
+def in_one_face(one: int, other: int) -> bool:
+    """Whether a face of the cube holds both edges."""
+    return bool(FACES_OF_EDGE[one] & FACES_OF_EDGE[other])
 
 
 @cache
 def spread(edges: Group) -> float:
     """Sum of the squared distances between the edges' midpoints, over their number."""
-    return sum(APART[a][b] for a, b in combinations(edges, 2)) / len(edges)
+    return sum([APART[a][b] for a, b in combinations(edges, 2)]) / len(edges)
 
 
 @cache
 def disc(loop: Loop) -> Piece:
     """A disc in a loop: by allowed diagonals the best shaped, or a fan around an own vertex."""
-    best = _polygon(loop)
+    cuts = triangulations(loop) if len(loop) <= LONGEST_CUT else ()
+    best = min(cuts, key=lambda triangles: sum(map(spread, triangles)), default=None)
     if best is not None:
-        return best[1], ()
+        return best, ()
     return tuple((a, b, OWN) for a, b in _sides(loop)), (loop,)
-
-
-@cache
-def _polygon(loop: Loop) -> tuple[float, tuple[Triangle, ...]] | None:
-    """Roughness and triangles of the best allowed cut of a loop; None if there is none."""
-    if len(loop) < 3:
-        return 0.0, ()
-    best = None
-    for apex in range(1, len(loop) - 1):
-        left, right = loop[: apex + 1], loop[apex:]
-        # A side of two edges is the loop's own; a longer one ends in a diagonal.
-        if any(len(side) > 2 and in_one_face((side[0], side[-1])) for side in (left, right)):
-            continue
-        before, after = _polygon(left), _polygon(right)
-        if before is None or after is None:
-            continue
-        triangle = (loop[0], loop[apex], loop[-1])
-        roughness = before[0] + after[0] + spread(triangle)
-        if best is None or roughness < best[0]:
-            best = roughness, (*before[1], triangle, *after[1])
-    return best
 
 
 def _sides(loop: Loop) -> Iterator[tuple[int, int]]:
@@ -164,13 +140,13 @@ def _runs(loop: Loop) -> Iterator[tuple[Group, Group, Group]]:
 def band(one: Loop, other: Loop) -> Piece:
     """A band between two loops, with three own vertices between them, each near a run of both loops."""
     # The surface keeps to the left of both loops, so they run around the band in opposite ways.
-    waist, least = (), float("inf")
-    for forward in _runs(one):
-        for backward in _runs(other):
-            for turn in range(3):
-                groups = tuple(forward[third] + backward[turn - third] for third in range(3))
-                if not any(map(in_one_face, groups)) and (total := sum(map(spread, groups))) < least:
-                    waist, least = groups, total
+    waists = (
+        tuple(forward[third] + backward[turn - third] for third in range(3))
+        for forward in _runs(one)
+        for backward in _runs(other)
+        for turn in range(3)
+    )
+    waist = min(waists, key=lambda groups: sum(map(spread, groups)))
     nearest = {edge: OWN + number for number, group in enumerate(waist) for edge in group}
     triangles = []
     for loop in (one, other):

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cases import EDGES, FACES, case_triangles
-from .contours import TUNNELS, ambiguous_faces, surface, tunnels
+from .contours import Piece, ambiguous_faces, surface, tunnels
 
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 INSIDE = np.array([[case >> corner & 1 for corner in range(8)] for case in range(256)], bool)
@@ -55,8 +55,8 @@ class Tables:
         Edges 0 to 11, and 12 to 14 for the voxel's own vertices.
     own_count : (rows,) uint8
         Number of own vertices: 0, 1 or 3.
-    own_edges : (rows, 3, 12) bool
-        The edges whose vertices have each own vertex as their mean.
+    own_weights : (rows, 3, 12) float64
+        The share that each edge's vertex has in the place of each own vertex.
     row_of : (256, 64, 9) int16
         Row of a case, a bit for each face whose inside corners are joined, and 1 + the number of its tunnel.
     """
@@ -65,14 +65,14 @@ class Tables:
     first_triangle: NDArray[np.intp]
     triangle_edges: NDArray[np.intp]
     own_count: NDArray[np.uint8]
-    own_edges: NDArray[np.bool_]
+    own_weights: NDArray[np.float64]
     row_of: NDArray[np.int16]
 
 
 @cache
 def tables() -> Tables:
     """The rows, made on first use."""
-    rows = [(case_triangles(case), ()) for case in range(256)]
+    rows: list[Piece] = [(case_triangles(case), ()) for case in range(256)]
     row_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(256, 64, 9)
     for case in np.flatnonzero(NEEDS).tolist():
         faces = ambiguous_faces(case)
@@ -85,16 +85,18 @@ def tables() -> Tables:
                 row_of[case, joined, number + 1] = len(rows)
                 rows.append(surface(case, joined, rims))
     count = np.array([len(triangles) for triangles, _ in rows], np.uint8)
-    own_edges = np.zeros((len(rows), 3, 12), bool)
+    own_weights = np.zeros((len(rows), 3, 12))
     for row, (_, groups) in enumerate(rows):
+        every = [edge for group in groups for edge in group]
         for number, group in enumerate(groups):
-            own_edges[row, number, list(group)] = True
+            own_weights[row, number, every] = 0.5 / len(every)
+            own_weights[row, number, list(group)] += 0.5 / len(group)
     return Tables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
         triangle_edges=np.array([triangle for triangles, _ in rows for triangle in triangles], np.intp),
         own_count=np.array([len(groups) for _, groups in rows], np.uint8),
-        own_edges=own_edges,
+        own_weights=own_weights,
         row_of=row_of,
     )
 
@@ -191,10 +193,10 @@ def own_points(row: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.
     share : (n, 12) float64
         Where the vertices stand on the voxel's edges: `crossings`, or 0.5 for the midpoints.
     """
-    member = tables().own_edges[row]  # (n, 3, 12)
+    weights = tables().own_weights[row]  # (n, 3, 12)
     points = np.zeros((len(row), 3, 3))
     for edge, (low, _) in enumerate(EDGES):
         for axis in range(3):
             place = share[:, edge] if axis == edge // 4 else np.full(len(row), float(low >> axis & 1))
-            points[:, :, axis] += member[:, :, edge] * place[:, None]
-    return points / np.maximum(member.sum(axis=2), 1)[:, :, None]
+            points[:, :, axis] += weights[:, :, edge] * place[:, None]
+    return points

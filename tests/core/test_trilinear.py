@@ -1,18 +1,18 @@
 """The trilinear topology against an oracle that resamples, and the tables against what a surface must be."""
 
 from collections import Counter
+from itertools import permutations
 
 import numpy as np
 import pytest
 from trilinear_oracle import grid_topology, united, voxel_topology
 
-from ctmc_addon.core.cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES, face_segments, loops
-from ctmc_addon.core.contours import OWN, contours, in_one_face, segments
+from ctmc_addon.core.cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES, loops
+from ctmc_addon.core.contours import OWN, ambiguous_faces, contours, in_one_face, surface, tunnels
 from ctmc_addon.core.trilinear import AMBIGUOUS, NEEDS, crossings, own_points, resolve, tables
 
 CORNERS = np.array([(corner & 1, corner >> 1 & 1, corner >> 2) for corner in range(8)])
 CHECKERBOARD = 1 - 2 * (CORNERS.sum(axis=1) % 2)
-ROWS = range(len(tables().triangle_count))
 
 
 def row_triangles(row):
@@ -36,10 +36,10 @@ def voxels_of(grid):
     return grid[at[..., 0], at[..., 1], at[..., 2]], places
 
 
-def assembled(grid, threshold=0.0):
+def assembled(grid, threshold=0.0, inside=None):
     """Triangles of a grid, voxel by voxel: slow and obvious. A vertex is named by its edge or by its voxel."""
     values, places = voxels_of(grid)
-    cases = cases_of(values, threshold)
+    cases = cases_of(values, threshold) if inside is None else cases_of(voxels_of(inside)[0], 1)
     number = np.arange(grid.size).reshape(grid.shape)
     triangles = []
     for voxel, (place, row) in enumerate(zip(places, resolve(values, threshold, cases).tolist(), strict=True)):
@@ -101,10 +101,52 @@ def test_the_first_rows_are_the_classic_cases():
 
 def test_a_case_needs_a_decision_where_it_has_an_ambiguous_face_or_two_loops():
     for case in range(256):
-        faces = [len(list(cut)) == 2 for cut in segments(case)]
-        assert AMBIGUOUS[case].tolist() == faces
-        assert NEEDS[case] == (any(faces) or len(loops(case)) > 1)
+        faces = ambiguous_faces(case)
+        assert np.flatnonzero(AMBIGUOUS[case]).tolist() == faces
+        assert NEEDS[case] == (bool(faces) or len(loops(case)) > 1)
         assert sorted(contours(case, 0)) == sorted(loops(case))
+
+
+def every_surface():
+    """Case, joined faces, rims and (triangles, groups) of everything a voxel can have."""
+    for case in np.flatnonzero(NEEDS).tolist():
+        faces = ambiguous_faces(case)
+        for decisions in range(1 << len(faces)):
+            joined = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
+            for rims in [(), *(rims for _, rims in tunnels(case, joined))]:
+                yield case, joined, rims, surface(case, joined, rims)
+
+
+def test_every_surface_is_a_manifold_that_ends_in_its_loops():
+    for case, joined, rims, (triangles, _) in every_surface():
+        count = Counter(sides(triangles))
+        assert set(count.values()) == {1}
+        found = contours(case, joined)
+        rim = {(a, b): loop for loop in found for a, b in zip(loop, loop[1:] + loop[:1], strict=True)}
+        assert {side for side in count if side[::-1] not in count} == set(rim)
+        lids = [(b, a, loop) for (a, b), loop in rim.items()]  # a loop names its lid's middle
+        assert is_closed_manifold([*triangles, *lids])
+        assert topology(triangles) == (len(found) - len(rims), len(found) - len(rims) // 2)
+
+
+def test_no_inner_edge_of_any_surface_lies_in_a_face_of_the_cube():
+    for _, _, _, (triangles, _) in every_surface():
+        both_ways = set(sides(triangles)) & {(b, a) for a, b in sides(triangles)}
+        assert not [(a, b) for a, b in both_ways if max(a, b) < OWN and in_one_face(a, b)]
+
+
+def test_own_vertices_are_inside_the_voxel_and_apart():
+    values = random_corners(100_000, 6, checkerboard=True)
+    rows = resolve(values, 0.0, cases_of(values))
+    count = tables().own_count[rows]
+    assert set(count.tolist()) == {0, 1, 3}
+    for share in (crossings(values, 0.0), np.full((len(values), 12), 0.5)):
+        places = own_points(rows, share)
+        used = places[np.arange(3) < count[:, None]]
+        assert used.min() > 0
+        assert used.max() < 1
+        waist = places[count == 3]
+        assert np.abs(waist - np.roll(waist, 1, axis=1)).max(axis=2).min() > 0.01
 
 
 @pytest.mark.parametrize("checkerboard", [False, True])
@@ -133,6 +175,25 @@ def test_a_grid_is_closed_and_manifold_with_the_trilinear_surfaces_euler_number_
         triangles = assembled(grid)
         assert is_closed_manifold(triangles)
         assert topology(triangles) == grid_topology(grid, 0.0)
+
+
+@pytest.mark.parametrize("axes", [*permutations(range(3))][1:])
+def test_tunnels_are_found_along_any_axis(axes):
+    """The slices are taken along z, but the answer does not know it."""
+    values = random_corners(20_000, 3, checkerboard=True)
+    turned = values.reshape(-1, 2, 2, 2).transpose(0, *(1 + axis for axis in axes)).reshape(-1, 8)
+    tunnel, tunnel_turned = (tables().own_count[resolve(v, 0.0, cases_of(v))] == 3 for v in (values, turned))
+    assert tunnel.sum() > 200
+    assert (tunnel == tunnel_turned).all()
+
+
+def test_a_closed_border_that_repeats_its_neighbours_is_closed_and_manifold():
+    """As `close_border` has it: the outside samples repeat the outermost ones and count as outside."""
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        inner = rng.uniform(-1, 1, (3, 3, 3))
+        triangles = assembled(np.pad(inner, 1, mode="edge"), inside=np.pad(inner >= 0, 1).astype(int))
+        assert is_closed_manifold(triangles)
 
 
 @pytest.mark.parametrize("levels", [2, 3, 5])
