@@ -28,6 +28,8 @@ from .reading import Reading, Series, checked_flip, checked_spacing, volume_step
 
 __all__ = [
     "Series",
+    "checked_flip",
+    "checked_spacing",
     "list_series",
     "list_series_steps",
     "read_volume",

@@ -134,7 +134,7 @@ def named_after(path: Path) -> Path:
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
-    found = yield from mapped(read_header, files, "Reading headers", threads=1, batch=32)
+    found = yield from mapped(read_header, files, "Reading headers", threads=1, batch=16)
     return [one for one in found if one is not None]
 
 

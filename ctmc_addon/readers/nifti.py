@@ -18,8 +18,8 @@ from ..core.errors import ReadError
 from ..core.progress import Steps, within
 from .libraries import BROKEN, needed, quiet, reason
 from .reading import Reading, Series
-from .streams import fill_steps, opened, skip
-from .values import native, require_memory, scaled_bytes, scaled_steps
+from .streams import check_end, fill_steps, opened, skip
+from .values import PLANES, native, require_memory, scaled_whole_steps
 
 WHAT = "NIfTI"
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
@@ -32,14 +32,44 @@ def read_steps(path: Path) -> Steps[Reading]:
         size = checked_size(header, path.name)
         dtype = checked_dtype(header, path.name)
         slope, intercept = scaling(header, path.name)
-        require_memory(size[::-1], scaled_bytes(dtype, slope, intercept), path.name)
         skip(stream, int(header["vox_offset"]) - stream.tell(), path.name)
-        values = np.empty(size[::-1], dtype)  # (k, j, i)
-        yield from within(fill_steps(values, stream, path.name), 0.0, 0.8)
-    values = yield from within(scaled_steps(native(values), slope, intercept), 0.8, 1.0)
+        shape = size[::-1]  # (k, j, i)
+        if dtype.kind in "iu" and slope.is_integer() and intercept.is_integer():
+            values = yield from whole_steps(stream, shape, dtype, int(slope), int(intercept), path.name)
+        elif (slope, intercept) == (1.0, 0.0):
+            values = yield from whole_steps(stream, shape, dtype, 1, 0, path.name)
+        else:
+            values = yield from fractional_steps(stream, shape, dtype, slope, intercept, path.name)
+        check_end(stream, path.name)
     affine, notes = placed(header, path.name)
     names = label_names(header)
     return Reading(values, affine, notes, "", names, WHAT)
+
+
+def whole_steps(
+    stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any], slope: int, intercept: int, name: str
+) -> Steps[NDArray[Any]]:
+    """Values as they stand in the file, or integers scaled to integers."""
+    plain = (slope, intercept) == (1, 0)
+    require_memory(shape, dtype.itemsize if plain else max(4, dtype.itemsize), name)
+    values = np.empty(shape, dtype)
+    yield from within(fill_steps(values, stream, name), 0.0, 1.0 if plain else 0.8)
+    values = native(values)
+    return values if plain else (yield from within(scaled_whole_steps(values, slope, intercept), 0.8, 1.0))
+
+
+def fractional_steps(
+    stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any], slope: float, intercept: float, name: str
+) -> Steps[NDArray[np.float32]]:
+    """Values scaled as nibabel does, in float64, and rounded to float32; a few planes at a time."""
+    require_memory(shape, 4, name)
+    values = np.empty(shape, np.float32)
+    for start in range(0, len(values), PLANES):
+        target = values[start : start + PLANES]
+        stored = np.empty(target.shape, dtype)
+        yield from within(fill_steps(stored, stream, name), start / len(values), (start + len(target)) / len(values))
+        target[...] = stored.astype(np.float64) * slope + intercept
+    return values
 
 
 def describe(path: Path) -> Series:

@@ -20,7 +20,7 @@ from ..core.progress import Steps, within
 from .libraries import BROKEN, needed, quiet, reason
 from .paths import natural
 from .reading import Reading, Series
-from .streams import fill_steps, skip, unpacked
+from .streams import check_end, fill_steps, skip, unpacked
 from .values import native, require_memory
 
 WHAT = "NRRD"
@@ -175,6 +175,7 @@ def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, A
         with unpacked(stream, encoding) as plain:
             skip(plain, max(0, byte_skip), path.name)
             yield from fill_steps(values, plain, path.name)
+            check_end(plain, path.name)
     elif encoding in ("ascii", "text", "txt"):
         words = stream.read().split()
         if len(words) != values.size:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from .headers import DEFLATED, WHAT, ImageFile, pydicom_errors
-from .libraries import needed, reason
+from .libraries import needed, quiet, reason
 from .multiframe import FrameGeometry
 
 
@@ -33,18 +33,25 @@ def check_codec(image: ImageFile) -> None:
     if not image.pixels.compressed:
         return
     pixels = needed("pydicom.pixels", "pydicom", WHAT)
-    uid = needed("pydicom.uid", "pydicom", WHAT).UID(image.pixels.syntax)
+    name = syntax_name(image.pixels.syntax)
     try:
-        decoder = pixels.get_decoder(uid)
-    except NotImplementedError as error:
+        with quiet():
+            decoder = pixels.get_decoder(image.pixels.syntax)
+    except pydicom_errors() as error:
         raise ReadError(
-            f"{image.path.name} is compressed as '{uid.name}', which pydicom cannot decode; export it uncompressed"
+            f"{image.path.name} is compressed as '{name}', which pydicom cannot decode; export it uncompressed"
         ) from error
     if not decoder.is_available:
         raise ReadError(
-            f"{image.path.name} is compressed as '{uid.name}', and the library for it is missing; "
+            f"{image.path.name} is compressed as '{name}', and the library for it is missing; "
             "install pylibjpeg with pylibjpeg-libjpeg and pylibjpeg-openjpeg"
         )
+
+
+def syntax_name(syntax: str) -> str:
+    """The transfer syntax in words, or its UID where it is a private one."""
+    with quiet():
+        return str(needed("pydicom.uid", "pydicom", WHAT).UID(syntax).name)
 
 
 def stored_pixels(image: ImageFile, frame: int) -> NDArray[Any]:
@@ -78,7 +85,7 @@ def _decoded(image: ImageFile, frame: int) -> NDArray[Any]:
         source = pydicom.dcmread(image.path) if image.pixels.syntax == DEFLATED else image.path
         found: NDArray[Any] = pydicom.pixels.pixel_array(source, index=index)
     except pydicom_errors() as error:
-        name = pydicom.uid.UID(image.pixels.syntax).name
+        name = syntax_name(image.pixels.syntax)
         raise ReadError(
             f"the pixels of {image.path.name} ({name}) are truncated or damaged ({reason(error)}); copy it again"
         ) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,10 +14,10 @@ from ..core import memory
 from ..core.progress import Step, Steps
 
 HU, GREY, LABEL = "HU", "grey value", "label"
-LABEL_NAMES = ("segmentation", "label", "mask", "seg")
+LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit grey values nearly use up their 256
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
-PLANES = 16  # looked at between two steps
+PLANES = 8  # looked at between two steps
 
 
 def require_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
@@ -33,25 +34,11 @@ def native(values: NDArray[Any]) -> NDArray[Any]:
     return values.byteswap(inplace=True).view(values.dtype.newbyteorder("="))
 
 
-def scaled_bytes(dtype: np.dtype[Any], slope: float, intercept: float) -> int:
-    """Bytes a voxel that reading and `scaled_steps` need together, at most."""
-    if (slope == 1.0 and intercept == 0.0) or dtype.itemsize == 4:
-        return dtype.itemsize
-    return dtype.itemsize + 4
-
-
-def scaled_steps(values: NDArray[Any], slope: float, intercept: float) -> Steps[NDArray[Any]]:
-    """`values * slope + intercept`: int16 or int32 where that is exact, else float32; in place where sizes allow.
-
-    Computed in float64, as nibabel does, and then rounded to float32.
-    """
-    if slope == 1.0 and intercept == 0.0:
-        return values
-    dtype: Any = np.float32
-    if values.dtype.kind in "bui" and slope.is_integer() and intercept.is_integer():
-        low, high = yield from range_steps(values)
-        ends = (int(low) * int(slope) + int(intercept), int(high) * int(slope) + int(intercept))
-        dtype = smallest_integer(min(ends), max(ends)) or np.float32
+def scaled_whole_steps(values: NDArray[Any], slope: int, intercept: int) -> Steps[NDArray[Any]]:
+    """Integers `values * slope + intercept` as int16, int32 or float32, the first that holds them."""
+    low, high = yield from range_steps(values)
+    ends = (int(low) * slope + intercept, int(high) * slope + intercept)
+    dtype: Any = smallest_integer(min(ends), max(ends)) or np.float32
     same_size = values.dtype.itemsize == np.dtype(dtype).itemsize
     out = values.view(dtype) if same_size else np.empty(values.shape, dtype)
     for at, (plane, target) in enumerate(zip(values, out, strict=True)):
@@ -80,15 +67,27 @@ def range_steps(values: NDArray[Any]) -> Steps[tuple[float, float]]:
     return low, high
 
 
+def is_label_name(name: str) -> bool:
+    """Whether a file's stem is one that label files have.
+
+    Examples
+    --------
+    >>> [is_label_name(name) for name in ("segmentation-3", "case 7_seg", "volume-3", "segmented")]
+    [True, True, False, False]
+    """
+    words = [word for word in re.split(r"[^a-z]+", name.lower()) if word]
+    return bool(words) and (words[0] in LABEL_WORDS or words[-1] in LABEL_WORDS)
+
+
 def kind_steps(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu: bool) -> Steps[str]:
     """What the values mean, where the file does not say it.
 
-    Labels: the file names them; or its name begins like a label file's and all values are whole
+    Labels: the file names them; or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
     HU: the format holds physical values, and some are as low as air. Else they are grey values.
     """
     whole = values.dtype.kind in "bui"
-    if has_label_names or (name.lower().startswith(LABEL_NAMES) and (whole or (yield from whole_steps(values)))):
+    if has_label_names or (is_label_name(name) and (whole or (yield from whole_steps(values)))):
         return LABEL
     if not may_be_hu:
         return GREY

@@ -420,3 +420,51 @@ def test_copies_of_a_slice_in_other_folders_change_nothing(tmp_path, save_stack)
     hu = save_stack(tmp_path / "a", range(3))
     shutil.copytree(tmp_path / "a", tmp_path / "copy")
     np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_float_pixels_stay_float32(tmp_path, save_slice):
+    values = np.random.default_rng(0).normal(0, 500, (3, 4, 5)).astype(np.float32)
+    for z, plane in enumerate(values):
+        dataset = save_slice(
+            tmp_path / f"{z}.dcm", plane.view(np.uint32), (0, 0, z), RescaleIntercept=None, RescaleSlope=None
+        )
+        dataset.FloatPixelData = plane.tobytes()
+        del dataset.PixelData
+        pydicom.dcmwrite(tmp_path / f"{z}.dcm", dataset, enforce_file_format=True)
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, values)
+    assert volume.values.dtype == np.float32
+
+
+def test_a_read_needs_little_more_memory_than_the_volume(tmp_path, save_stack):
+    import tracemalloc
+
+    save_stack(tmp_path, range(100), (64, 64))
+    read_volume(tmp_path)  # what libraries keep for good
+    tracemalloc.start()
+    volume = read_volume(tmp_path, threads=2)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    slice_bytes = volume.values[0].nbytes
+    assert peak < volume.values.nbytes + 20 * slice_bytes + 1_000_000
+
+
+def test_a_series_of_pictures_without_places_is_never_preferred(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "ct", range(3))
+    save_stack(tmp_path / "pictures", range(9), SeriesInstanceUID="1.2.9", ImagePositionPatient=None)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+    assert [one.slices for one in list_series(tmp_path)] == [3, 9]
+
+
+def test_a_file_of_a_smaller_group_chooses_its_own_group(tmp_path, save_stack, save_slice):
+    save_stack(tmp_path, range(5))
+    for z in range(3):
+        save_slice(tmp_path / f"wide{z}.dcm", np.full((8, 9), z, np.uint16), (0, 0, z))
+    assert read_volume(tmp_path / "wide1.dcm").size == (9, 8, 3)
+
+
+def test_values_not_in_hu_are_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), RescaleType="US")
+    volume = read_volume(tmp_path)
+    assert volume.kind == "grey value"
+    assert said(volume, "not in HU")
