@@ -209,6 +209,23 @@ def single_numbers_repeated(argv: Sequence[str]) -> list[str]:
     return words
 
 
+def labels_repeated(words: list[str]) -> list[str]:
+    """For `batch`, `--label 1 2` as `--label 1 --label 2`, so that an input may follow.
+
+    Examples
+    --------
+    >>> labels_repeated(["batch", "--label", "1", "2", "cases"])
+    ['batch', '--label', '1', '--label', '2', 'cases']
+    """
+    if words[:1] != ["batch"]:
+        return words
+    out: list[str] = []
+    for word in words:
+        follows = out[-2:-1] == ["--label"] and is_number(out[-1]) and is_number(word)
+        out += ["--label", word] if follows else [word]
+    return out
+
+
 def is_number(word: str) -> bool:
     """Whether a word reads as a number."""
     try:

@@ -1,0 +1,77 @@
+"""Send the cases to a dask.distributed cluster, whose workers see the same files.
+
+A worker starts a process for each case, as `ctmc batch` does on one machine. The scheduler gives the cases of a
+worker that was lost to another one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ..core import CtmcError
+from .batch_process import PACKAGE, Event, Task, run_task, settle
+
+PATIENCE = 10.0  # seconds in which a scheduler has to answer
+TICK = 0.2
+
+
+class Cluster:
+    """A connection to a scheduler; raises `CtmcError` if there is none to be had."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        if __name__.partition(".")[0] != PACKAGE.name:
+            raise CtmcError("--scheduler works from the Python package ctmc, which the workers need too")
+        try:
+            self.distributed: Any = importlib.import_module("distributed")
+        except ImportError as error:
+            raise CtmcError(f"--scheduler needs dask.distributed ({error}); pip install 'ctmc[cluster]'") from error
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in a sentence
+        start = time.perf_counter()
+        try:
+            self.client: Any = self.distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise CtmcError(
+                f"the scheduler {address} did not answer, tried for {time.perf_counter() - start:.0f} s; "
+                "check that it runs and that its address is like tcp://host:8786"
+            ) from error
+
+    def close(self) -> None:
+        """End the connection; the cluster goes on."""
+        self.client.close(timeout=PATIENCE)
+
+    @property
+    def workers(self) -> int:
+        """Workers that the scheduler knows now."""
+        return len(self.client.nthreads())
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Event | None]:
+        """Do the tasks on the cluster; yields what happens, and None while nothing does."""
+        futures = {index: self.client.submit(run_task, task, pure=False) for index, task in enumerate(tasks)}
+        try:
+            while futures:
+                over = [index for index, future in futures.items() if future.status != "pending"]
+                for index in over:
+                    future = futures.pop(index)
+                    if future.status != "finished":
+                        settle(tasks[index], self.problem(future))
+                    yield Event(tasks[index], "ended")
+                if not over:
+                    yield None
+                    time.sleep(TICK)
+        finally:
+            if futures:
+                self.client.cancel(list(futures.values()), force=True)
+
+    def problem(self, future: Any) -> str:
+        """Why a task did not come to its end, in one sentence."""
+        if future.status != "error":
+            return f"the scheduler {self.address} lost this case; run the batch again with --resume"
+        error = future.exception(timeout=PATIENCE)
+        if isinstance(error, self.distributed.KilledWorker):
+            return "the workers that took this case were lost, again and again; see their logs for the reason"
+        return f"the worker could not do this case: {type(error).__name__}: {error}"

@@ -1,0 +1,58 @@
+"""How much memory a case will need, told from its headers before anything is read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from .. import readers
+from ..core import CtmcError, ReconstructionSettings
+from ..core.memory import available_bytes
+from ..readers.headers import ImageFile, read_header
+from ..readers.paths import files_below
+from .batch_cases import Case
+from .reconstruct import source_of
+
+PROCESS_BYTES = 400 << 20  # Python, NumPy and Blender
+VOXEL_BYTES = 8  # the values as read and as scaled, a label's copy, the surface and Blender's copies of it
+SOFTENED_BYTES = 9  # more, where values are softened
+SHARE = 0.85  # of the memory that is there
+
+
+def needed_bytes(case: Case) -> int:
+    """Memory that a case needs, about; too little for one whose headers are broken, which fails at once."""
+    settings = [output.settings for output in case.outputs]
+    each = VOXEL_BYTES + (SOFTENED_BYTES if any(one.soften_mm > 0 for one in settings) else 0)
+    return PROCESS_BYTES + each * voxels_of(case, settings[0])
+
+
+def voxels_of(case: Case, settings: ReconstructionSettings) -> int:
+    """Voxels in the file that will be read, 0 where that cannot be told."""
+    path, _ = source_of(case.path, settings.label)
+    try:
+        if path.is_dir() and readers.folder_format(path) == "dicom":
+            # One header instead of hundreds: all slices are taken to be like the first.
+            files = list(files_below(path))
+            first = next((one for one in map(read_header, files) if isinstance(one, ImageFile)), None)
+            return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
+        return max(one.slices * one.size[0] * one.size[1] for one in readers.list_series(path))
+    except (CtmcError, OSError, ValueError):
+        return 0
+
+
+def memory_limit() -> int | None:
+    """What the cases may take together, bytes; None where the system does not say."""
+    available = available_bytes()
+    return None if available is None else int(available * SHARE)
+
+
+def jobs_at_once(asked: int | None, needs: Sequence[int], limit: int | None) -> int:
+    """Processes at once: as many as asked for or as there are processors, and no more than fit by the largest.
+
+    Examples
+    --------
+    >>> jobs_at_once(4, [1 << 30, 2 << 30], 5 << 30)
+    2
+    """
+    jobs = min(asked or os.cpu_count() or 1, max(len(needs), 1))
+    return jobs if limit is None or not needs else max(1, min(jobs, limit // max(needs)))
