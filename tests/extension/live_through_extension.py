@@ -10,6 +10,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,16 +58,20 @@ def decode_both_jpegs() -> dict[str, float]:
     }
 
 
-def reconstruct_a_box(folder: Path) -> dict[str, float]:
-    """A box of 6 x 8 x 10 mm read from a file and extracted by the installed package."""
-    core = importlib.import_module(f"{MODULE}.ctmc_addon.core")
-    readers = importlib.import_module(f"{MODULE}.ctmc_addon.readers")
+def reconstruct_a_box(folder: Path) -> dict[str, Any]:
+    """A box of 6 x 8 x 10 mm, loaded and reconstructed as the panel's buttons do it."""
+    import bpy
+
     values = np.zeros((14, 12, 10), np.uint8)
     values[2:12, 2:10, 2:8] = 255
     np.save(folder / "box.npy", values)
-    volume = readers.read_volume(folder / "box.npy", spacing=(1.0, 1.0, 1.0))
-    mesh = core.reconstruct(volume, core.ReconstructionSettings(threshold=127.5)).mesh
-    return {"volume": mesh.volume, "euler": mesh.euler, "module": core.__name__}
+    scene = bpy.context.scene
+    steps = [bpy.ops.ctmc.load(filepath=str(folder / "box.npy"), spacing=(1.0, 1.0, 1.0))]
+    scene.ctmc.threshold = 127.5
+    steps.append(bpy.ops.ctmc.reconstruct())
+    thing = bpy.context.view_layer.objects.active
+    mesh = importlib.import_module(f"{MODULE}.ctmc_addon.scene").evaluated_triangles(thing)
+    return {"steps": [sorted(step) for step in steps], "name": thing.name, "volume": mesh.volume, "euler": mesh.euler}
 
 
 def repository() -> int:
@@ -77,7 +82,7 @@ def repository() -> int:
     return modules.index("user_default")
 
 
-def main(package: str, modules: list[str]) -> dict[str, object]:
+def main(package: str, modules: list[str]) -> dict[str, Any]:
     """Install, use, disable and enable, uninstall; what was seen on the way."""
     import bpy
 
@@ -87,7 +92,7 @@ def main(package: str, modules: list[str]) -> dict[str, object]:
         filepath=package, repo="user_default", enable_on_install=True, overwrite=True
     )
     enabled = registered()
-    seen: dict[str, object] = {"profile": str(profile), "enabled": MODULE in bpy.context.preferences.addons}
+    seen: dict[str, Any] = {"profile": str(profile), "enabled": MODULE in bpy.context.preferences.addons}
     seen["files"] = where_from(modules)
     seen["decoded"] = decode_both_jpegs()
     seen["box"] = reconstruct_a_box(profile)
@@ -103,6 +108,8 @@ def main(package: str, modules: list[str]) -> dict[str, object]:
     seen["left when disabled"] = sorted(registered() ^ before)
     bpy.ops.extensions.package_uninstall(repo_index=repository(), pkg_id="ctmc")
     seen["left registered"] = sorted(registered() ^ before)
+    mesh = bpy.data.objects[seen["box"]["name"]].data
+    seen["vertices kept"] = len(mesh.vertices)
     seen["left on disk"] = [str(path) for path in profile.rglob("*") if path.name in {"ctmc", "pydicom"}]
     return seen
 
