@@ -107,3 +107,8 @@ def real_ct(data: Path, also: list[Path]) -> dict[str, Volume]:
     """The real volumes that are there, by name."""
     paths = [data / name for name in REAL_CT] + list(also)
     return {path.name: read_volume(path) for path in paths if path.exists()}
+
+
+def affine(spacing: tuple[float, float, float] = (0.74, 0.74, 0.58)) -> NDArray[np.float64]:
+    """Axes towards the patient's left, back and head."""
+    return np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
