@@ -158,7 +158,7 @@ def existing(path: PathLike) -> Path:
         raise unreadable(place, error) from error
     if not found:
         raise ReadError(f"there is no file or folder '{path}'; check the path")
-    return place
+    return place if place.name.strip(".") else place.resolve()  # '.' and '..' have no name to show
 
 
 def unreadable(place: Path, error: OSError) -> ReadError:

@@ -28,7 +28,8 @@ from .values import require_memory
 
 SCAN_SHARE = 0.3  # of the progress goes to headers
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
-MORE_SYNTAX_ROOM = 2  # slices a thread decodes between two steps, where decoding is slow
+SLOW_BATCH, FAST_BATCH = 2, 8  # slices a thread decodes between two steps: compressed, or as they are
+MOST_LISTED = 12  # series in one note
 
 
 class Slice(NamedTuple):
@@ -120,7 +121,7 @@ def find_steps(path: Path) -> Steps[Found]:
             return sorted_out([own])
         files = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural)
         headers = yield from headers_steps(files)
-        return sorted_out([one for one in headers if one.series == own.series])
+        return sorted_out([one for one in headers if one.series == own.series or isinstance(one, Broken)])
     folder = path.parent if path.is_file() else path
     return sorted_out((yield from headers_steps(list(files_below(folder)))))
 
@@ -173,7 +174,8 @@ def chosen_series(found: Found, series: str | int | None, path: Path) -> tuple[s
             raise truncated(found.broken[0])
         other = f"; its {found.colour} colour images are no CT" if found.colour else ""
         raise ReadError(f"{path.name} has no DICOM images{other}; choose the folder of a CT series")
-    text = "; ".join(line.text for line in lines)
+    text = "; ".join(line.text for line in lines[:MOST_LISTED])
+    text += f"; and {len(lines) - MOST_LISTED} more" if len(lines) > MOST_LISTED else ""
     if series is not None and str(series).strip():
         wanted = str(series).strip()
         for line in lines:
@@ -280,7 +282,7 @@ def values_steps(slices: list[Slice], stack: Stack, threads: int | None) -> Step
 
 def batch_size(slices: Sequence[Slice], threads: int | None) -> int:
     """Slices between two steps: few where decoding is slow."""
-    return pool_size(threads) * (MORE_SYNTAX_ROOM if slices[0].image.pixels.start is None else 8)
+    return pool_size(threads) * (SLOW_BATCH if slices[0].image.pixels.start is None else FAST_BATCH)
 
 
 def decoded_steps(

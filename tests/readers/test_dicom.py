@@ -238,6 +238,22 @@ def test_one_file_stands_for_its_series_in_its_folder(tmp_path, save_stack):
     assert volume.name == tmp_path.name
 
 
+def test_one_file_of_a_series_with_a_broken_slice_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(4))
+    (tmp_path / "3.dcm").write_bytes((tmp_path / "3.dcm").read_bytes()[:140])
+    with pytest.raises(CtmcError, match=r"3\.dcm is a truncated or damaged DICOM file \(140 bytes\)"):
+        read_volume(tmp_path / "1.dcm")
+
+
+def test_many_series_are_listed_in_part(tmp_path, save_stack):
+    for number in range(15):
+        save_stack(tmp_path / str(number), range(2 + (number == 13)), SeriesInstanceUID=f"1.5.{number}")
+    volume = read_volume(tmp_path)
+    assert len(volume.values) == 3
+    assert said(volume, "15 series found, series 14 with the most slices was read")
+    assert said(volume, "series 12: 2 slices of 7 x 5, CT; and 3 more")
+
+
 def save_dicomdir(folder):
     """A directory file without records, which is all that a reader who walks the folder may see of it."""
     folder.mkdir()

@@ -140,6 +140,11 @@ def test_relative_paths_are_named_after_their_place(tmp_path, save_stack, monkey
     monkeypatch.chdir(tmp_path / "case")
     assert read_volume(".").name == "case"
     assert read_volume("1.dcm").name == "case"
+    (tmp_path / "case" / "deep").mkdir()
+    monkeypatch.chdir(tmp_path / "case" / "deep")
+    assert read_volume("..").name == "case"
+    with pytest.raises(CtmcError, match="folder deep is empty"):
+        read_volume(".")
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="this user may read every file")
