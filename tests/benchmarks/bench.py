@@ -31,7 +31,7 @@ PARTS = {  # name: module, what is measured
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",
 }
-WORK, PEER = 70, 36  # widths of the printed columns
+WORK, PEER = 82, 40  # widths of the printed columns
 
 
 def main() -> int:
@@ -44,6 +44,9 @@ def main() -> int:
     if RESULTS.exists() and options.only:  # what was measured before stays
         found = {**found, **{key: json.loads(RESULTS.read_text())[key] for key in ("rows", "facts")}}
         found["rows"] = [row for row in found["rows"] if row["part"] not in parts]
+    busy = found["machine"]["load"]
+    if busy and busy > 1:
+        print(f"# The machine is busy (load {busy:.1f}): these numbers are for a first look")
     print(header(), flush=True)
     status = 0
     with tempfile.TemporaryDirectory(prefix="ctmc-bench-") as scratch:

@@ -13,7 +13,7 @@ from ctmc_addon.core.progress import finish
 from ctmc_addon.core.sampling import make_grid
 
 from . import peers, scenes
-from .measuring import Row, Session, bandwidth, median_seconds, peak_bytes, stage_seconds
+from .measuring import Row, Session, bandwidth, least_seconds, median_seconds, peak_bytes, stage_seconds
 
 VTK = "vtkFlyingEdges3D"
 STRIDES = {(2, 2, 1): 0.39, (3, 3, 1): 0.21}  # of the time at stride 1: 61 % and 79 % saved
@@ -131,7 +131,7 @@ def strides(session: Session, name: str, values: NDArray[Any], threshold: float,
             for stride in sides
         }
     )
-    least = {stride: least_seconds(values, threshold, stride, width) for stride in sides}
+    least = {stride: least_at(values, threshold, stride, width) for stride in sides}
     for stride, target in STRIDES.items():
         runs = {name: seconds[name] for name in (str(stride), str((1, 1, 1)))}
         ours, whole = (float(np.median(taken)) for taken in runs.values())
@@ -150,46 +150,41 @@ def strides(session: Session, name: str, values: NDArray[Any], threshold: float,
         )
 
 
-def least_seconds(values: NDArray[Any], threshold: float, stride: tuple[int, int, int], width: dict[str, float]) -> float:
+def least_at(values: NDArray[Any], threshold: float, stride: tuple[int, int, int], width: dict[str, float]) -> float:
     """What reading the rows that hold samples and writing the result takes at this machine's bandwidth.
 
     Memory comes in lines of 64 bytes: of a row that holds samples all is read, up to strides of a line.
     """
-    read = values.nbytes / stride[1] / stride[2]
-    if stride[0] * values.itemsize > 64:
-        read /= stride[0] * values.itemsize / 64
+    read = values.nbytes / stride[1] / stride[2] / max(1, stride[0] * values.itemsize / 64)
     counts = counted(values, threshold, stride)
-    return read / width["read"] + 12 * (counts.vertices + counts.faces) / (width["copy"] / 2)
+    return least_seconds(read, 12 * (counts.vertices + counts.faces), width)
 
 
 def stages(
     session: Session, values: NDArray[Any], threshold: float, threads: int, width: dict[str, float]
 ) -> list[dict[str, Any]]:
-    """For every stage of an extraction: seconds, the bytes it must move at least, and what the memory would take."""
+    """For every stage of an extraction: seconds, the bytes it must read and write at least, and their seconds."""
     grid = make_grid(values)
     seconds = stage_seconds(lambda: extract_steps(grid, threshold, False, threads), session.repeats)
     counts = finish(count_steps(grid, threshold))
     bits = values.size / 8
+    found = 5 * counts.active  # of every active voxel its place (int32) and its case
     moved = {
-        "Comparing with the threshold": values.nbytes + bits,
-        # Every active voxel leaves its place (int32) and its case.
-        "Finding active voxels": bits + 5 * counts.active,
-        # Two values for every vertex; both ends of alpha, 12 bytes each; a triangle 12.
-        "Placing vertices and triangles": 5 * counts.active
-        + (2 * values.itemsize + 24) * counts.vertices
-        + 12 * counts.faces,
+        "Comparing with the threshold": (values.nbytes, bits),
+        "Finding active voxels": (bits, found),
+        # Two values for every vertex; written are both ends of alpha and the triangles, 12 bytes each.
+        "Placing vertices and triangles": (
+            found + 2 * values.itemsize * counts.vertices,
+            24 * counts.vertices + 12 * counts.faces,
+        ),
     }
     rows = []
     for stage, taken in seconds.items():
-        least = moved.get(stage)
-        rows.append(
-            {
-                "stage": stage,
-                "seconds": taken,
-                "bytes": least,
-                "limit_seconds": None if least is None else least / width["copy"],
-            }
-        )
+        if taken < 1e-4:  # the last sign of life
+            continue
+        read, written = moved.get(stage, (None, None))
+        least = None if read is None else least_seconds(read, written, width)
+        rows.append({"stage": stage, "seconds": taken, "read": read, "written": written, "least_seconds": least})
     return rows
 
 

@@ -41,8 +41,9 @@ def measure(session: Session) -> None:
         for threads in (1, 2)
     ]
     session.facts["stride"] = [stride_point(session, dense, stride) for stride in STRIDES]
-    for text in summary(session.facts):
-        session.say(text)
+    session.facts["summary"] = summary(session.facts)
+    for sentence in session.facts["summary"]:
+        session.say(sentence)
 
 
 def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str
         "seconds": lambda: marching_cubes(values, scenes.EDGE, normals=False, threads=threads),
         "vtk_seconds": peers.flying_edges(values, scenes.EDGE, False, threads),
     }
-    seconds = session.race(calls, max(2, session.repeats // 2))
+    seconds = session.race(calls, session.repeats)
     peak = peak_bytes(calls["seconds"], mesh_bytes)
     return {
         "voxels": counts.voxels,
@@ -85,7 +86,7 @@ def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[st
     counts = finish(count_steps(make_grid(values, sides), scenes.DENSE_THRESHOLD))
     seconds = session.race(
         {"seconds": lambda: marching_cubes(values, scenes.DENSE_THRESHOLD, sides, normals=False, threads=1)},
-        max(2, session.repeats // 2),
+        session.repeats,
     )
     return {
         "stride": stride,
@@ -96,16 +97,32 @@ def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[st
 
 
 def summary(facts: dict[str, Any]) -> list[str]:
-    """A line for every series: the exponent with which time grows."""
-    return [
-        f"time grows with voxels to the power {exponent(facts['size'], 'voxels', 'seconds'):.2f}, "
-        f"beside the result memory to {exponent(facts['size'], 'voxels', 'peak_bytes'):.2f}",
-        f"time grows with triangles to the power {exponent(facts['triangles'], 'triangles', 'seconds'):.2f}",
-        f"time grows with the voxels that a stride leaves to {exponent(facts['stride'], 'voxels', 'seconds'):.2f}",
-    ]
+    """Whether time is linear in what was visited: one price a voxel and one a triangle for all of a series."""
+    lines = []
+    for series, name in (("size", "volume size"), ("triangles", "triangles"), ("stride", "stride")):
+        price = prices(facts[series])
+        worst = max(facts[series], key=lambda point: abs(departure(point, price)))
+        lines.append(
+            f"over {name}: {price[0] * 1e9:.2f} ns a voxel, {price[1] * 1e9:.0f} ns a triangle and "
+            f"{price[2] * 1e3:.1f} ms; the farthest point is {departure(worst, price):+.0%} off"
+        )
+    return lines
 
 
-def exponent(points: list[dict[str, Any]], over: str, of: str) -> float:
-    """Slope of the logarithms by least squares: 1 is linear."""
-    x, y = (np.log([point[name] for point in points]) for name in (over, of))
-    return float(((x - x.mean()) * (y - y.mean())).sum() / ((x - x.mean()) ** 2).sum())
+def prices(points: list[dict[str, Any]]) -> NDArray[np.float64]:
+    """Seconds a voxel, a triangle and a call, none below zero, by least squares of the relative errors."""
+    visited = np.array([[point["voxels"], point["triangles"], 1.0] for point in points])
+    visited /= np.array([[point["seconds"]] for point in points])
+    best, least = np.zeros(3), np.inf
+    for used in ([0, 1, 2], [0, 1], [1, 2], [0, 2], [0], [1]):
+        found = np.linalg.lstsq(visited[:, used], np.ones(len(points)), rcond=None)[0]
+        rest = ((visited[:, used] @ found - 1) ** 2).sum()
+        if (found >= 0).all() and rest < least:
+            best, least = np.zeros(3), rest
+            best[used] = found
+    return best
+
+
+def departure(point: dict[str, Any], price: NDArray[np.float64]) -> float:
+    """How far the measured seconds are from the price, as a share."""
+    return point["seconds"] / float(price @ [point["voxels"], point["triangles"], 1.0]) - 1

@@ -189,18 +189,23 @@ def stage_seconds(make_steps: Callable[[], Any], repeats: int) -> dict[str, floa
 
 
 def bandwidth(threads: int, size: int = 1 << 27, repeats: int = 7) -> dict[str, float]:
-    """Bytes a second this machine reads, and copies (read and written both counted), with so many threads.
+    """Bytes a second this machine reads and writes with so many threads.
 
-    A copy into memory that is in use already: what fresh memory costs on top is the system's page faults.
+    Written into memory that is in use already: what fresh memory costs on top is the system's page faults.
     """
-    source, target = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
+    block = np.zeros(size, np.uint8)
     parts = [slice(size * part // threads, size * (part + 1) // threads) for part in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
 
         def read() -> None:
-            list(pool.map(lambda part: source[part].max(), parts))
+            list(pool.map(lambda part: block[part].max(), parts))
 
-        def copy() -> None:
-            list(pool.map(lambda part: np.copyto(target[part], source[part]), parts))
+        def write() -> None:
+            list(pool.map(lambda part: block[part].fill(1), parts))
 
-        return {"read": size / median_seconds(read, repeats), "copy": 2 * size / median_seconds(copy, repeats)}
+        return {"read": size / median_seconds(read, repeats), "write": size / median_seconds(write, repeats)}
+
+
+def least_seconds(read: float, written: float, width: dict[str, float]) -> float:
+    """What moving so many bytes takes when nothing else costs time."""
+    return read / width["read"] + written / width["write"]
