@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import re
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -26,6 +27,8 @@ class Cluster:
         self.address = address
         if __name__.partition(".")[0] != PACKAGE.name:
             raise CtmcError("--scheduler works from the Python package ctmc, which the workers need too")
+        if not re.fullmatch(r"((tcp|tls|ucx|ws|wss)://)?\S+:\d+/?", address):
+            raise CtmcError(f"'{address}' is no scheduler's address; it is like tcp://host:8786")
         try:
             self.distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
@@ -37,7 +40,7 @@ class Cluster:
         except (OSError, ValueError) as error:
             raise CtmcError(
                 f"the scheduler {address} did not answer, tried for {time.perf_counter() - start:.0f} s; "
-                "check that it runs and that its address is like tcp://host:8786"
+                "check its address, and that it runs"
             ) from error
 
     def close(self) -> None:
