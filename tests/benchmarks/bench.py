@@ -83,6 +83,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scratch", type=Path, **hidden)
     parser.add_argument("--answer", type=Path, **hidden)
     options = parser.parse_args()
+    if options.write_docs and options.only:
+        parser.error("--write-docs needs all parts: the page holds the numbers of one run")
     options.repeats = options.repeats or (3 if options.quick else 9)
     return options
 

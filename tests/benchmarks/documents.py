@@ -5,13 +5,14 @@ What stands outside the markers is written by hand and stays.
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "performance.md"
-PICTURE = ROOT / "docs" / "pictures" / "growth.svg"
+PICTURE = ROOT / "docs" / "pictures" / "growth.png"
 TITLES = {
     "extraction": "Extraction",
     "simplify": "Simplification",
@@ -102,55 +103,59 @@ def stages_text(stages: dict[str, list[dict[str, Any]]], widths: dict[str, dict[
 
 def growth_text(growth: dict[str, Any]) -> str:
     """The prices of a voxel and a triangle, and threads."""
-    rows = [
-        [point["scene"], str(point["threads"]), f"{point['seconds']:.3f} s", f"{point['vtk_seconds']:.3f} s"]
+    threads = [
+        [
+            point["scene"],
+            str(point["threads"]),
+            f"{point['seconds'] * 1e3:.0f} ms",
+            f"{point['vtk_seconds'] * 1e3:.0f} ms",
+        ]
         for point in growth["threads"]
-    ]
-    peaks = [
-        [f"{point['side']}³", "", f"{point['bytes'] / 2**20:.1f} MiB", f"{point['peak_bytes'] / 2**20:.1f} MiB"]
-        for point in growth["size"]
     ]
     return "\n\n".join(
         [
-            f"![Time and memory over size, triangles, threads and stride](pictures/{PICTURE.name})",
+            f"![Time and memory over size, triangles, stride and threads](pictures/{PICTURE.name})",
             "\n".join(f"- {sentence[0].upper()}{sentence[1:]}." for sentence in growth["summary"]),
-            table(["scene", "threads", "CTMC", "vtkFlyingEdges3D"], rows),
-            table(["volume", "", "its size", "memory beside the result"], peaks),
+            table(["scene", "threads", "CTMC", "vtkFlyingEdges3D"], threads),
         ]
     )
 
 
 def draw(growth: dict[str, Any], path: Path) -> None:
-    """Four panels as SVG; the same numbers give the same file."""
+    """Time above, memory below, over four things."""
     import matplotlib
 
-    matplotlib.use("svg")
-    matplotlib.rcParams.update({"svg.hashsalt": "ctmc", "font.size": 8, "axes.grid": True, "grid.alpha": 0.3})
+    matplotlib.use("agg")
+    look = {"font.size": 8, "axes.grid": True, "grid.alpha": 0.3}
+    matplotlib.rcParams.update(look)
     from matplotlib import pyplot
+    from PIL import Image
 
-    figure, panels = pyplot.subplots(1, 4, figsize=(13, 3.2), layout="constrained")
-    size, triangles, stride = growth["size"], growth["triangles"], growth["stride"]
-
-    def lines(panel: object, points: list[dict[str, Any]], over: str, scale: float) -> None:
-        x = [point[over] / scale for point in points]
-        for name, label, colour in (("seconds", "CTMC", "tab:red"), ("vtk_seconds", "VTK", "tab:gray")):
-            if name in points[0]:
-                panel.plot(x, [point[name] * 1e3 for point in points], "o-", label=label, color=colour, markersize=3)
-
-    lines(panels[0], size, "voxels", 1e6)
-    panels[0].set(title="a ball in a cube of 64 to 512, 1 thread", xlabel="million voxels", ylabel="ms")
-    lines(panels[1], triangles, "triangles", 1e6)
-    panels[1].set(title="1 to 512 balls in one cube, 1 thread", xlabel="million triangles", ylabel="ms")
-    lines(panels[2], stride, "voxels", 1e6)
-    panels[2].set(title="dense CT, strides 1 to 8, 1 thread", xlabel="million voxels", ylabel="ms")
-    x = [point["bytes"] / 2**20 for point in size]
-    panels[3].plot(x, [point["peak_bytes"] / 2**20 for point in size], "o-", color="tab:red", markersize=3)
-    panels[3].set(title="memory beside the result", xlabel="MiB of volume", ylabel="MiB")
-    for panel in panels:
-        panel.set_xlim(left=0)
-        panel.set_ylim(bottom=0)
-    for panel in panels[:2]:
-        panel.legend()
+    figure, panels = pyplot.subplots(2, 4, figsize=(13, 5.4), layout="constrained")
+    series = (
+        ("size", "a ball in a cube of 64³ to 512³", "million voxels", "voxels", 1e6),
+        ("triangles", "1 to 512 balls in a cube of 320³", "million triangles", "triangles", 1e6),
+        ("stride", "dense CT, strides 1 x 1 to 8 x 8", "million voxels", "voxels", 1e6),
+        ("threads", "threads, dense CT", "threads", "threads", 1),
+    )
+    for at, (name, title, label, over, unit) in enumerate(series):
+        points = [point for point in growth[name] if point.get("scene", "dense") == "dense"]
+        x = [point[over] / unit for point in points]
+        time, memory = panels[:, at]
+        for of, who, colour in (("seconds", "CTMC", "tab:red"), ("vtk_seconds", "VTK", "tab:gray")):
+            if of in points[0]:
+                time.plot(x, [point[of] * 1e3 for point in points], "o-", label=who, color=colour, markersize=3)
+        memory.plot(x, [point["peak_bytes"] / 2**20 for point in points], "o-", color="tab:red", markersize=3)
+        time.set(title=title, ylabel="ms")
+        memory.set(xlabel=label, ylabel="MiB beside the result")
+        if name == "threads":
+            memory.set_xticks(x)
+            time.set_xticks(x)
+        for panel in (time, memory):
+            panel.set_ylim(bottom=0)
+        time.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=100)
     pyplot.close(figure)
+    Image.open(picture).convert("RGB").quantize(32).save(path, optimize=True)  # a third of the bytes

@@ -66,33 +66,36 @@ def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str
 
 
 def threads_point(session: Session, name: str, values: NDArray[Any], at: float, threads: int) -> dict[str, Any]:
-    """Seconds of one volume with so many threads."""
-    seconds = session.race(
-        {
-            "seconds": lambda: marching_cubes(values, at, normals=False, threads=threads),
-            "vtk_seconds": peers.flying_edges(values, at, False, threads),
-        }
-    )
+    """Seconds and peak memory of one volume with so many threads."""
+
+    def call() -> Any:
+        return marching_cubes(values, at, normals=False, threads=threads)
+
+    seconds = session.race({"seconds": call, "vtk_seconds": peers.flying_edges(values, at, False, threads)})
     return {
         "scene": name,
         "threads": threads,
+        "bytes": values.nbytes,
+        "peak_bytes": peak_bytes(call, mesh_bytes),
         **{key: statistics.median(taken) for key, taken in seconds.items()},
     }
 
 
 def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[str, Any]:
-    """Seconds at voxel sides of `stride` x `stride` x 1 pixels."""
+    """Seconds and peak memory at voxel sides of `stride` x `stride` x 1 pixels."""
     sides = (stride, stride, 1)
+
+    def call() -> Any:
+        return marching_cubes(values, scenes.DENSE_THRESHOLD, sides, normals=False, threads=1)
+
     counts = finish(count_steps(make_grid(values, sides), scenes.DENSE_THRESHOLD))
-    seconds = session.race(
-        {"seconds": lambda: marching_cubes(values, scenes.DENSE_THRESHOLD, sides, normals=False, threads=1)},
-        session.repeats,
-    )
     return {
         "stride": stride,
         "voxels": counts.voxels,
         "triangles": counts.faces,
-        "seconds": statistics.median(seconds["seconds"]),
+        "bytes": values.nbytes,
+        "peak_bytes": peak_bytes(call, mesh_bytes),
+        "seconds": statistics.median(session.race({"seconds": call})["seconds"]),
     }
 
 

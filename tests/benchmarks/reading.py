@@ -19,7 +19,7 @@ from .measuring import Session
 def measure(session: Session) -> None:
     """The row of this part, with all threads and with one."""
     folder = dicom_folder(session.scratch)
-    image, theirs = simple_itk(folder)
+    _image, theirs = simple_itk(folder)
     assert np.array_equal(read_volume(folder).values, theirs), "the two readers do not agree"
     session.compare(
         "reading a DICOM folder, 250 slices of 512 x 512",

@@ -40,9 +40,7 @@ def whole_liver(seed: int = 0) -> NDArray[np.uint8]:
 
 def grid_about(shape: Blob, spacing: tuple[float, float, float]) -> list[NDArray[np.float64]]:
     """Positions of columns, rows and slices, mm, about the middle of a body."""
-    return [
-        shape.centre[axis] + centred(count, spacing[axis]) for axis, count in enumerate((SIZE, SIZE, SLICES))
-    ]
+    return [shape.centre[axis] + centred(count, spacing[axis]) for axis, count in enumerate((SIZE, SIZE, SLICES))]
 
 
 def painted(shapes: list[Blob], axes: list[NDArray[np.float64]]) -> NDArray[np.uint8]:
