@@ -15,8 +15,10 @@ Cases after Lorensen and Cline 1987, doi:10.1145/37401.37422; Su and Ma, 2.1 and
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
@@ -104,13 +106,37 @@ def case_triangles(case: int) -> tuple[Triangle, ...]:
     return tuple(triangle for loop in loops(case) for triangle in min(triangulations(loop), key=_roughness))
 
 
-_ALL = [case_triangles(case) for case in range(256)]
+@dataclass(frozen=True, eq=False)
+class TriangleTables:
+    """Triangles of every surface a voxel may have, a row each.
 
-TRIANGLE_COUNT = np.array([len(triangles) for triangles in _ALL], np.uint8)
-"""(256,) triangles of every case."""
+    Parameters
+    ----------
+    triangle_count : (rows,) uint8
+    first_triangle : (rows,) intp
+        Where a row's triangles begin in `triangle_edges`.
+    triangle_edges : (n, 3) intp
+        Edges 0 to 11, and 12 to 14 for the voxel's own vertices.
+    own_count : (rows,) uint8
+        Number of own vertices: 0 in every classic case.
+    """
 
-FIRST_TRIANGLE = (np.cumsum(TRIANGLE_COUNT, dtype=np.intp) - TRIANGLE_COUNT).astype(np.intp)
-"""(256,) where a case's triangles begin in `TRIANGLE_EDGES`."""
+    triangle_count: NDArray[np.uint8]
+    first_triangle: NDArray[np.intp]
+    triangle_edges: NDArray[np.intp]
+    own_count: NDArray[np.uint8]
 
-TRIANGLE_EDGES = np.array([triangle for triangles in _ALL for triangle in triangles], np.intp)
-"""(n, 3) the edges of all cases' triangles, one case after the other."""
+
+def _classic() -> TriangleTables:
+    every = [case_triangles(case) for case in range(256)]
+    count = np.array([len(triangles) for triangles in every], np.uint8)
+    return TriangleTables(
+        triangle_count=count,
+        first_triangle=np.cumsum(count, dtype=np.intp) - count,
+        triangle_edges=np.array([triangle for triangles in every for triangle in triangles], np.intp),
+        own_count=np.zeros(256, np.uint8),
+    )
+
+
+CLASSIC = _classic()
+"""The 256 cases."""

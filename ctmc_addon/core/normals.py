@@ -16,6 +16,8 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from .mesh import vertex_normals
+
 
 class Sampler:
     """Values of a volume at scattered places, from any memory layout and byte order, without a copy of it."""
@@ -97,3 +99,10 @@ def edge_normals(
     scale = -1.0 / length
     for axis in range(3):
         out[:, axis] = gradient[axis] * scale
+
+
+def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
+    """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
+    missing = np.flatnonzero((normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0))
+    if len(missing):
+        normals[missing] = vertex_normals(positions, faces)[missing]

@@ -144,7 +144,7 @@ def reconstruct_steps(
     surface = yield from _timed(
         stages,
         "Extracting the surface",
-        within(extract_steps(grid, field.threshold, gradient, threads, memory_limit), 0.2, 0.6),
+        within(extract_steps(grid, field.threshold, gradient, threads, memory_limit, settings.topology), 0.2, 0.6),
     )
     affine = volume.affine.copy()
     affine[:3, 3] = to_ras_mm(volume.affine, np.array([field.origin], np.float64))[0]

@@ -97,6 +97,14 @@ class ReconstructionSettings:
         low=0.0,
         high=1.0,
     )
+    topology: str = setting(
+        "classic",
+        "How ambiguous voxels are cut: by the 15 classic cases, or exactly as the trilinear interpolant has it. "
+        "Both give a closed surface",
+        label="Topology",
+        choices=("classic", "trilinear"),
+        type=str,
+    )
     soften_mm: float = setting(
         0.0,
         "Standard deviation of a Gaussian blur of the label or the grey values before the surface is sought. "

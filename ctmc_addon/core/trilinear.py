@@ -21,10 +21,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .cases import EDGES, FACES, case_triangles
+from .cases import EDGES, FACES, TriangleTables, case_triangles
 from .contours import Piece, ambiguous_faces, surface, tunnels
 
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
+TIE = 2.0**-30  # share of a voxel's largest difference by which ties in its interior are lifted
 INSIDE = np.array([[case >> corner & 1 for corner in range(8)] for case in range(256)], bool)
 AROUND = np.array(FACES)
 AMBIGUOUS = (
@@ -43,28 +44,17 @@ SQUARE = (0, 1, 3, 2)  # the corners around the low face along z; the z edges ri
 
 
 @dataclass(frozen=True, eq=False)
-class Tables:
+class Tables(TriangleTables):
     """Triangles of every surface a voxel may have: a row each, the 256 of `cases` first.
 
     Parameters
     ----------
-    triangle_count : (rows,) uint8
-    first_triangle : (rows,) intp
-        Where a row's triangles begin in `triangle_edges`.
-    triangle_edges : (n, 3) intp
-        Edges 0 to 11, and 12 to 14 for the voxel's own vertices.
-    own_count : (rows,) uint8
-        Number of own vertices: 0, 1 or 3.
     own_weights : (rows, 3, 12) float64
-        The share that each edge's vertex has in the place of each own vertex.
+        The share that each edge's vertex has in the place of each own vertex, of which there are 0, 1 or 3.
     row_of : (256, 64, 9) int16
         Row of a case, a bit for each face whose inside corners are joined, and 1 + the number of its tunnel.
     """
 
-    triangle_count: NDArray[np.uint8]
-    first_triangle: NDArray[np.intp]
-    triangle_edges: NDArray[np.intp]
-    own_count: NDArray[np.uint8]
     own_weights: NDArray[np.float64]
     row_of: NDArray[np.int16]
 
@@ -118,7 +108,8 @@ def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint
 
     Notes
     -----
-    A tie in a face joins the inside corners. A tunnel that is narrowed to a point is closed.
+    Ties, frequent with integer grey values, are decided as by a threshold a little lower: inside is
+    ``value >= threshold``. A tie in a face joins the inside corners.
 
     Examples
     --------
@@ -131,7 +122,7 @@ def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint
     difference = np.where(inside, apart, -apart)  # (8, n)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         joined = _joined_faces(difference, inside, case)
-        tunnel = _tunnel(difference, inside)
+        tunnel = _tunnel(difference, inside, joined)
     return tables().row_of[case, joined, tunnel].astype(np.intp)
 
 
@@ -147,30 +138,37 @@ def _joined_faces(
     return joined
 
 
-def _tunnel(difference: NDArray[np.float64], inside: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _tunnel(difference: NDArray[np.float64], inside: NDArray[np.bool_], joined: NDArray[np.intp]) -> NDArray[np.intp]:
     """1 + the number of the tunnel in `TUNNELS`, 0 where there is none."""
-    low = [difference[corner] for corner in SQUARE]
-    high = [difference[corner | 4] for corner in SQUARE]
-    # With a, b, c, d around a slice, a c - b d is positive where a and c are joined: constant + slope z + bend z z.
-    constant = low[0] * low[2] - low[1] * low[3]
-    middle = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1])
-    bend = constant - middle + (high[0] * high[2] - high[1] * high[3])
-    slope = middle - 2 * constant
-    reach = np.sqrt(slope * slope - 4 * constant * bend)  # not a number without roots: all below is False
-    first = (-slope - np.copysign(reach, bend)) / (2 * bend)
-    second = (-slope + np.copysign(reach, bend)) / (2 * bend)
-    found = (first > 0) & (first < second) & (second < 1)
-    at_first = [one + (other - one) * first >= 0 for one, other in zip(low, high, strict=True)]
-    at_second = [one + (other - one) * second >= 0 for one, other in zip(low, high, strict=True)]
-    found &= (at_first[0] == at_first[2]) & (at_first[1] == at_first[3]) & (at_first[0] != at_first[1])
-    for one, other in zip(at_first, at_second, strict=True):
-        found &= one == other
-    # Between the roots the sign is against the bend. The corner of an edge is the end on the tunnel's side.
-    turned = (bend > 0).astype(np.intp)
-    ends = [inside[corner] != at for corner, at in zip(SQUARE, at_first, strict=True)]
-    one_end = np.where(turned, ends[1], ends[0]).astype(np.intp)
-    other_end = np.where(turned, ends[3], ends[2]).astype(np.intp)
-    return np.where(found, 1 + 4 * turned + 2 * one_end + other_end, 0)
+    lifted = difference + TIE * np.abs(difference).max(axis=0)
+    low = [lifted[corner] for corner in SQUARE]
+    high = [lifted[corner | 4] for corner in SQUARE]
+    # With a, b, c, d around a slice, a c - b d is positive where a and c are joined: start + slope z + bend z z.
+    start = low[0] * low[2] - low[1] * low[3]
+    slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
+    bend = (high[0] * high[2] - high[1] * high[3]) - start - slope
+    z = -slope / (2 * bend)  # where it turns
+    at = [one + (other - one) * z for one, other in zip(low, high, strict=True)]
+    sides = [value >= 0 for value in at]
+    turned = at[0] * at[2] - at[1] * at[3]
+    joined_here = np.where(sides[0], turned >= 0, turned <= 0)  # the inside ones, as in all that follows
+
+    # The slice is ambiguous down and up to a face or to where an edge changes sides, which joins the other two.
+    joined_below, joined_above = joined >> 4 & 1 != 0, joined >> 5 & 1 != 0
+    below, above = np.full(len(z), -np.inf), np.full(len(z), np.inf)
+    for one, other, side in zip(low, high, sides, strict=True):
+        zero = np.where((one >= 0) != (other >= 0), one / (one - other), np.nan)
+        lower, upper = (zero < z) & (zero > below), (zero > z) & (zero < above)
+        below, above = np.where(lower, zero, below), np.where(upper, zero, above)
+        joined_below, joined_above = np.where(lower, ~side, joined_below), np.where(upper, ~side, joined_above)
+
+    found = (z > 0) & (z < 1) & (sides[0] == sides[2]) & (sides[1] == sides[3]) & (sides[0] != sides[1])
+    found &= (joined_below == joined_above) & (joined_here != joined_below)
+    joins_first = turned > 0
+    # A corner of each joined edge: the end that is on the edge's side.
+    ends = [(inside[corner] != side).astype(np.intp) for corner, side in zip(SQUARE, sides, strict=True)]
+    first, second = 2 * ends[0] + ends[2], 4 + 2 * ends[1] + ends[3]
+    return np.where(found, 1 + np.where(joins_first, first, second), 0)
 
 
 def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from reference import canonical, reference_triangles
+from trilinear_oracle import grid_topology
 
 from ctmc_addon.core import marching_cubes
 from ctmc_addon.core.errors import CtmcError, SettingsError, ThresholdError, VolumeError
@@ -276,3 +277,38 @@ def test_nan_beside_the_surface_is_refused():
     values[6, 6, :] = np.nan
     with pytest.raises(CtmcError, match="NaN"):
         marching_cubes(values, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_trilinear_topology_is_closed_manifold_and_the_same_for_every_alpha_and_stride(seed):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=tuple(rng.integers(2, 12, 3)))
+    stride = tuple(int(rng.integers(1, size)) for size in values.shape[::-1])
+    meshes = [
+        marching_cubes(values, 0.0, stride, alpha, close_border=True, topology="trilinear") for alpha in (0.0, 0.4, 1.0)
+    ]
+    for mesh in meshes:
+        assert mesh.closed
+        assert mesh.volume > 0
+        assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
+        np.testing.assert_array_equal(mesh.faces, meshes[0].faces)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_trilinear_topology_is_that_of_the_resampled_interpolant(seed):
+    values = np.full((6, 6, 6), -1.0)
+    values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(-1, 1, (4, 4, 4))
+    mesh = marching_cubes(values, 0.0, topology="trilinear")
+    assert (mesh.euler, mesh.parts) == grid_topology(values, 0.0)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_own_vertices_do_not_depend_on_threads_and_classic_cases_are_untouched(threads):
+    values = np.random.default_rng(4).normal(size=(40, 130, 70))
+    one = marching_cubes(values, 0.0, threads=1, topology="trilinear")
+    many = marching_cubes(values, 0.0, threads=threads, topology="trilinear")
+    assert one.vertices.tobytes() == many.vertices.tobytes()
+    assert one.faces.tobytes() == many.faces.tobytes()
+    smooth, _ = sphere(9.0)
+    classic, exact = marching_cubes(smooth, 0.0), marching_cubes(smooth, 0.0, topology="trilinear")
+    assert classic.faces.tobytes() == exact.faces.tobytes()

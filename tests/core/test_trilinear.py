@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from trilinear_oracle import grid_topology, united, voxel_topology
 
-from ctmc_addon.core.cases import EDGES, FIRST_TRIANGLE, TRIANGLE_COUNT, TRIANGLE_EDGES, loops
+from ctmc_addon.core.cases import CLASSIC, EDGES, loops
 from ctmc_addon.core.contours import OWN, ambiguous_faces, contours, in_one_face, surface, tunnels
 from ctmc_addon.core.trilinear import AMBIGUOUS, NEEDS, crossings, own_points, resolve, tables
 
@@ -93,9 +93,9 @@ def random_corners(count, seed, checkerboard):
 
 
 def test_the_first_rows_are_the_classic_cases():
-    assert (tables().triangle_count[:256] == TRIANGLE_COUNT).all()
-    assert (tables().first_triangle[:256] == FIRST_TRIANGLE).all()
-    assert (tables().triangle_edges[: len(TRIANGLE_EDGES)] == TRIANGLE_EDGES).all()
+    assert (tables().triangle_count[:256] == CLASSIC.triangle_count).all()
+    assert (tables().first_triangle[:256] == CLASSIC.first_triangle).all()
+    assert (tables().triangle_edges[: len(CLASSIC.triangle_edges)] == CLASSIC.triangle_edges).all()
     assert not tables().own_count[:256].any()
 
 
@@ -197,10 +197,28 @@ def test_a_closed_border_that_repeats_its_neighbours_is_closed_and_manifold():
 
 
 @pytest.mark.parametrize("levels", [2, 3, 5])
-def test_ties_give_a_closed_manifold_too(levels):
-    """Few grey values: saddles that meet the threshold exactly, and corners that do."""
+def test_ties_are_decided_as_by_a_threshold_a_little_lower(levels):
+    """Few grey values: saddles and corners that meet the threshold exactly."""
     rng = np.random.default_rng(levels)
     for threshold in (0.0, 0.5):
-        for _ in range(15):
-            grid = closed(rng.integers(-(levels // 2), levels // 2 + 1, (4, 4, 4)).astype(float), -levels)
-            assert is_closed_manifold(assembled(grid, threshold))
+        for _ in range(8):
+            grid = closed(rng.integers(-(levels // 2), levels // 2 + 1, (3, 3, 3)).astype(float), -levels)
+            triangles = assembled(grid, threshold)
+            assert is_closed_manifold(triangles)
+            assert topology(triangles) == grid_topology(grid, threshold - 1e-6)
+
+
+def test_two_opposite_corners_are_joined_where_the_voxels_middle_is_inside():
+    """All other corners at -1: the interpolant in the middle is (2 corner - 6) / 8."""
+    corner = np.array([0.1, 2.9, 3.0, 3.1, 50.0])
+    values = np.full((5, 8), -1.0)
+    values[:, [0, 7]] = corner[:, None]
+    assert (tables().own_count[resolve(values, 0.0, cases_of(values))] == 3).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
+    euler = [voxel_topology(one.reshape(2, 2, 2))[0] for one in values[[0, 1, 3, 4]]]
+    assert euler == [2, 2, 0, 0]

@@ -1,0 +1,101 @@
+"""Gather the triangles' corners from a map of edge to vertex number, a few layers at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active import Slab
+from .cases import EDGES, TriangleTables
+
+MAP_SAMPLES = 1 << 19  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
+
+
+def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
+    """Write the triangles of a slab whose own vertices are numbered from `first_vertex`.
+
+    Parameters
+    ----------
+    following : Slab or None
+        The next slab: the edges in this one's top layer of samples are that one's.
+    out : (slab.faces, 3) int32
+    """
+    layer = slab.rows * slab.pitch
+    places, vertices = _numbered_edges(slab, following, first_vertex)
+    count = slab.tables.triangle_count.take(slab.row)
+    count *= slab.whole
+    height = max(1, MAP_SAMPLES // layer)
+    start = 0
+    for first in range(0, slab.high - slab.low, height):
+        last = min(first + height, slab.high - slab.low)
+        vertex_of = np.empty((len(places), (last - first + 1) * layer), np.int32)
+        for kind in range(len(places)):
+            known = slice(*np.searchsorted(places[kind], (first * layer, (last + 1) * layer)))
+            vertex_of[kind, places[kind][known] - first * layer] = vertices[kind][known]
+        voxels = slice(*np.searchsorted(slab.place, (first * layer, last * layer)))
+        base = slab.place[voxels] - np.int32(first * layer)
+        part = out[start : start + int(count[voxels].sum(dtype=np.int64))]
+        start += len(part)
+        _gather(slab.tables, vertex_of, base, slab.row[voxels], count[voxels], (1, slab.pitch, layer), part)
+
+
+def _numbered_edges(
+    slab: Slab, following: Slab | None, first_vertex: int
+) -> tuple[list[NDArray[np.intp]], list[NDArray[np.int32]]]:
+    """Place and vertex number of the crossed edges along x, y, z, then of the voxels' first, second... own vertices."""
+    places, vertices = [], []
+    vertex, next_vertex = first_vertex, first_vertex + slab.vertices
+    for axis in range(3):
+        place = [slab.place.take(slab.owned[axis]).astype(np.intp)]
+        number = [np.arange(vertex, vertex + len(place[0]), dtype=np.int32)]
+        vertex += len(place[0])
+        if following is not None and axis < 2:
+            owned = following.place.take(following.owned[axis])
+            owned = owned[: np.searchsorted(owned, following.rows * following.pitch)]
+            x, y, _ = following.samples(owned)
+            top = ((slab.high - slab.low) * slab.rows + (y - slab.y)) * slab.pitch + (x - slab.x)
+            place.append(top.astype(np.intp))
+            number.append(np.arange(next_vertex, next_vertex + len(top), dtype=np.int32))
+            next_vertex += len(following.owned[axis])
+        places.append(np.concatenate(place))
+        vertices.append(np.concatenate(number))
+    own = slab.tables.own_count.take(slab.row.take(slab.inner))
+    first_own = vertex + np.cumsum(own, dtype=np.int32) - own
+    for number_in_voxel in range(int(own.max(initial=0))):
+        has = own > number_in_voxel
+        places.append(slab.place.take(slab.inner[has]).astype(np.intp))
+        vertices.append((first_own[has] + number_in_voxel).astype(np.int32))
+    return places, vertices
+
+
+def _gather(
+    tables: TriangleTables,
+    vertex_of: NDArray[np.int32],
+    base: NDArray[np.int32],
+    row: NDArray[np.int16],
+    count: NDArray[np.uint8],
+    steps: tuple[int, int, int],
+    out: NDArray[np.int32],
+) -> None:
+    """Write the voxels' triangles, those of voxels with one triangle first, then those with two, and so on."""
+    size = vertex_of.shape[1]
+    along_edges = [
+        edge // 4 * size + sum(steps[axis] for axis in range(3) if low >> axis & 1)
+        for edge, (low, _) in enumerate(EDGES)
+    ]
+    offset_of_edge = np.array(along_edges + [kind * size for kind in range(3, 6)], np.intp)
+    offsets = offset_of_edge[tables.triangle_edges].reshape(-1)
+    numbers = vertex_of.reshape(-1)
+    by_count = np.argsort(count, kind="stable")
+    ends = np.cumsum(np.bincount(count))
+    start = 0
+    for triangles in range(1, len(ends)):
+        voxels = by_count[ends[triangles - 1] : ends[triangles]]
+        at_voxel = base.take(voxels).astype(np.intp)
+        first = tables.first_triangle.take(row.take(voxels)) * 3
+        part = out[start : start + triangles * len(voxels)].reshape(-1, 3 * triangles)
+        start += triangles * len(voxels)
+        for corner in range(3 * triangles):
+            at = offsets[corner:].take(first)
+            at += at_voxel
+            part[:, corner] = numbers.take(at, mode="clip")

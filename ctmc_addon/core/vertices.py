@@ -1,0 +1,94 @@
+"""Place one vertex on every edge that the threshold crosses, and those that a voxel has inside.
+
+Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 to 7.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active import Slab
+from .errors import VolumeError
+from .inner import inner_points
+from .mesh import blend
+from .normals import Sampler, edge_normals
+from .sampling import Grid
+
+NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
+
+Target = tuple[float | None, NDArray[np.float32]]
+"""An alpha (None for the linear crossing itself) and the (V, 3) positions to fill."""
+
+
+def fill_vertices(
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    slab: Slab,
+    targets: list[Target],
+    directions: NDArray[np.float32] | None,
+) -> None:
+    """Fill in a slab's vertices: those on edges along x, then y, then z, then those inside voxels."""
+    on_edges = sum(len(voxels) for voxels in slab.owned)
+    _fill_edges(
+        grid,
+        sampler,
+        threshold,
+        slab,
+        [(alpha, position[:on_edges]) for alpha, position in targets],
+        None if directions is None else directions[:on_edges],
+    )
+    if on_edges < slab.vertices:
+        middle, linear = inner_points(slab, grid, sampler, threshold)
+        for alpha, position in targets:
+            position[on_edges:] = linear if alpha is None else blend(middle, linear, alpha)
+        if directions is not None:
+            directions[on_edges:] = 0.0  # the mesh's own: `complete_normals`
+
+
+def _fill_edges(
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    slab: Slab,
+    targets: list[Target],
+    directions: NDArray[np.float32] | None,
+) -> None:
+    axes = (grid.x, grid.y, grid.z)
+    samples = [sample[np.concatenate(slab.owned)] for sample in slab.samples(slab.place)]  # the edges' low ends
+    ends = np.cumsum([0] + [len(voxels) for voxels in slab.owned])
+    parts = [slice(ends[axis], ends[axis + 1]) for axis in range(3)]
+    index = [axes[axis].index.take(samples[axis]) for axis in range(3)]
+    place = sampler.place(*index)
+
+    side = np.empty(len(place), np.float32)
+    begin = np.empty(len(place), np.float32)
+    beyond = place.copy()
+    for axis, part in enumerate(parts):
+        along, at = axes[axis], samples[axis][part]
+        begin[part] = along.position.take(at)
+        side[part] = np.diff(along.position).take(at)
+        beyond[part] += (np.diff(along.index) * sampler.steps[axis]).take(at)
+    low = sampler.take(place)
+    rise = sampler.take(beyond) - low
+    # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
+    on_cap = rise == 0
+    rise[on_cap] = 1.0
+    t = (threshold - low) / rise
+    t[on_cap] = 0.5
+    if sampler.may_be_nan and not np.isfinite(t).all():
+        raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
+    np.clip(t, NEAREST, 1 - NEAREST, out=t)
+
+    middle = begin + np.float32(0.5) * side
+    linear = (begin + t * side).astype(np.float32)
+    for alpha, position in targets:
+        for axis in range(3):
+            position[:, axis] = axes[axis].position.take(samples[axis])
+        mixed = linear if alpha is None else blend(middle, linear, alpha)
+        for axis, part in enumerate(parts):
+            position[part, axis] = mixed[part]
+    if directions is not None:
+        edge_normals(sampler, index, place, parts, linear, directions)
+        directions[on_cap] = 0.0
