@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 from ..core import CtmcError
 from ..core.version import VERSION
-from . import batch, batch_case, info, phantom, reconstruct, settings
+from . import batch, batch_case, experiment, info, phantom, reconstruct, settings
 from .arguments import labels_repeated, single_numbers_repeated, with_flags
 
-COMMANDS = (info, phantom, reconstruct, batch, settings, batch_case)
+COMMANDS = (info, phantom, reconstruct, batch, experiment, settings, batch_case)
 
 
 def parser() -> argparse.ArgumentParser:

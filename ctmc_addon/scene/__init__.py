@@ -3,6 +3,8 @@
 Every function takes the object or the scene it works on; none reads the context.
 """
 
+from .decimate import decimated
+from .deviation import Deviation, Reference, deviation
 from .evaluate import evaluated_triangles
 from .export import SUFFIXES, export, writer_of
 from .figures import render_figure
@@ -11,7 +13,11 @@ from .surfaces import add_reconstruction, make_final, refresh_normals, remembere
 
 __all__ = [
     "SUFFIXES",
+    "Deviation",
+    "Reference",
     "add_reconstruction",
+    "decimated",
+    "deviation",
     "evaluated_triangles",
     "export",
     "make_final",

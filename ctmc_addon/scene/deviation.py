@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
 from ..core import Step, Steps, TriangleMesh, finish
@@ -90,8 +89,10 @@ def middle_of(mesh: TriangleMesh) -> NDArray[np.float64]:
     return (low.astype(np.float64) + high) / 2
 
 
-def tree_of(mesh: TriangleMesh, middle: NDArray[np.float64]) -> BVHTree:
+def tree_of(mesh: TriangleMesh, middle: NDArray[np.float64]) -> Any:
     """Blender's tree of a mesh's triangles, positions relative to `middle`."""
+    from mathutils.bvhtree import BVHTree
+
     faces: Sequence[Sequence[int]] = mesh.faces.tolist()
     return BVHTree.FromPolygons((mesh.vertices - middle).tolist(), faces, all_triangles=True)
 
@@ -103,7 +104,7 @@ def used_vertices(mesh: TriangleMesh) -> NDArray[np.float32]:
     return mesh.vertices[used]
 
 
-def distances_steps(tree: BVHTree, points: NDArray[Any]) -> Steps[NDArray[np.float64]]:
+def distances_steps(tree: Any, points: NDArray[Any]) -> Steps[NDArray[np.float64]]:
     """Distance of every point (n, 3) to the nearest triangle of a tree, (n,)."""
     out = np.empty(len(points))
     nearest = tree.find_nearest

@@ -3,9 +3,9 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from ctmc_addon.core import TriangleMesh, distances, finish  # noqa: E402
-from ctmc_addon.core.errors import MeshError  # noqa: E402
-from ctmc_addon.scene.deviation import Reference, deviation  # noqa: E402
+from ctmc_addon.core import TriangleMesh, distances, finish
+from ctmc_addon.core.errors import MeshError
+from ctmc_addon.scene.deviation import Reference, deviation
 
 
 def moved(mesh, by):

@@ -1,0 +1,193 @@
+"""`ctmc experiment voxels`: time and error of larger voxels (Su and Ma, table 1 and figures 4 to 7)."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import re
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, finish, reconstruct_steps
+from ..core.errors import SettingsError
+from ..core.output import made_folder
+from ..core.progress import within
+from .blender import load_scene
+from .experiment_common import add_common, facts_of, measuring_fact, prepared, require_builtin
+from .experiment_table import Column, Row, Table, number, once, require_fresh
+from .output import by
+from .plot import Panel, write_plot
+
+Sides = tuple[int, int, int]
+# What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
+PREPARING = "Preparing values"
+DESCRIPTION = (
+    "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
+)
+
+
+@dataclass
+class Measured:
+    """One voxel side: its surface, and the seconds of every run, and of the preparation before it."""
+
+    sides: Sides
+    result: Reconstruction
+    runs: list[float] = field(default_factory=list)
+    preparing: list[float] = field(default_factory=list)
+    mean_mm: float = 0.0
+    max_mm: float = 0.0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the experiment to `ctmc experiment`."""
+    parser = commands.add_parser("voxels", help="table 1: larger voxels", description=DESCRIPTION, allow_abbrev=False)
+    add_common(parser)
+    parser.add_argument(
+        "--strides",
+        nargs="+",
+        type=sides_of,
+        default=[(1, 1), (2, 2), (3, 3)],
+        metavar="N",
+        help="voxel sides in x and y, px: 2, or 2x1 for x and y apart; z is that of --stride (default 1 2 3)",
+    )
+    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="timed runs of each (default 5)")
+    parser.set_defaults(run=run)
+
+
+def sides_of(word: str) -> tuple[int, int]:
+    """Sides in x and y.
+
+    Examples
+    --------
+    >>> sides_of("2"), sides_of("2x1")
+    ((2, 2), (2, 1))
+    """
+    match = re.fullmatch(r"(-?\d+)(?:x(\d+))?", word)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{word!r} is no voxel side; write 2, or 2x1 for x and y apart")
+    x = int(match[1])
+    return (x, x if match[2] is None else int(match[2]))
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Read, measure, write the table and the plot, and print the table."""
+    folder = require_fresh(chosen.output, chosen.overwrite)
+    settings, volume, notes, progress = prepared(chosen, require_builtin)
+    if chosen.repeats < 1:
+        raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
+    sides = [(x, y, settings.stride[2]) for x, y in once(chosen.strides, first=(1, 1))]
+    every = [replace(settings, stride=stride) for stride in sides]  # checks the limits of all before the work
+    made_folder(folder)
+    with progress:
+        steps = voxels_steps(volume, every, chosen.repeats, chosen.threads)
+        measured = progress.drive(within(steps, 0.1, 1.0))
+    rows = rows_of(measured, volume)
+    write_plot(folder / "plot.png", panels(rows))
+    result = measured[0].result
+    stages = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
+    facts = [
+        *facts_of(volume, every[0], result.threshold, [*notes, *result.notes]),
+        ("seconds", f"median of {chosen.repeats} runs of each, in turn, after one that is not counted"),
+        ("timed", f"{stages}; neither reading nor writing"),
+        ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
+        ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
+        measuring_fact(),
+    ]
+    done = Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
+    done.write(folder)
+    print(done.printed())
+
+
+def voxels_steps(
+    volume: Volume, every: Sequence[ReconstructionSettings], repeats: int, threads: int | None = None
+) -> Steps[list[Measured]]:
+    """Reconstruct with each of the settings, `repeats` times in turn, and measure against the first."""
+    share = 1.0 / (len(every) * (repeats + 2))
+    done = 0.0
+    measured = []
+    for settings in every:
+        steps = reconstruct_steps(volume, settings, threads)
+        result = yield from within(steps, done, done + share)
+        measured.append(Measured(settings.stride, result))
+        done += share
+    for turn in range(repeats):
+        for one in measured:
+            yield Step(done, f"Timing voxel sides {by(one.sides[:2])}, run {turn + 1} of {repeats}")
+            gc.collect()
+            stages = finish(reconstruct_steps(volume, one.result.settings, threads)).stages
+            one.preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
+            one.runs.append(sum(stage.seconds for stage in stages if stage.name != PREPARING))
+            done += share
+    reference = load_scene().Reference(measured[0].result.mesh)
+    for one in measured[1:]:
+        apart = yield from within(reference.deviation_steps(one.result.mesh), done, done + share)
+        one.mean_mm, one.max_mm = apart.mean, apart.maximum
+        done += share
+    return measured
+
+
+def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
+    """What table.json says of every voxel side."""
+    first = statistics.median(measured[0].runs)
+    true = enclosed_mm3(measured[0].result)
+    rows = []
+    for one in measured:
+        x, y, z = one.sides
+        seconds = statistics.median(one.runs)
+        volume_mm3 = enclosed_mm3(one.result)
+        rows.append(
+            {
+                "stride": x if x == y else f"{x}x{y}",
+                "seconds": seconds,
+                "improved_percent": 100.0 * (1.0 - seconds / first),
+                "voxels": one.result.voxels_visited,
+                "faces": len(one.result.mesh.faces),
+                "volume_mm3": volume_mm3,
+                "volume_error_percent": (None if volume_mm3 is None or not true else 100.0 * (volume_mm3 / true - 1.0)),
+                "mean_mm": one.mean_mm,
+                "max_mm": one.max_mm,
+                "prepare_seconds": statistics.median(one.preparing),
+                "runs": one.runs,
+                "sides_px": [x, y, z],
+                "sides_mm": [side * gap for side, gap in zip(one.sides, volume.spacing, strict=True)],
+            }
+        )
+    return rows
+
+
+def enclosed_mm3(result: Reconstruction) -> float | None:
+    """The volume that a closed surface encloses; an open one has none."""
+    return result.mesh.volume if result.mesh.closed else None
+
+
+def sides_px(row: Row) -> str:
+    """'2 x 2 px'."""
+    return f"{by(row['sides_px'][:2])} px"
+
+
+COLUMNS = (
+    Column("voxel sides", sides_px),
+    Column("mm", lambda row: by([round(side, 2) for side in row["sides_mm"][:2]])),
+    Column("seconds", lambda row: number(row["seconds"], 4)),
+    Column("improved, %", lambda row: number(row["improved_percent"], 1)),
+    Column("preparing, s", lambda row: number(row["prepare_seconds"], 4)),
+    Column("voxels", lambda row: str(row["voxels"])),
+    Column("triangles", lambda row: str(row["faces"])),
+    Column("volume, ml", lambda row: number(None if row["volume_mm3"] is None else row["volume_mm3"] / 1000, 3)),
+    Column("volume error, %", lambda row: number(row["volume_error_percent"], 2)),
+    Column("mean, mm", lambda row: number(row["mean_mm"], 4)),
+    Column("max, mm", lambda row: number(row["max_mm"], 3)),
+)
+
+
+def panels(rows: Sequence[Row]) -> list[Panel]:
+    """Time and error over the voxel side."""
+    labels = [by(row["sides_px"][:2]) for row in rows]
+    across = "voxel sides in x and y, px"
+    distances = {"mean": [row["mean_mm"] for row in rows], "maximum": [row["max_mm"] for row in rows]}
+    return [
+        Panel("Reconstruction time, s", across, labels, {"seconds": [row["seconds"] for row in rows]}),
+        Panel("Distance to voxels of 1 x 1, mm", across, labels, distances),
+    ]

@@ -1,0 +1,58 @@
+"""What a measurement depends on: processor, cores, system and versions. The machine's own name is nobody's business."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ..core.version import VERSION
+
+
+def machine() -> str:
+    """Processor, cores and system, such as 'Intel Xeon E5, 2 cores, Debian GNU/Linux 12'."""
+    cores = os.cpu_count() or 1
+    return f"{processor()}, {cores} {'core' if cores == 1 else 'cores'}, {system()}"
+
+
+def versions() -> str:
+    """Of CTMC, Blender, NumPy and Python."""
+    import bpy
+
+    return (
+        f"CTMC {VERSION}, Blender {bpy.app.version_string}, NumPy {np.__version__}, Python {platform.python_version()}"
+    )
+
+
+def processor() -> str:
+    """The processor's name as the system knows it, else its architecture."""
+    if sys.platform == "win32":
+        import winreg
+
+        with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"HARDWARE\DESCRIPTION\System\CentralProcessor\0") as key:
+            return " ".join(str(winreg.QueryValueEx(key, "ProcessorNameString")[0]).split())
+    if sys.platform == "darwin":
+        done = subprocess.run(
+            ["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, text=True, timeout=10, check=False
+        )
+        return done.stdout.strip() or platform.machine()
+    known = Path("/proc/cpuinfo")
+    lines = known.read_text("utf-8", "replace").splitlines() if known.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def system() -> str:
+    """The operating system with its version."""
+    if sys.platform == "darwin":
+        return f"macOS {platform.mac_ver()[0]}"
+    if sys.platform == "win32":
+        return f"Windows {platform.version()}"
+    try:
+        return platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):
+        return f"{platform.system()} {platform.release()}"
