@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ThresholdError
+from .progress import Step, Steps, finish
 
 BINS = 1024  # for floats and for integers that spread too widely to count each
 MOST_INTEGERS = 2**17
@@ -42,12 +43,21 @@ def value_range(values: NDArray[Any]) -> tuple[float, float]:
     return (float(min(lows)), float(max(highs))) if lows else (float("nan"), float("nan"))
 
 
-def histogram(values: NDArray[Any]) -> tuple[NDArray[np.int64], float, float]:
+Histogram = tuple[NDArray[np.int64], float, float]
+"""Counts, the first bin's lower end, the bins' width."""
+
+
+def histogram(values: NDArray[Any]) -> Histogram:
     """Counts of the finite values in even bins, the first bin's lower end and the bins' width.
 
     Integers get a bin each, half a unit to either side, unless they spread over more than 131,072;
     everything else gets 1024 bins between the lowest and the highest value.
     """
+    return finish(histogram_steps(values))
+
+
+def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
+    """`histogram` as steps."""
     low, high = value_range(values)
     if not low <= high:
         raise ThresholdError("the volume holds no finite value; no threshold can be found")
@@ -56,7 +66,10 @@ def histogram(values: NDArray[Any]) -> tuple[NDArray[np.int64], float, float]:
     bins = int(high - low) + 1 if whole else BINS
     width = 1.0 if whole else (high - low) / BINS or 1.0
     counts = np.zeros(bins, np.int64)
+    done = 0
     for slab in slabs(values):
+        yield Step(done / len(values), "Counting the values")
+        done += len(slab)
         if whole:
             index = slab.astype(np.int64).ravel() - int(low)
         else:
@@ -92,11 +105,17 @@ def otsu(values: NDArray[Any]) -> float:
     >>> otsu(np.array([[[0, 0, 255], [0, 255, 255]]], np.uint8))
     127.5
     """
-    counts, start, width = histogram(values)
+    return otsu_of(histogram(values))
+
+
+def otsu_of(found: Histogram) -> float:
+    """Otsu's threshold of a histogram."""
+    counts, start, width = found
     counts = without_padding(counts)
     filled = np.flatnonzero(counts)
     if len(filled) < 2:
-        raise ThresholdError(f"all values of this volume are {value_range(values)[0]:g}; there is no surface to find")
+        only = start + width * (0.5 if len(counts) == 1 else float(filled[0]))  # one bin: a whole number, in its middle
+        raise ThresholdError(f"all values of this volume are {only:g}; there is no surface to find")
     counts = counts[: filled[-1] + 1]
     bins = np.arange(len(counts), dtype=np.int64)
     below, sum_below = np.cumsum(counts)[:-1], np.cumsum(counts * bins)[:-1]

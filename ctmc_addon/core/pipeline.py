@@ -132,19 +132,32 @@ def reconstruct_steps(
     memory_limit: int | None = None,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels."""
+    full = yield from within(full_steps(volume, settings, threads, memory_limit), 0.0, 0.65)
+    result = yield from within(simplified_steps(full, settings), 0.65, 1.0)
+    yield Step(1.0, "Surface ready")
+    return result
+
+
+def full_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[Reconstruction]:
+    """The surface before the built-in simplifier, whatever the settings ask of it."""
     stages: list[Stage] = []
     region = region_box(volume, settings)
     visited = make_grid(volume.values, settings.stride, settings.close_border, region).voxels
 
     field = yield from _timed(
-        stages, "Preparing values", within(field_steps(volume, settings, threads, memory_limit), 0.0, 0.2)
+        stages, "Preparing values", within(field_steps(volume, settings, threads, memory_limit), 0.0, 0.3)
     )
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
     gradient = settings.normals == "gradient"
     surface = yield from _timed(
         stages,
         "Extracting the surface",
-        within(extract_steps(grid, field.threshold, gradient, threads, memory_limit, settings.topology), 0.2, 0.6),
+        within(extract_steps(grid, field.threshold, gradient, threads, memory_limit, settings.topology), 0.3, 0.9),
     )
     affine = volume.affine.copy()
     affine[:3, 3] = to_ras_mm(volume.affine, np.array([field.origin], np.float64))[0]
@@ -153,27 +166,30 @@ def reconstruct_steps(
     if settings.keep_parts or settings.min_part_mm3:
         surface = yield from _timed(stages, "Keeping parts", _kept(surface, mesh, settings))
         mesh = surface.at(settings.alpha)
-    full_faces = len(mesh.faces)
-    live: Surface | None = surface
-    if settings.simplifies and settings.simplifier == "builtin":
-        goal = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
-        mesh = yield from _timed(stages, "Simplifying", within(goal, 0.65, 1.0))
-        live = None
-    if not gradient:
-        mesh = replace(mesh, normals=vertex_normals(mesh.vertices, mesh.faces))
-    yield Step(1.0, "Surface ready")
     return Reconstruction(
         mesh=mesh,
-        surface=live,
+        surface=surface,
         settings=settings,
         threshold=field.threshold,
-        full_faces=full_faces,
+        full_faces=len(mesh.faces),
         voxels_visited=visited,
         stages=tuple(stages),
         spacing_mm=volume.spacing,
         notes=volume.notes + field.notes,
         name=volume.name,
     )
+
+
+def simplified_steps(full: Reconstruction, settings: ReconstructionSettings) -> Steps[Reconstruction]:
+    """What `full_steps` found, taken to the goal of `settings`; their other fields are those it was found with."""
+    stages, mesh, surface = list(full.stages), full.mesh, full.surface
+    if settings.simplifies and settings.simplifier == "builtin":
+        goal = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
+        mesh = yield from _timed(stages, "Simplifying", goal)
+        surface = None
+    if settings.normals == "mesh":
+        mesh = replace(mesh, normals=vertex_normals(mesh.vertices, mesh.faces))
+    return replace(full, mesh=mesh, surface=surface, settings=settings, stages=tuple(stages))
 
 
 def _timed(stages: list[Stage], name: str, steps: Steps[T]) -> Steps[T]:
@@ -186,7 +202,7 @@ def _timed(stages: list[Stage], name: str, steps: Steps[T]) -> Steps[T]:
 
 def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
     """Carry a surface from index space to RAS+ mm."""
-    yield Step(0.6, "Placing it in the patient")
+    yield Step(0.92, "Placing it in the patient")
     # A mirrored affine (slices listed head first) would turn the surface inside out.
     faces = surface.faces if determinant(affine) > 0 else np.ascontiguousarray(surface.faces[:, ::-1])
     placed = []
@@ -205,5 +221,5 @@ def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
 
 def _kept(surface: Surface, mesh: TriangleMesh, settings: ReconstructionSettings) -> Steps[Surface]:
     """Drop the parts the settings do not want."""
-    yield Step(0.62, "Keeping parts")
+    yield Step(0.95, "Keeping parts")
     return keep_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
