@@ -187,7 +187,7 @@ def started(
     done_before: int,
 ) -> Iterator[Event | None]:
     """Say what is about to be done and how, and begin it."""
-    facts = [("cases", f"{len(cases)}" + (f", {done_before} surfaces done before" if done_before else ""))]
+    facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
     if cluster is not None:
         workers = cluster.workers
         facts.append(("workers", f"{workers} at {cluster.address}" + ("" if workers else "; waiting for the first")))

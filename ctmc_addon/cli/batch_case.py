@@ -21,6 +21,7 @@ from .. import readers
 from ..core import CtmcError, ReconstructionSettings, Volume, finish, reconstruct_steps
 from ..core.output import made_folder, refused
 from ..core.version import VERSION
+from .arguments import with_flags
 from .batch_files import (
     failed_record,
     fingerprint_of,
@@ -90,7 +91,7 @@ def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
         except MemoryError:
             record = failed_record(task, output, NO_MEMORY, since(start), made.fingerprint)
         except CtmcError as error:
-            record = failed_record(task, output, str(error), since(start), made.fingerprint)
+            record = failed_record(task, output, with_flags(str(error)), since(start), made.fingerprint)
         else:
             record["seconds"] = since(start)
         put_record(folder, output["name"], record)
