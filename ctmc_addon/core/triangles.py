@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from .active import Slab
 from .cases import EDGES, TriangleTables
 
-MAP_SAMPLES = 1 << 19  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
+MAP_SAMPLES = 1 << 18  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
+MAP_SHARE = 8  # or as many for each vertex: where the surface is dense, more layers at once save time
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -24,7 +25,7 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     places, vertices = _numbered_edges(slab, following, first_vertex)
     count = slab.tables.triangle_count.take(slab.row)
     count *= slab.whole
-    height = max(1, MAP_SAMPLES // layer)
+    height = max(1, max(MAP_SAMPLES, MAP_SHARE * slab.vertices) // layer)
     start = 0
     for first in range(0, slab.high - slab.low, height):
         last = min(first + height, slab.high - slab.low)
