@@ -1,0 +1,130 @@
+"""Print how near the surface comes to the truth; with --write-docs also into docs/accuracy.md.
+
+Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumours over stride and alpha.
+The same numbers come on every machine. tests/core/test_geometry.py holds them.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ctmc_addon.core import ReconstructionSettings, reconstruct
+from ctmc_addon.core.phantom import phantom
+from ctmc_addon.core.volume import normals_to_ras
+
+from .documents import replaced, table
+from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "accuracy.md"
+STEPS = (2.0, 1.0, 0.5, 0.25)  # mm; along z times 1 or 2.5
+FINE = STEPS[1:]  # what the orders are taken from: at 2 mm the torus' tube is three voxels wide
+ALPHAS = (0.0, 0.5, 1.0)
+
+
+def main() -> int:
+    """Print all tables."""
+    sections = {
+        "geometry": geometry_table(),
+        "alpha": alpha_table(),
+        "normals": normals_table(),
+        "tumours": tumours_table(),
+    }
+    for text in sections.values():
+        print(text, end="\n\n")
+    if "--write-docs" in sys.argv[1:]:
+        page = PAGE.read_text(encoding="utf-8")
+        for name, text in sections.items():
+            page = replaced(page, name, text)
+        PAGE.write_text(page, encoding="utf-8")
+        print(f"written: {PAGE.name}")
+    return 0
+
+
+def geometry_table() -> str:
+    """Area and volume at alpha 1."""
+    rows = []
+    for shape in SHAPES.values():
+        for spacings in (EVEN, UNEVEN):
+            found = [errors(shape, at(step, spacings)) for step in STEPS]
+            for number, what in enumerate(("area", "volume")):
+                values = [pair[number] for pair in found]
+                power = order(list(FINE), values[-len(FINE) :])
+                rows.append([f"{shape.name}, {what}", voxel(spacings), *map(percent, values), f"{power:.2f}"])
+    return table(["body", "voxel", *(f"{step:g} mm" for step in STEPS), "order"], rows)
+
+
+def alpha_table() -> str:
+    """Area and volume of the sphere at other alphas."""
+    rows = []
+    for spacings in (EVEN, UNEVEN):
+        for alpha in ALPHAS:
+            found = [errors(SHAPES["sphere"], at(step, spacings), alpha) for step in STEPS]
+            for number, what in enumerate(("area", "volume")):
+                values = [percent(pair[number]) for pair in found]
+                rows.append([f"{what}, alpha {alpha:g}", voxel(spacings), *values])
+    return table(["sphere", "voxel", *(f"{step:g} mm" for step in STEPS)], rows)
+
+
+def normals_table() -> str:
+    """Angles between the surface's normals and the body's, mean and greatest."""
+    rows = []
+    for shape in SHAPES.values():
+        if shape.gradient is None:
+            continue
+        for spacings in (EVEN, UNEVEN):
+            off = [normal_angles(shape, at(step, spacings)) for step in FINE]
+            powers = [order(list(FINE), [pair[number] for pair in off]) for number in range(2)]
+            cells = [f"{mean:.3f}° / {greatest:.2f}°" for mean, greatest in off]
+            rows.append([shape.name, voxel(spacings), *cells, f"{powers[0]:.2f} / {powers[1]:.2f}"])
+    return table(["body", "voxel", *(f"{step:g} mm" for step in FINE), "order"], rows)
+
+
+def normal_angles(shape: Shape, spacing: tuple[float, float, float]) -> tuple[float, float]:
+    """Mean and greatest angle, degrees."""
+    mesh = extracted(shape, spacing, normals=True)
+    assert shape.gradient is not None
+    normals = normals_to_ras(np.diag([*spacing, 1.0]), mesh.normals)
+    off = angles(normals, shape.gradient(mesh.vertices.astype(np.float64)))
+    return float(off.mean()), float(off.max())
+
+
+def tumours_table() -> str:
+    """Volume of the phantom's tumours against their true volume."""
+    rows = []
+    for slices in (29, 250):
+        made = phantom(slices)
+        true = sum(made.tumour_volumes_mm3)
+        x, y, z = made.labels.spacing
+        for soften in (0.0, 0.75, 1.5):
+            for side in (1, 2, 3):
+                cells = []
+                for alpha in ALPHAS:
+                    settings = ReconstructionSettings(
+                        label=2, stride=(side, side, 1), alpha=alpha, soften_mm=soften, normals="mesh"
+                    )
+                    cells.append(percent(reconstruct(made.labels, settings).mesh.volume / true - 1))
+                size = f"{slices} slices, {x:.2f} x {y:.2f} x {z:.2f} mm"
+                rows.append([size, f"{soften:g} mm", f"{side} x {side}", *cells])
+    return table(["phantom", "softened", "stride", *(f"alpha {alpha:g}" for alpha in ALPHAS)], rows)
+
+
+def at(step: float, spacings: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Spacing along x, y, z, mm."""
+    return (step * spacings[0], step * spacings[1], step * spacings[2])
+
+
+def voxel(spacings: tuple[float, float, float]) -> str:
+    """`1 : 1 : 2.5`."""
+    return " : ".join(f"{side:g}" for side in spacings)
+
+
+def percent(share: float) -> str:
+    """Signed per cent with as many digits as say something."""
+    return f"{100 * share:+.2f} %" if abs(share) >= 1e-3 else f"{100 * share:+.3f} %"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
