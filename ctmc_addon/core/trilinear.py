@@ -151,17 +151,8 @@ def _tunnel(difference: NDArray[np.float64], inside: NDArray[np.bool_], joined: 
     at = [one + (other - one) * z for one, other in zip(low, high, strict=True)]
     sides = [value >= 0 for value in at]
     turned = at[0] * at[2] - at[1] * at[3]
-    joined_here = np.where(sides[0], turned >= 0, turned <= 0)  # the inside ones, as in all that follows
-
-    # The slice is ambiguous down and up to a face or to where an edge changes sides, which joins the other two.
-    joined_below, joined_above = joined >> 4 & 1 != 0, joined >> 5 & 1 != 0
-    below, above = np.full(len(z), -np.inf), np.full(len(z), np.inf)
-    for one, other, side in zip(low, high, sides, strict=True):
-        zero = np.where((one >= 0) != (other >= 0), one / (one - other), np.nan)
-        lower, upper = (zero < z) & (zero > below), (zero > z) & (zero < above)
-        below, above = np.where(lower, zero, below), np.where(upper, zero, above)
-        joined_below, joined_above = np.where(lower, ~side, joined_below), np.where(upper, ~side, joined_above)
-
+    joined_here = np.where(sides[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
+    joined_below, joined_above = _joined_around(z, low, high, sides, joined)
     found = (z > 0) & (z < 1) & (sides[0] == sides[2]) & (sides[1] == sides[3]) & (sides[0] != sides[1])
     found &= (joined_below == joined_above) & (joined_here != joined_below)
     joins_first = turned > 0
@@ -169,6 +160,27 @@ def _tunnel(difference: NDArray[np.float64], inside: NDArray[np.bool_], joined: 
     ends = [(inside[corner] != side).astype(np.intp) for corner, side in zip(SQUARE, sides, strict=True)]
     first, second = 2 * ends[0] + ends[2], 4 + 2 * ends[1] + ends[3]
     return np.where(found, 1 + np.where(joins_first, first, second), 0)
+
+
+def _joined_around(
+    z: NDArray[np.float64],
+    low: list[NDArray[np.float64]],
+    high: list[NDArray[np.float64]],
+    sides: list[NDArray[np.bool_]],
+    joined: NDArray[np.intp],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether the inside edges are joined where slices cease to be ambiguous, below and above z.
+
+    That is at a face of the voxel, or where an edge changes sides, which joins the other two.
+    """
+    joined_below, joined_above = joined >> 4 & 1 != 0, joined >> 5 & 1 != 0
+    below, above = np.full(len(z), -np.inf), np.full(len(z), np.inf)
+    for one, other, side in zip(low, high, sides, strict=True):
+        zero = np.where((one >= 0) != (other >= 0), one / (one - other), np.nan)
+        lower, upper = (zero < z) & (zero > below), (zero > z) & (zero < above)
+        below, above = np.where(lower, zero, below), np.where(upper, zero, above)
+        joined_below, joined_above = np.where(lower, ~side, joined_below), np.where(upper, ~side, joined_above)
+    return joined_below, joined_above
 
 
 def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:

@@ -213,12 +213,7 @@ def test_two_opposite_corners_are_joined_where_the_voxels_middle_is_inside():
     corner = np.array([0.1, 2.9, 3.0, 3.1, 50.0])
     values = np.full((5, 8), -1.0)
     values[:, [0, 7]] = corner[:, None]
-    assert (tables().own_count[resolve(values, 0.0, cases_of(values))] == 3).tolist() == [
-        False,
-        False,
-        True,
-        True,
-        True,
-    ]
+    tunnel = tables().own_count[resolve(values, 0.0, cases_of(values))] == 3
+    assert tunnel.tolist() == [False, False, True, True, True]
     euler = [voxel_topology(one.reshape(2, 2, 2))[0] for one in values[[0, 1, 3, 4]]]
     assert euler == [2, 2, 0, 0]
