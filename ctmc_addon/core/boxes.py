@@ -1,0 +1,110 @@
+"""Boxes in the patient: around a whole volume, and the region that a surface is sought in.
+
+A region is given as lowest x, y, z and highest x, y, z, in voxel indices or RAS+ millimetres (settings.py); in
+voxels its box is as oblique or sheared as the volume. Corners are numbered by bits: 1 = high x, 2 = high y, 4 = high z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .volume import Volume, to_index, to_ras_mm
+
+EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
+SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
+Region = tuple[float, ...]
+
+
+def volume_box(volume: Volume) -> NDArray[np.float64]:
+    """The eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
+    x, y, z = volume.size
+    return region_corners(volume, (0.0, 0.0, 0.0, x - 1.0, y - 1.0, z - 1.0), "voxel")
+
+
+def region_corners(volume: Volume, region: Region, unit: str) -> NDArray[np.float64]:
+    """The eight corners of a region box, (8, 3) RAS+ mm."""
+    ends = np.array(region, np.float64).reshape(2, 3)
+    corners = np.array([[ends[corner >> axis & 1, axis] for axis in range(3)] for corner in range(8)])
+    return corners if unit == "mm" else to_ras_mm(volume.affine, corners)
+
+
+def region_directions(volume: Volume, unit: str) -> NDArray[np.float64]:
+    """What one unit along each of a region's axes is, (3, 3) RAS+ mm, a row an axis."""
+    return np.eye(3) if unit == "mm" else volume.affine[:3, :3].T.copy()
+
+
+def region_shift(volume: Volume, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far a shift of (3,) RAS+ mm moves a region along each of its axes, (3,) in its unit.
+
+    Examples
+    --------
+    >>> region_shift(Volume(np.zeros((2, 2, 2)), np.diag([-1.0, 1.0, 5.0, 1.0])), "voxel", np.ones(3)).tolist()
+    [-1.0, 1.0, 0.2]
+    """
+    if unit == "mm":
+        return shift_mm
+    ends = np.array([np.zeros(3), shift_mm]) + volume.affine[:3, 3]
+    at = to_index(volume.affine, ends)
+    return at[1] - at[0]
+
+
+def region_limits(volume: Volume, unit: str) -> Region:
+    """The region that holds the whole volume: lowest x, y, z, then highest.
+
+    Examples
+    --------
+    >>> region_limits(Volume(np.zeros((2, 3, 4)), np.diag([-1.0, 1.0, 5.0, 1.0])), "mm")
+    (-3.0, 0.0, 0.0, 0.0, 2.0, 5.0)
+    """
+    if unit == "mm":
+        corners = volume_box(volume)
+        ends = [*corners.min(axis=0), *corners.max(axis=0)]
+    else:
+        ends = [0.0, 0.0, 0.0, *(size - 1.0 for size in volume.size)]
+    return tuple(float(end) for end in ends)
+
+
+def region_with(region: Region, face: int, value: float, limits: Region) -> Region:
+    """A region with one face (0..5, as in the region) moved to `value`: inside the limits, short of its opposite.
+
+    Examples
+    --------
+    >>> region_with((0, 0, 0, 9, 9, 9), 3, 20.0, (0, 0, 0, 15, 15, 15))
+    (0, 0, 0, 15.0, 9, 9)
+    >>> region_with((0, 0, 0, 9, 9, 9), 0, 12.0, (0, 0, 0, 15, 15, 15))
+    (8.0, 0, 0, 9, 9, 9)
+    """
+    axis = face % 3
+    value = min(max(value, limits[axis]), limits[axis + 3])
+    value = min(value, region[axis + 3] - 1.0) if face < 3 else max(value, region[axis] + 1.0)
+    return (*region[:face], float(value), *region[face + 1 :])
+
+
+def region_moved(region: Region, axis: int, shift: float, limits: Region) -> Region:
+    """A region moved whole along one axis, as far as the limits allow.
+
+    Examples
+    --------
+    >>> region_moved((2, 0, 0, 9, 9, 9), 0, 20.0, (0, 0, 0, 15, 15, 15))
+    (8.0, 0, 0, 15.0, 9, 9)
+    """
+    low, high = region[axis], region[axis + 3]
+    shift = min(max(shift, limits[axis] - low), max(limits[axis + 3] - high, 0.0))
+    moved = list(region)
+    moved[axis], moved[axis + 3] = float(low + shift), float(high + shift)
+    return tuple(moved)
+
+
+def side_places(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, NDArray[np.float64]]:
+    """Where to write R, L, A, P, S and I around a box: a letter to (3,) RAS+ mm, outside by a share of its size.
+
+    Examples
+    --------
+    >>> ball = Volume(np.zeros((11, 11, 11)), np.eye(4))
+    >>> side_places(volume_box(ball), gap=0.1)["L"].tolist()
+    [-1.0, 5.0, 5.0]
+    """
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    reach = (high - low) / 2 + gap * (high - low).max()
+    return {letter: (low + high) / 2 + np.array(side) * reach for letter, side in SIDES.items()}

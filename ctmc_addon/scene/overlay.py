@@ -1,0 +1,111 @@
+"""What is drawn over a 3D viewport and kept nowhere: a picture at its place, lines, letters.
+
+Places are Blender units in world space. `gpu` and `blf` exist only where Blender draws, so they are imported where
+something is drawn. Colours are display colours: a viewport's draw handlers write past the colour management.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Colour = tuple[float, float, float, float]
+FONT = 0
+# Blender draws in pixels; a letter whose place is nearer than this to the middle would say nothing.
+NEAREST_LETTER = 24.0
+
+
+class Picture:
+    """A picture on the graphics card, standing upright in space.
+
+    Parameters
+    ----------
+    colours : (rows, columns, 4) float32
+    corners : (4, 3)
+        Of row and column 0, the last column, the last column and row, the last row.
+    """
+
+    def __init__(self, colours: NDArray[np.float32], corners: NDArray[Any]) -> None:
+        import gpu
+        from gpu_extras.batch import batch_for_shader
+
+        rows, columns = colours.shape[:2]
+        pixels = gpu.types.Buffer("FLOAT", colours.size, np.ascontiguousarray(colours, np.float32).ravel())
+        self.texture = gpu.types.GPUTexture((columns, rows), format="RGBA8", data=pixels)
+        self.shader = gpu.shader.from_builtin("IMAGE")
+        self.batch = batch_for_shader(
+            self.shader,
+            "TRIS",
+            {
+                "pos": [tuple(map(float, corner)) for corner in corners],
+                "texCoord": [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
+            },
+            indices=[(0, 1, 2), (0, 2, 3)],
+        )
+
+    def draw(self) -> None:
+        """Draw it among the scene's objects: what is nearer hides it."""
+        import gpu
+
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        self.shader.bind()
+        self.shader.uniform_sampler("image", self.texture)
+        self.batch.draw(self.shader)
+        gpu.state.depth_mask_set(False)
+        gpu.state.depth_test_set("NONE")
+
+
+def draw_lines(
+    points: NDArray[Any], pairs: Iterable[tuple[int, int]], colour: Colour, size: tuple[float, float], width: float
+) -> None:
+    """Lines between (n, 3) points, `width` pixels wide, in a viewport of `size` pixels."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    ends = [tuple(map(float, points[end])) for pair in pairs for end in pair]
+    batch = batch_for_shader(shader, "LINES", {"pos": ends})
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.blend_set("ALPHA")
+    shader.bind()
+    shader.uniform_float("viewportSize", size)
+    shader.uniform_float("lineWidth", width)
+    shader.uniform_float("color", colour)
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+    gpu.state.depth_test_set("NONE")
+
+
+def draw_letters(
+    region: Any, view: Any, letters: Mapping[str, NDArray[Any]], middle: NDArray[Any], size: float
+) -> None:
+    """Letters at places in space, `size` pixels high, upright for whoever looks.
+
+    Parameters
+    ----------
+    region, view : bpy.types.Region, bpy.types.RegionView3D
+    middle : (3,)
+        The letters stand round it; one that would stand on it is left out.
+    """
+    import blf
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+    from mathutils import Vector
+
+    centre = location_3d_to_region_2d(region, view, Vector(middle))
+    blf.size(FONT, size)
+    blf.enable(FONT, blf.SHADOW)
+    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
+    blf.shadow_offset(FONT, 1, -1)
+    blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
+    for letter, place in letters.items():
+        at = location_3d_to_region_2d(region, view, Vector(place))
+        if at is None or (centre is not None and (at - centre).length < NEAREST_LETTER):
+            continue
+        width, height = blf.dimensions(FONT, letter)
+        blf.position(FONT, at.x - width / 2, at.y - height / 2, 0.0)
+        blf.draw(FONT, letter)
+    blf.disable(FONT, blf.SHADOW)
