@@ -17,6 +17,7 @@ from .arguments import add_reading, add_settings, given_settings, reading_of
 from .batch_cases import Case, collect
 from .batch_cluster import Cluster
 from .batch_files import fingerprint_or_none, read_record, remove_unfinished, stands_for
+from .batch_lock import folder_of_one_batch
 from .batch_memory import jobs_at_once, memory_limit, needed_bytes
 from .batch_process import Event, run_here
 from .batch_summary import Row, counts, numbers, row_of, write_summary
@@ -79,14 +80,16 @@ def run(chosen: argparse.Namespace) -> None:
     try:
         made_folder(folder)
         require_writable(folder / "summary.json")
-        remove_unfinished(folder)
-        with Progress() as progress:
-            rows = progress.drive(batch_steps(cases, folder, chosen, cluster))
+        with folder_of_one_batch(folder), Progress() as progress:
+            remove_unfinished(folder)
+            try:
+                rows = progress.drive(batch_steps(cases, folder, chosen, cluster))
+            finally:
+                remove_unfinished(folder)
     finally:
-        remove_unfinished(folder)
         if cluster is not None:
             cluster.close()
-    print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html")
+    print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html", flush=True)
     failed = [row.case for row in rows if row.status != "done"]
     if failed:
         raise CtmcError(f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}")

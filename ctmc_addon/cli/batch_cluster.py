@@ -54,7 +54,15 @@ class Cluster:
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Event | None]:
         """Do the tasks on the cluster; yields what happens, and None while nothing does."""
-        futures = {index: self.client.submit(run_task, task, pure=False) for index, task in enumerate(tasks)}
+        module = run_task.__module__
+
+        def done_by_worker(task: Task) -> None:
+            # Travels as code, for the scheduler unpacks it too and has perhaps no ctmc.
+            import importlib
+
+            importlib.import_module(module).run_task(task)
+
+        futures = {index: self.client.submit(done_by_worker, task, pure=False) for index, task in enumerate(tasks)}
         try:
             while futures:
                 over = [index for index, future in futures.items() if future.status != "pending"]
@@ -77,4 +85,4 @@ class Cluster:
         error = future.exception(timeout=PATIENCE)
         if isinstance(error, self.distributed.KilledWorker):
             return "the workers that took this case were lost, again and again; see their logs for the reason"
-        return f"the worker could not do this case: {type(error).__name__}: {error}"
+        return f"the worker could not do this case ({type(error).__name__}: {error}); it needs ctmc and the same files"

@@ -180,7 +180,7 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     for path in sorted({*known, *(one.parent for one in known), *(one.resolve() for one in known)}, key=depth):
         if path.name and path.is_absolute():
             text = text.replace(str(path), path.name)
-    text = re.sub(r"(?<![\w.])(?:[A-Za-z]:)?[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)
+    text = re.sub(r"(?:(?<![\w.:/\\])(?:[A-Za-z]:)?|(?<=:)(?=[\\/][^\\/]))[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)
     return " ".join(text.split())
 
 

@@ -15,6 +15,7 @@ import pytest
 from ctmc_addon import core, readers
 from ctmc_addon.cli import batch_process, main
 from ctmc_addon.cli.batch import FORMATS
+from ctmc_addon.cli.batch_lock import folder_of_one_batch
 from ctmc_addon.cli.batch_process import run_here
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -275,6 +276,14 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
     assert (outcome.code, outcome.errors) == (130, [])
     assert set(states(tmp_path).values()) == {"waiting"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.html", "summary.json"]
+
+
+def test_two_batches_do_not_share_a_folder(refused, cases, scene, tmp_path):
+    with folder_of_one_batch(tmp_path):
+        assert "another batch is writing to" in refused("batch", cases, "-o", tmp_path, *FLAGS)
+    with folder_of_one_batch(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_formats_are_those_that_blender_writes(scene):

@@ -110,6 +110,7 @@ def test_a_full_disk_leaves_the_old_summary(tmp_path, monkeypatch):
         ("{folder}/in/b c.nii is empty", "in/b c.nii is empty"),
         ("see /usr/lib/x.so and C:\\Users\\x\\y.nii", "see x.so and y.nii"),
         ("two\n  lines", "two lines"),
+        ("error:/usr/lib/x.so, see https://host/a/b.html", "error:x.so, see https://host/a/b.html"),
         ("2 / 3 mm or 2/3 of ../a/b", "2 / 3 mm or 2/3 of ../a/b"),
     ],
 )
