@@ -29,7 +29,7 @@ class Outputs:
     report: Path | None = None
     figure: Path | None = None
     space: str = "ras"
-    figure_size: tuple[int, int] | None = None  # pixels; None is the usual size
+    thumbnail: tuple[int, int] | None = None  # pixels of a small figure without edges
 
     @property
     def names(self) -> list[str]:
@@ -147,8 +147,8 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
         if outputs.figure is not None:
             yield Step(0.5, f"Rendering {outputs.figure.name}")
             with work.timed("Rendering the figure"), blender_at_work():
-                size = {} if outputs.figure_size is None else {"size": outputs.figure_size}
-                scene.render_figure(thing, home, outputs.figure, **size)
+                small = {} if outputs.thumbnail is None else {"size": outputs.thumbnail, "edges": False}
+                scene.render_figure(thing, home, outputs.figure, **small)
     finally:
         if thing is not None:
             bpy.data.meshes.remove(thing.data)  # and the object with it

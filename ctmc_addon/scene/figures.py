@@ -34,6 +34,7 @@ def render_figure(
     size: tuple[int, int] = SIZE,
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
+    edges: bool = True,
 ) -> None:
     """Render the evaluated surface to a PNG, red with yellow triangle edges, on white.
 
@@ -45,6 +46,8 @@ def render_figure(
         Pixels.
     azimuth, elevation : float
         Where the camera stands, degrees: from the patient's front towards the left, and up.
+    edges : bool
+        False keeps the surface's own material, for small pictures in which edges would be noise.
 
     Raises
     ------
@@ -58,7 +61,7 @@ def render_figure(
         raise OutputError("a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences")
     with written_whole(target) as beside:
         require_room(beside, 4 * size[0] * size[1] + 10_000)
-        render(thing, scene, beside, size, azimuth, elevation)
+        render(thing, scene, beside, size, azimuth, elevation, edges)
         beside.write_bytes(without_texts(beside.read_bytes(), target.name))
 
 
@@ -69,6 +72,7 @@ def render(
     size: tuple[int, int],
     azimuth: float,
     elevation: float,
+    edges: bool,
 ) -> None:
     """Stage a copy of the evaluated surface, render it to `path`, and take the stage down."""
     mesh, evaluated = evaluated_copy(thing, scene)
@@ -79,11 +83,12 @@ def render(
         copy.matrix_world = evaluated.matrix_world
         stage.collection.objects.link(copy)
         blocks += prepare_scene(stage, copy, size, azimuth, elevation)
-        pixel = stage.camera.data.ortho_scale / max(size)
-        material = edged_material("CTMC Figure", RED, YELLOW, min(LINE_PIXELS * pixel, LINE_SHARE * mean_edge(copy)))
-        blocks.append(material)
-        mesh.materials.clear()
-        mesh.materials.append(material)
+        if edges:
+            width = min(LINE_PIXELS * stage.camera.data.ortho_scale / max(size), LINE_SHARE * mean_edge(copy))
+            material = edged_material("CTMC Figure", RED, YELLOW, width)
+            blocks.append(material)
+            mesh.materials.clear()
+            mesh.materials.append(material)
         stage.render.filepath = str(path.resolve())
         bpy.ops.render.render(write_still=True, scene=stage.name)
     except RuntimeError as error:  # how Blender's operators report what they could not do

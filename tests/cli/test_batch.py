@@ -15,6 +15,7 @@ import pytest
 from ctmc_addon import core, readers
 from ctmc_addon.cli import batch_process, main
 from ctmc_addon.cli.batch import FORMATS
+from ctmc_addon.cli.batch_case import THUMBNAIL
 from ctmc_addon.cli.batch_lock import folder_of_one_batch
 from ctmc_addon.cli.batch_process import run_here
 
@@ -139,6 +140,16 @@ def test_the_page_shows_a_thumbnail_of_every_surface_and_every_error(done):
     assert "broken.npy" in page
     assert "http-equiv" not in page  # it is over, and needs no looking again
     assert not re.search(r'(src|href)="(?!data:)', page)
+
+
+def test_a_thumbnail_shows_the_form_and_no_triangles(done):
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    with image.open(done / "thumbnails" / "large.png") as picture:
+        assert picture.size == THUMBNAIL
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    filled = (pixels < 235).any(axis=1)
+    assert 0.3 < filled.mean() < 0.8  # a ball as high as the picture, a little margin around it
+    assert (pixels[filled].max(axis=1) - pixels[filled].min(axis=1)).max() < 110  # bone, where edges would be yellow
 
 
 def test_a_folder_in_use_is_refused_without_resume_or_overwrite(refused, done, cases):
