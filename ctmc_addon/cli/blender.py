@@ -9,9 +9,11 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
-from typing import Any
+from typing import Any, TypeVar
 
-from ..core import CtmcError
+from ..core import CtmcError, Steps
+
+T = TypeVar("T")
 
 
 def load_scene() -> Any:
@@ -35,6 +37,22 @@ def blender_at_work() -> Iterator[None]:
     """
     with interrupts_held(), silence():
         yield
+
+
+def quiet(steps: Steps[T]) -> Steps[T]:
+    """The same steps, Blender at work in each."""
+    try:
+        while True:
+            with blender_at_work():
+                try:
+                    step = next(steps)
+                except StopIteration as end:
+                    result: T = end.value
+                    return result
+            yield step
+    finally:
+        with blender_at_work():
+            steps.close()
 
 
 @contextmanager

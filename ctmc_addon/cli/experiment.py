@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from . import experiment_alpha, experiment_simplify, experiment_voxels
+from . import experiment_alpha, experiment_rotation, experiment_simplify, experiment_voxels
 
-EXPERIMENTS = (experiment_voxels, experiment_alpha, experiment_simplify)
+EXPERIMENTS = (experiment_voxels, experiment_rotation, experiment_alpha, experiment_simplify)
 
 
 def add_parser(commands: Any) -> None:

@@ -5,7 +5,7 @@ pytest.importorskip("bpy")
 
 from ctmc_addon.core import TriangleMesh, distances, finish
 from ctmc_addon.core.errors import MeshError
-from ctmc_addon.scene.deviation import Reference, deviation
+from ctmc_addon.scene.deviation import Deviation, Reference, deviation
 
 
 def moved(mesh, by):
@@ -24,8 +24,10 @@ def ball(radius, rings=24, sides=48):
 
 def test_the_same_surface_is_at_no_distance(torus):
     mesh = torus().mesh
-    apart = deviation(mesh, mesh)
-    assert apart.mean < 1e-5
+    assert deviation(mesh, mesh) == Deviation(0.0, 0.0)
+    turned = TriangleMesh(mesh.vertices, np.roll(mesh.faces, 1, axis=1))
+    apart = deviation(turned, mesh)
+    assert 0 <= apart.mean < 1e-5
     assert apart.maximum < 1e-4
 
 
