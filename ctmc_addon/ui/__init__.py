@@ -17,6 +17,18 @@ def unregister() -> None:
 
 def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
-    from . import export, load, panels, properties, reconstruct, volumes
+    from . import (
+        export,
+        jobs,
+        load,
+        panels,
+        preferences,
+        properties,
+        reconstruct,
+        session,
+        simplify,
+        translations,
+        volumes,
+    )
 
-    return (volumes, properties, load, reconstruct, export, panels)
+    return (translations, preferences, session, volumes, properties, jobs, load, reconstruct, simplify, export, panels)

@@ -1,6 +1,7 @@
 """The settings as Blender properties, generated from core.settings: label, text, unit, limits and choices.
 
 `scene.ctmc` carries the settings' own names. A setting that may be absent has a switch `use_<name>` beside it.
+Beside them stand what the file knows of its CT, the labels to choose from, and the panel's own switches.
 
 This module must not hold `bpy` itself: Blender 4.2 never lets go of a registered PropertyGroup, nor of what its
 functions can see, and a Python whose bpy module stays alive crashes at exit.
@@ -9,11 +10,13 @@ functions can see, and a Python whose bpy module stays alive crashes at exit.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from bpy.props import (
     BoolProperty,
+    CollectionProperty,
     EnumProperty,
     FloatProperty,
     FloatVectorProperty,
@@ -27,6 +30,7 @@ from bpy.utils import register_class, unregister_class
 
 from ..core import ReconstructionSettings
 from ..core.settings import Setting, described
+from . import marks
 
 # What a setting that may be absent starts from when it is switched on.
 STARTS: dict[str, Any] = {
@@ -46,6 +50,10 @@ DEFAULTS = ReconstructionSettings()
 class SettingsMethods:
     """What `scene.ctmc` can do beside holding its properties."""
 
+    labels: Any
+    label: Any
+    use_label: Any
+
     def to_settings(self) -> ReconstructionSettings:
         """The settings as core takes them, checked.
 
@@ -60,6 +68,26 @@ class SettingsMethods:
             if not optional(name) or getattr(self, switch(name))
         }
         return ReconstructionSettings.from_dict(values)
+
+    def all_settings(self) -> list[ReconstructionSettings]:
+        """The settings of every surface that is wanted: one for each label that is ticked, or a single one."""
+        settings = self.to_settings()
+        if settings.label is None:
+            return [settings]
+        ticked = [item.value for item in self.labels if item.chosen]
+        return [replace(settings, label=label) for label in ticked or [settings.label]]
+
+    def colour_of(self, label: int | None) -> tuple[float, float, float] | None:
+        """The colour chosen in the list for a label; None for one that is not in it."""
+        return next((tuple(item.color) for item in self.labels if item.value == label), None)
+
+    def show_labels(self, labels: list[tuple[int, str, tuple[float, float, float]]]) -> None:
+        """Fill the list of labels: value, name and colour of each."""
+        self.labels.clear()
+        for value, name, color in labels:
+            item = self.labels.add()
+            item.value, item.name, item.color = value, name, color
+        tick_only(self, self.label if self.use_label else None)
 
     def from_settings(self, settings: ReconstructionSettings) -> None:
         """Show these settings."""
@@ -88,8 +116,7 @@ def property_of(name: str, about: Setting) -> Any:
     """The Blender property of one setting."""
     default = STARTS[name] if optional(name) else getattr(DEFAULTS, name)
     common = {"name": about.label, "description": tooltip(about), "default": default}
-    if optional(name):
-        common["update"] = turn_on(name)
+    common["update"] = on_change(name)
     if about.type is bool:
         return BoolProperty(**common)
     if about.type is str:
@@ -123,25 +150,83 @@ def switch(name: str) -> str:
     return f"use_{name}"
 
 
-def turn_on(name: str) -> Callable[[Any, Any], None]:
+def on_change(name: str) -> Callable[[Any, Any], None]:
     """Whoever gives a setting a value wants it used."""
 
     def update(properties: Any, _context: Any) -> None:
-        setattr(properties, switch(name), True)
+        if optional(name) and not getattr(properties, switch(name)):
+            setattr(properties, switch(name), True)
+        if name == "label":
+            tick_only(properties, properties.label)
+        marks.changed(properties, name)
 
     return update
 
 
-def turn_rivals_off(name: str) -> Callable[[Any, Any], None]:
+def on_switch(name: str) -> Callable[[Any, Any], None]:
     """Switching one of several rivals on switches the others off."""
     rivals = [other for group in RIVALS if name in group for other in group if other != name]
 
     def update(properties: Any, _context: Any) -> None:
         if getattr(properties, switch(name)):
             for other in rivals:
-                setattr(properties, switch(other), False)
+                if getattr(properties, switch(other)):
+                    setattr(properties, switch(other), False)
+        if name == "label":
+            ticked = any(item.chosen for item in properties.labels)
+            if not properties.use_label or not ticked:
+                tick_only(properties, properties.label if properties.use_label else None)
+        marks.changed(properties, name)
 
     return update
+
+
+def marker(name: str) -> Callable[[Any, Any], None]:
+    """Say that a property of the panel's own has changed."""
+
+    def update(properties: Any, _context: Any) -> None:
+        marks.changed(properties, name)
+
+    return update
+
+
+_ticking: list[bool] = []  # not empty while ticks are set by code
+
+
+def tick_only(properties: Any, label: int | None) -> None:
+    """Tick this label in the list, and no other."""
+    if _ticking:
+        return
+    _ticking.append(True)
+    for item in properties.labels:
+        if item.chosen != (item.value == label):
+            item.chosen = item.value == label
+    _ticking.clear()
+
+
+def on_tick(item: Any, _context: Any) -> None:
+    """Ticking a label in the list wants labels used; the first one ticked is the setting's own."""
+    if _ticking:
+        return
+    properties = item.id_data.ctmc
+    ticked = [one.value for one in properties.labels if one.chosen]
+    _ticking.append(True)
+    if ticked and properties.label not in ticked:
+        properties.label = ticked[0]
+    if properties.use_label != bool(ticked):
+        properties.use_label = bool(ticked)
+    _ticking.clear()
+    marks.changed(properties, "label")
+
+
+class CTMCLabel(PropertyGroup):
+    """A label of the volume: its value, its name as `name`, its colour, and whether it is wanted."""
+
+    value: IntProperty(name="Value", description="Value of the label in the volume")
+    chosen: BoolProperty(name="Reconstruct", description="Make a surface of this label", update=on_tick)
+    color: FloatVectorProperty(
+        name="Color", description="Colour of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0
+    )
 
 
 def all_properties() -> dict[str, Any]:
@@ -150,11 +235,72 @@ def all_properties() -> dict[str, Any]:
     for name, about in described().items():
         if optional(name):
             found[switch(name)] = BoolProperty(
-                name=f"Use {about.label}", description=tooltip(about), update=turn_rivals_off(name)
+                name=f"Use {about.label}", description=tooltip(about), update=on_switch(name)
             )
         found[name] = property_of(name, about)
-    found["volume_path"] = StringProperty(name="CT", description="File or folder that the CT was read from")
-    return found
+    return found | volume_properties() | panel_properties()
+
+
+def volume_properties() -> dict[str, Any]:
+    """What the file knows of its CT, and how it is to be read."""
+    turned = "The files cannot say it: {} lie the other way round than assumed"
+    return {
+        "volume_path": StringProperty(name="CT", description="File or folder that the CT was read from"),
+        "volume_fingerprint": StringProperty(name="Fingerprint", description="To know the CT again by"),
+        "series": StringProperty(
+            name="Series", description="UID of the DICOM series. Empty = the one with most slices"
+        ),
+        "spacing": FloatVectorProperty(
+            name="Spacing",
+            description="Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
+            size=3,
+            min=0.0,
+            precision=4,
+        ),
+        "flip_x": BoolProperty(name="Left Is Right", description=turned.format("left and right")),
+        "flip_y": BoolProperty(name="Front Is Back", description=turned.format("front and back")),
+        "flip_z": BoolProperty(name="Head Is Feet", description=turned.format("head and feet")),
+        "labels": CollectionProperty(type=CTMCLabel, name="Labels", description="Labels of the volume"),
+        "label_index": IntProperty(name="Label", description="Line of the list that is marked"),
+    }
+
+
+def panel_properties() -> dict[str, Any]:
+    """What only the panel has."""
+    return {
+        "preview": BoolProperty(
+            name="Live Preview",
+            description="Show a coarse surface in the viewport that follows the settings",
+            default=True,
+            update=marker("preview"),
+        ),
+        "rotation_kind": EnumProperty(
+            name="Motion",
+            description="What is timed",
+            items=[
+                ("rotate", "Rotate", "Turn about the patient's long axis"),
+                ("zoom", "Zoom", "Draw nearer and back"),
+                ("pan", "Pan", "Move sideways and back"),
+            ],
+        ),
+        "rotation_levels": StringProperty(
+            name="Levels", description="Shares of triangles to remove that are compared [%]", default="0, 50, 90"
+        ),
+        "rotation_step": IntProperty(
+            name="Step",
+            description="Angle between two pictures [degrees]. Smaller = more pictures",
+            default=20,
+            min=1,
+            max=180,
+        ),
+        "rotation_rounds": IntProperty(
+            name="Rounds",
+            description="How often each level is turned. Larger = steadier mean",
+            default=5,
+            min=1,
+            max=100,
+        ),
+    }
 
 
 CTMCSettings = type(
@@ -166,6 +312,7 @@ CTMCSettings = type(
 
 def register() -> None:
     """Register the settings and give every scene its own."""
+    register_class(CTMCLabel)
     register_class(CTMCSettings)
     Scene.ctmc = PointerProperty(type=CTMCSettings, name="CTMC")
 
@@ -174,3 +321,4 @@ def unregister() -> None:
     """Take the settings away again; what a file holds of them stays in the file."""
     del Scene.ctmc
     unregister_class(CTMCSettings)
+    unregister_class(CTMCLabel)

@@ -1,28 +1,73 @@
-"""The volumes that have been read in this session, by their path. They are never stored in the .blend."""
+"""The volumes that have been read in this session. The .blend holds their path and fingerprint, never their values."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import bpy
 
 from ..core import Volume
+from ..core.survey import Survey
+from ..readers import Series
 
-_loaded: dict[str, Volume] = {}
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A volume, and what the panel says of it.
+
+    Parameters
+    ----------
+    reading : mapping
+        The keyword arguments of `read_volume` it was read with.
+    """
+
+    path: Path
+    volume: Volume
+    survey: Survey
+    series: tuple[Series, ...] = ()
+    reading: Mapping[str, Any] = field(default_factory=dict)
 
 
-def keep(path: Path, volume: Volume, scene: bpy.types.Scene) -> None:
-    """Make `volume` the current one of `scene`; volumes that no scene refers to any more are let go."""
-    scene.ctmc.volume_path = str(path)
-    _loaded[str(path)] = volume
-    used = {one.ctmc.volume_path for one in bpy.data.scenes}
+_loaded: dict[str, Loaded] = {}
+
+
+def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
+    """Make a volume the current one of `scene`; volumes that no scene refers to any more are let go."""
+    scene.ctmc.volume_path = stored_path(loaded.path)
+    scene.ctmc.volume_fingerprint = loaded.survey.fingerprint
+    _loaded[loaded.survey.fingerprint] = loaded
+    used = {one.ctmc.volume_fingerprint for one in bpy.data.scenes}
     for stale in set(_loaded) - used:
         del _loaded[stale]
 
 
+def loaded(scene: bpy.types.Scene) -> Loaded | None:
+    """What was last loaded for `scene`, if it was loaded in this session."""
+    return _loaded.get(scene.ctmc.volume_fingerprint)
+
+
 def current(scene: bpy.types.Scene) -> Volume | None:
     """The volume last loaded for `scene`, if it was loaded in this session."""
-    return _loaded.get(scene.ctmc.volume_path)
+    found = loaded(scene)
+    return None if found is None else found.volume
+
+
+def missing(scene: bpy.types.Scene) -> bool:
+    """Whether the file knows a CT that is not in memory."""
+    return bool(scene.ctmc.volume_path) and loaded(scene) is None
+
+
+def stored_path(path: Path) -> str:
+    """How the file notes a path: relative to itself, once it is saved and where that is possible."""
+    if not bpy.data.filepath:
+        return str(path)
+    try:
+        return bpy.path.relpath(str(path))
+    except ValueError:  # another drive
+        return str(path)
 
 
 def register() -> None:

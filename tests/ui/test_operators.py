@@ -43,7 +43,7 @@ def test_one_reading_serves_several_surfaces(scene, ball_file):
     ball_file.unlink()
     for threshold in (90.0, 110.0):
         scene.ctmc.threshold = threshold
-        assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+        assert bpy.ops.ctmc.reconstruct(new=True) == {"FINISHED"}
     assert len(scene.objects) == 2
 
 

@@ -1,0 +1,239 @@
+"""One driver for every long operator: modal with a timer in a window, all at once in a script.
+
+A job is a generator of steps that returns a function, its conclusion. Nothing is written to the scene before the
+conclusion runs, so a job that is cancelled leaves the scene as it was. Worker pools have ended before a step is
+yielded, so no thread is left either.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+
+from ..core import CtmcError, Step, Steps, finish
+from . import session
+from .translations import say
+
+Conclusion = Callable[[], str]
+"""Writes to the scene at the job's last moment and returns what to report."""
+
+TICK = 0.04  # seconds of work between two looks at the events
+START = Step(0.0, "Starting")
+PAUSE = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
+NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
+
+
+@dataclass
+class Job:
+    """Work under way in a window."""
+
+    title: str
+    steps: Steps[Conclusion]
+    scene: int
+    timer: Any = None
+    step: Step = field(default=START)
+    stopped: bool = False
+    workspaces: set[str] = field(default_factory=set)
+
+    def advance(self, seconds: float = TICK) -> Conclusion | None:
+        """Work for about so long; the conclusion, once there is nothing more to do."""
+        end = time.perf_counter() + seconds
+        while True:
+            try:
+                self.step = next(self.steps)
+            except StopIteration as done:
+                return done.value
+            if time.perf_counter() >= end:
+                return None
+
+    @property
+    def text(self) -> str:
+        """For the status bar: 'Reconstruct Surface: Finding active voxels, 43 %'."""
+        return f"{say(self.title)}: {say(self.step.message)}, {self.step.fraction:.0%}"
+
+
+_running: list[Job] = []
+
+
+def running() -> Job | None:
+    """The job that is under way, if there is one."""
+    return _running[0] if _running else None
+
+
+def start(job: Job, context: bpy.types.Context) -> None:
+    """Give a job its timer and the status bar."""
+    _running.append(job)
+    job.timer = context.window_manager.event_timer_add(PAUSE, window=context.window)
+    show(job, context)
+
+
+def show(job: Job, context: bpy.types.Context) -> None:
+    """Say in the status bar and the panel how far a job is."""
+    workspace = context.workspace
+    if workspace is not None:
+        job.workspaces.add(workspace.name)
+        workspace.status_text_set(text=f"{job.text}   ({say('Esc cancels')})")
+    session.redraw_panels()
+
+
+def stop(job: Job) -> None:
+    """End a job, whether it is done or not: its generator, its timer, its words in the status bar."""
+    if job.stopped:
+        return
+    job.stopped = True
+    if job in _running:
+        _running.remove(job)
+    job.steps.close()
+    if job.timer is not None:
+        bpy.context.window_manager.event_timer_remove(job.timer)
+        job.timer = None
+    for workspace in bpy.data.workspaces:
+        if workspace.name in job.workspaces:
+            workspace.status_text_set(text=None)
+    session.redraw_panels()
+
+
+def stop_running(*_: Any) -> None:
+    """End the job under way: another file is loaded, or the extension goes."""
+    job = running()
+    if job is not None:
+        stop(job)
+
+
+def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
+    """Say what went wrong, at the bottom and in the panel, where it stays."""
+    sentence = say(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
+    where = session.scene_of(scene)
+    if where is not None:
+        session.of(where).message = sentence
+    operator.report({"ERROR"}, sentence)
+    session.redraw_panels()
+    return {"CANCELLED"}
+
+
+class LongOperator:
+    """What an operator with long work inherits, before `bpy.types.Operator`; it gives `plan`."""
+
+    windowed = False
+    """Whether a person started it in a window."""
+
+    def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
+        """Read the context once, and return the work."""
+        raise NotImplementedError
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do the whole work; after a file dialog in a window, begin it."""
+        if self.windowed:
+            return self.begin(context)
+        scene = context.scene.session_uid
+        try:
+            said = finish(self.plan(context))()
+        except (CtmcError, MemoryError) as error:
+            return refuse(self, scene, error)
+        self.report({"INFO"}, said)
+        return {"FINISHED"}
+
+    def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Begin the work in this window."""
+        return self.begin(context)
+
+    def begin(self: Any, context: bpy.types.Context) -> set[str]:
+        """Start the job and its timer; without a window, do it all."""
+        if bpy.app.background or context.window is None:
+            self.windowed = False
+            return self.execute(context)
+        if running() is not None:
+            self.report({"ERROR"}, say("Another job is running; wait or cancel it"))
+            return {"CANCELLED"}
+        scene = context.scene.session_uid
+        try:
+            self.job = Job(self.bl_label, self.plan(context), scene)
+        except (CtmcError, MemoryError) as error:
+            return refuse(self, scene, error)
+        start(self.job, context)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Advance at the timer, stop at Esc, and let everything else through."""
+        job = self.job
+        if job.stopped:
+            return {"CANCELLED"}
+        if event.type == "ESC" and event.value == "PRESS":
+            stop(job)
+            self.report({"INFO"}, say("Cancelled"))
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        going = False
+        try:
+            conclusion = job.advance()
+            going = conclusion is None
+            said = "" if conclusion is None else conclusion()
+        except (CtmcError, MemoryError) as error:
+            return refuse(self, job.scene, error)
+        finally:
+            if not going:  # done, refused or a defect: nothing is left behind
+                stop(job)
+        if going:
+            show(job, context)
+            return {"PASS_THROUGH"}
+        self.report({"INFO"}, said)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+    def cancel(self: Any, _context: bpy.types.Context) -> None:
+        """Blender ends the operator: its window is closed or another file is loaded."""
+        job = getattr(self, "job", None)
+        if job is not None:
+            stop(job)
+
+
+class CTMC_OT_cancel(bpy.types.Operator):
+    """Stop the job under way; the scene stays as it was."""
+
+    bl_idname = "ctmc.cancel"
+    bl_label = "Cancel"
+    bl_description = "Stop the job under way; the scene stays as it was"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        """Only with something to stop."""
+        if running() is None:
+            cls.poll_message_set("No job is running")
+            return False
+        return True
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        """Stop it."""
+        stop_running()
+        self.report({"INFO"}, say("Cancelled"))
+        return {"FINISHED"}
+
+
+def idle(operator: Any) -> bool:
+    """For polls: whether no job is running, with the reason if one is."""
+    if running() is not None:
+        operator.poll_message_set("Another job is running; wait or cancel it")
+        return False
+    return True
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
+
+
+def register() -> None:
+    """Register Cancel, and end a job before another file is loaded."""
+    _register()
+    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(stop_running))
+
+
+def unregister() -> None:
+    """End the job under way and take everything away."""
+    stop_running()
+    bpy.app.handlers.load_pre.remove(stop_running)
+    _unregister()

@@ -1,0 +1,126 @@
+"""From finished reconstructions to objects of the scene: new ones, or those that are selected.
+
+Data-blocks are remembered by their session_uid while a job runs: undo, deletion and renaming do no harm then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import bpy
+
+from .. import scene as scenes
+from ..core import Reconstruction, ReconstructionSettings
+from ..core.errors import MeshError
+from ..scene.alpha import set_alpha
+from ..scene.surfaces import MEMORY, require_changeable
+from . import session
+from .preferences import machine
+from .translations import say
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A surface to make: its settings, its colour, and the object that takes it; None for a new one."""
+
+    settings: ReconstructionSettings
+    color: tuple[float, float, float] | None = None
+    target: int | None = None
+
+
+def is_surface(thing: bpy.types.Object | None) -> bool:
+    """Whether an object was reconstructed by us."""
+    return thing is not None and thing.type == "MESH" and thing.get(MEMORY) is not None
+
+
+def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active object, if it is selected and was reconstructed by us."""
+    thing = context.view_layer.objects.active
+    return thing if is_surface(thing) and thing.select_get() else None
+
+
+def selected_surfaces(context: bpy.types.Context, name: str) -> list[bpy.types.Object]:
+    """The selected surfaces of the CT of this name, the active one first."""
+    active = context.view_layer.objects.active
+    found = [thing for thing in context.selected_objects if is_surface(thing) and remembered_name(thing) == name]
+    return sorted(found, key=lambda thing: thing != active)
+
+
+def remembered_name(thing: bpy.types.Object) -> str:
+    """The name of the CT an object was made from."""
+    return str(scenes.remembered(thing).get("name", ""))
+
+
+def targets(
+    context: bpy.types.Context, name: str, runs: list[ReconstructionSettings]
+) -> dict[ReconstructionSettings, int]:
+    """Which selected object each of the wanted surfaces goes into; those not in it get a new object.
+
+    A single surface goes into the active one, several into those with the same label.
+
+    Raises
+    ------
+    MeshError
+        If one of the objects cannot be changed.
+    """
+    selected = selected_surfaces(context, name)
+    if len(runs) == 1:
+        found = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
+    else:
+        by_label = {scenes.remembered(thing)["settings"].get("label"): thing for thing in reversed(selected)}
+        found = {run: by_label[run.label] for run in runs if run.label in by_label}
+    for thing in found.values():
+        require_changeable(thing)
+    return {run: thing.session_uid for run, thing in found.items()}
+
+
+def place(uid: int, wanted: Iterable[Wanted], results: Iterable[Reconstruction]) -> list[bpy.types.Object]:
+    """Put finished surfaces into the scene and select them; the last one is active.
+
+    Raises
+    ------
+    MeshError
+        If the scene is gone, or an object cannot be changed any more.
+    """
+    scene = session.scene_of(uid)
+    if scene is None:
+        raise MeshError("the scene was deleted meanwhile; reconstruct again in another")
+    pairs = [(one, session.object_of(one.target), result) for one, result in zip(wanted, results, strict=True)]
+    for _, thing, _ in pairs:
+        if thing is not None:
+            require_changeable(thing)  # before any of them is touched
+    made = []
+    for one, thing, result in pairs:
+        if thing is None:
+            thing = scenes.add_reconstruction(result, scene, machine().scale, one.color)
+        else:
+            scenes.update_reconstruction(thing, result)
+            set_alpha(thing, result.settings.alpha)
+        made.append(thing)
+    select(scene, made)
+    return made
+
+
+def select(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> None:
+    """Select these and nothing else, where Blender's mode allows it."""
+    context = bpy.context
+    layer = context.view_layer if context.scene == scene else scene.view_layers[0]
+    active = layer.objects.active
+    if active is not None and active.mode != "OBJECT":
+        return
+    layer.update()
+    for other in layer.objects:
+        other.select_set(False, view_layer=layer)
+    for thing in things:
+        if layer.objects.get(thing.name) == thing:
+            thing.select_set(True, view_layer=layer)
+            layer.objects.active = thing
+
+
+def summary(things: list[bpy.types.Object], results: list[Reconstruction]) -> str:
+    """For the report: names and triangles."""
+    return ", ".join(
+        say("{name}: {faces} triangles").format(name=thing.name, faces=len(result.mesh.faces))
+        for thing, result in zip(things, results, strict=True)
+    )

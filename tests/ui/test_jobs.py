@@ -1,0 +1,195 @@
+"""The modal driver, driven by hand: timer, Esc, cancel, another file, a window that closes, defects."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ctmc_addon.core import Step  # noqa: E402
+from ctmc_addon.core.errors import ReadError  # noqa: E402
+from ctmc_addon.ui import jobs, session  # noqa: E402
+
+TIMER = SimpleNamespace(type="TIMER", value="NOTHING")
+ESC = SimpleNamespace(type="ESC", value="PRESS")
+MOUSE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
+
+
+class Operator(jobs.LongOperator):
+    """What Blender would make of an operator with this work."""
+
+    bl_label = "Reconstruct Surface"
+
+    def __init__(self, steps):
+        self.steps, self.reports = steps, []
+
+    def plan(self, _context):
+        return self.steps
+
+    def report(self, kind, sentence):
+        self.reports.append((kind, sentence))
+
+
+class Context:
+    """The context with a clock in place of a window's timer."""
+
+    def __init__(self):
+        self.timers, self.handlers = [], []
+        self.scene, self.workspace, self.window = bpy.context.scene, bpy.context.workspace, object()
+        self.window_manager = self
+
+    def event_timer_add(self, seconds, window):
+        assert window is self.window
+        self.timers.append(seconds)
+        return seconds
+
+    def event_timer_remove(self, timer):
+        self.timers.remove(timer)
+
+    def modal_handler_add(self, operator):
+        self.handlers.append(operator)
+
+
+class Work:
+    """Steps that write down how they end, and a conclusion that writes to the scene."""
+
+    def __init__(self, steps=3, error=None):
+        self.closed, self.done, self.count, self.error = False, False, steps, error
+
+    def steps(self):
+        try:
+            for number in range(self.count):
+                yield Step(number / self.count, "Finding active voxels")
+            if self.error:
+                raise self.error
+            return self.conclude
+        finally:
+            self.closed = True
+
+    def conclude(self):
+        self.done = True
+        return "done"
+
+
+@pytest.fixture
+def context(scene, monkeypatch):
+    """A context in which a job believes itself in a window."""
+    found = Context()
+    monkeypatch.setattr(
+        jobs,
+        "bpy",
+        SimpleNamespace(app=SimpleNamespace(background=False), context=found, data=bpy.data, types=bpy.types),
+    )
+    monkeypatch.setattr(jobs.Job.advance, "__defaults__", (0.0,))  # every step its own tick
+    monkeypatch.setattr(session, "redraw_panels", lambda: None)
+    monkeypatch.setattr(session, "redraw_viewports", lambda: None)
+    yield found
+    assert jobs.running() is None
+    assert not found.timers
+
+
+def begun(context, work):
+    operator = Operator(work.steps())
+    assert operator.invoke(context, MOUSE) == {"RUNNING_MODAL"}
+    assert context.handlers == [operator]
+    assert jobs.running().title == "Reconstruct Surface"
+    return operator
+
+
+def driven(operator, context, most=50):
+    for _ in range(most):
+        result = operator.modal(context, TIMER)
+        if result != {"PASS_THROUGH"}:
+            return result
+    raise AssertionError("never ended")
+
+
+def test_a_job_ends_with_its_conclusion_and_leaves_nothing(context):
+    work = Work()
+    operator = begun(context, work)
+    assert operator.modal(context, MOUSE) == {"PASS_THROUGH"}
+    assert not work.done
+    assert driven(operator, context) == {"FINISHED"}
+    assert work.done
+    assert work.closed
+    assert operator.reports == [({"INFO"}, "done")]
+
+
+def test_esc_stops_at_once_and_nothing_is_concluded(context):
+    work = Work()
+    operator = begun(context, work)
+    operator.modal(context, TIMER)
+    assert operator.modal(context, ESC) == {"CANCELLED"}
+    assert work.closed
+    assert not work.done
+    assert operator.modal(context, TIMER) == {"CANCELLED"}
+
+
+def test_the_cancel_button_stops_it(context):
+    work = Work()
+    operator = begun(context, work)
+    operator.modal(context, TIMER)
+    assert bpy.ops.ctmc.cancel() == {"FINISHED"}
+    assert work.closed
+    assert operator.modal(context, TIMER) == {"CANCELLED"}
+    with pytest.raises(RuntimeError, match="No job is running"):
+        bpy.ops.ctmc.cancel()
+
+
+def test_another_file_or_a_closed_window_stops_it(context):
+    work = Work()
+    operator = begun(context, work)
+    operator.modal(context, TIMER)
+    operator.cancel(context)
+    assert work.closed
+    work = Work()
+    context.handlers.clear()
+    begun(context, work).modal(context, TIMER)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert work.closed
+    assert not work.done
+
+
+def test_what_was_refused_is_said_and_stays_in_the_panel(context):
+    operator = begun(context, Work(error=ReadError("slice 3 is broken; remove it")))
+    assert driven(operator, context) == {"CANCELLED"}
+    assert operator.reports == [({"ERROR"}, "slice 3 is broken; remove it")]
+    assert session.of(context.scene).message == "slice 3 is broken; remove it"
+
+
+def test_too_little_memory_is_a_sentence(context):
+    operator = begun(context, Work(error=MemoryError()))
+    assert driven(operator, context) == {"CANCELLED"}
+    assert "not enough memory" in session.of(context.scene).message
+
+
+def test_a_defect_stays_a_traceback_and_leaves_no_timer(context):
+    operator = begun(context, Work(error=ZeroDivisionError()))
+    with pytest.raises(ZeroDivisionError):
+        driven(operator, context)
+    assert jobs.running() is None
+
+
+def test_two_jobs_do_not_run_at_once(context):
+    first = begun(context, Work())
+    second = Operator(Work().steps())
+    assert second.invoke(context, MOUSE) == {"CANCELLED"}
+    assert second.reports[0][0] == {"ERROR"}
+    first.modal(context, ESC)
+
+
+def test_a_job_ends_when_the_extension_goes(context):
+    work = Work()
+    begun(context, work).modal(context, TIMER)
+    jobs.stop_running()
+    assert work.closed
+
+
+def test_without_a_window_it_is_all_done_at_once(scene):
+    work = Work()
+    operator = Operator(work.steps())
+    assert operator.invoke(bpy.context, MOUSE) == {"FINISHED"}
+    assert work.done
+    assert operator.reports == [({"INFO"}, "done")]
