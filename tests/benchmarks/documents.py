@@ -16,6 +16,7 @@ PICTURE = ROOT / "docs" / "pictures" / "growth.png"
 TITLES = {
     "extraction": "Extraction",
     "simplify": "Simplification",
+    "bounds": "Simplification to an error",
     "reading": "Reading",
     "blender": "In Blender",
 }

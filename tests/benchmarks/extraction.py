@@ -99,6 +99,16 @@ def real(session: Session) -> None:
         for tissue, threshold, target in (("bone", scenes.BONE, 0.5), ("skin", scenes.SKIN, 0.6)):
             work = f"extraction, {tissue} of {name}, {sized(volume.values, threshold)}"
             against_vtk(session, work, volume.values, threshold, False, {None: target, 1: None, 2: None})
+            trilinear(session, f"{work}, trilinear topology", volume.values, threshold)
+
+
+def trilinear(session: Session, work: str, values: NDArray[Any], threshold: float) -> None:
+    """What the topology of the trilinear interpolant costs over the classic one, normals included."""
+    session.compare(
+        work,
+        lambda: marching_cubes(values, threshold, topology="trilinear"),
+        {"CTMC, classic topology": (lambda: marching_cubes(values, threshold, topology="classic"), 1.1)},
+    )
 
 
 def memory(session: Session, name: str, values: NDArray[Any], threshold: float, target: float | None) -> None:
