@@ -10,14 +10,15 @@ import importlib
 import logging
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ..core import CtmcError
 from .batch_process import PACKAGE, Event, Task, run_task, settle
 
 PATIENCE = 10.0  # seconds in which a scheduler has to answer
-TICK = 0.2
+TICK = 0.2  # seconds between two looks at the futures
+LOOK = 1.0  # seconds between two questions to the scheduler about who does what
 
 
 class Cluster:
@@ -33,7 +34,8 @@ class Cluster:
             self.distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
             raise CtmcError(f"--scheduler needs dask.distributed ({error}); pip install 'ctmc[cluster]'") from error
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in a sentence
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
         start = time.perf_counter()
         try:
             self.client: Any = self.distributed.Client(address, timeout=PATIENCE, set_as_default=False)
@@ -63,8 +65,15 @@ class Cluster:
             importlib.import_module(module).run_task(task)
 
         futures = {index: self.client.submit(done_by_worker, task, pure=False) for index, task in enumerate(tasks)}
+        running: set[int] = set()
+        looked = time.monotonic()
         try:
             while futures:
+                if time.monotonic() - looked > LOOK:
+                    begun = [index for index in self.begun(futures) if index not in running]
+                    running.update(begun)
+                    yield from (Event(tasks[index], "running") for index in begun)
+                    looked = time.monotonic()
                 over = [index for index, future in futures.items() if future.status != "pending"]
                 for index in over:
                     future = futures.pop(index)
@@ -77,6 +86,14 @@ class Cluster:
         finally:
             if futures:
                 self.client.cancel(list(futures.values()), force=True)
+
+    def begun(self, futures: Mapping[int, Any]) -> list[int]:
+        """The tasks that a worker has taken."""
+        try:
+            taken = {key for keys in self.client.processing().values() for key in keys}
+        except (OSError, TimeoutError):
+            return []  # the scheduler is away; its futures will say so
+        return [index for index, future in futures.items() if future.key in taken]
 
     def problem(self, future: Any) -> str:
         """Why a task did not come to its end, in one sentence."""

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from ..core import CtmcError
 from .batch_case import COMMAND
 from .batch_files import failed_record, put_record, read_record, remove_output, without_folders
 
@@ -43,9 +44,15 @@ class CaseProcess:
             remove_output(Path(task["folder"]), output["name"], task["format"])
         self.said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         # Blender's own chatter goes nowhere; standard error is kept for a crash.
-        self.process = subprocess.Popen(
-            command(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.said, env=environment()
-        )
+        try:
+            self.process = subprocess.Popen(
+                command(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.said, env=environment()
+            )
+        except OSError as error:
+            self.said.close()
+            raise CtmcError(
+                f"no process could be started for {task['case']} ({error.strerror}); try fewer jobs, with --resume"
+            ) from error
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(json.dumps(task).encode("ascii") + b"\n")

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import OutputError
 from ..core.version import VERSION
 from .batch_files import put_text, read_record, thumbnail_path
 
@@ -46,11 +47,23 @@ class Row:
 
 
 def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
-    """Write summary.csv, summary.json and summary.html."""
+    """Write summary.csv, summary.json and summary.html.
+
+    While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
+    summary.csv open keeps others from it on Windows, which is no reason to stop.
+    """
     plain = [asdict(row) for row in rows]
-    put_text(folder / "summary.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    put_text(folder / "summary.csv", csv_text(plain))
-    put_text(folder / "summary.html", html_text(folder, rows, over))
+    texts = {
+        "summary.json": json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+        "summary.csv": csv_text(plain),
+        "summary.html": html_text(folder, rows, over),
+    }
+    for name, text in texts.items():
+        try:
+            put_text(folder / name, text)
+        except OutputError:
+            if over:
+                raise
 
 
 def csv_text(rows: Sequence[dict[str, Any]]) -> str:
