@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends, so that no two vertices meet
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
 

@@ -30,6 +30,7 @@ from .normals import Sampler, complete_normals
 from .progress import Step, Steps, finish, within
 from .sampling import WORD, Grid, check_threshold, inside_bits, make_grid
 from .triangles import fill_faces
+from .trilinear import tables
 from .vertices import fill_vertices
 from .workers import in_batches, worker_count
 
@@ -155,6 +156,8 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
     )
     yield from within(compare, 0.0, 0.3)
     sampler = Sampler(grid.values)
+    if topology == "trilinear":
+        tables()  # made once, not by every thread
 
     def scan(part: tuple[int, int]) -> Slab:
         slab = find_active(grid, bits, *part)

@@ -21,10 +21,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .cases import EDGES, FACES, TriangleTables, case_triangles
+from .cases import EDGES, FACES, NEAREST, TriangleTables, case_triangles
 from .contours import Piece, ambiguous_faces, surface, tunnels
 
-NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 TIE = 2.0**-30  # share of a voxel's largest difference by which ties in its interior are lifted
 INSIDE = np.array([[case >> corner & 1 for corner in range(8)] for case in range(256)], bool)
 AROUND = np.array(FACES)

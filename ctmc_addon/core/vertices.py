@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .active import Slab
+from .cases import NEAREST
 from .errors import VolumeError
 from .inner import inner_points
 from .mesh import blend
 from .normals import Sampler, edge_normals
 from .sampling import Grid
-
-NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends
 
 Target = tuple[float | None, NDArray[np.float32]]
 """An alpha (None for the linear crossing itself) and the (V, 3) positions to fill."""
