@@ -25,10 +25,17 @@ def modules() -> tuple[Any, ...]:
         preferences,
         properties,
         reconstruct,
+        region,
         session,
         simplify,
+        slice,
         translations,
+        view_properties,
+        viewport,
         volumes,
     )
 
-    return (translations, preferences, session, volumes, properties, jobs, load, reconstruct, simplify, export, panels)
+    return (
+        *(translations, preferences, session, volumes, properties, view_properties, jobs),
+        *(load, reconstruct, simplify, export, panels, slice, region, viewport),
+    )
