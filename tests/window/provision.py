@@ -16,7 +16,10 @@ from pathlib import Path
 
 SUITES = {"trixie": "4.3", "sid": "5.2"}
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
-WINDOW = ["xvfb", "xauth", "xdotool", "imagemagick", "libgl1-mesa-dri", "libgl1", "libegl1", "libglx-mesa0"]
+WINDOW = [
+    *("xvfb", "xauth", "xdotool", "imagemagick", "libgl1-mesa-dri", "libgl1", "libegl1", "libglx-mesa0"),
+    *("tesseract-ocr", "tesseract-ocr-eng"),  # reads where a button is
+]
 # What Blender's extension manager imports; Debian leaves some of it to the reader.
 PACKAGES = ["blender", "python3-numpy", "python3-requests", "python3-zstandard", *WINDOW]
 EXTRA = {"trixie": [], "sid": ["python3-cattr"]}
