@@ -6,12 +6,12 @@ What `active` finds by cases, `trilinear` decides by grey values; this is where 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .active import Slab
+from .mesh import Target, blend
 from .normals import Sampler
 from .sampling import Grid
 from .trilinear import NEEDS, crossings, own_points, resolve, tables
@@ -39,20 +39,59 @@ def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sam
     return values
 
 
-def inner_points(
-    slab: Slab, grid: Grid, sampler: Sampler, threshold: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Places of the vertices inside the slab's voxels at alpha 0 and alpha 1, (n, 3) each, in index space."""
-    row = slab.row[slab.inner]
-    share = crossings(corner_values(slab, slab.inner, grid, sampler), threshold)
+def fill_inner(
+    slab: Slab,
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    targets: list[Target],
+    directions: NDArray[np.float32] | None,
+) -> None:
+    """Fill in the vertices inside the slab's voxels, and as normals the trilinear interpolant's own gradient."""
+    row = slab.row[slab.inner].astype(np.intp)
+    values = corner_values(slab, slab.inner, grid, sampler)
+    share = crossings(values, threshold)
     exists = np.arange(3) < tables().own_count[row][:, None]  # (voxels, 3)
     samples = slab.samples(slab.place.take(slab.inner))
+    ends = [
+        (along.position[at], along.position[at + 1])
+        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
+    ]
 
-    def placed(shares: NDArray[Any]) -> NDArray[np.float32]:
-        points = own_points(row.astype(np.intp), shares)  # (voxels, 3, 3)
-        for axis, along in enumerate((grid.x, grid.y, grid.z)):
-            begin, end = along.position[samples[axis]], along.position[samples[axis] + 1]
-            points[:, :, axis] = begin[:, None] + points[:, :, axis] * (end - begin)[:, None]
-        return points[exists].astype(np.float32)
+    def placed(points: NDArray[np.float64]) -> NDArray[np.float32]:
+        moved = [begin[:, None] + points[:, :, axis] * (end - begin)[:, None] for axis, (begin, end) in enumerate(ends)]
+        return np.stack(moved, axis=2)[exists].astype(np.float32)
 
-    return placed(np.full_like(share, 0.5)), placed(share)
+    at_linear = own_points(row, share)  # (voxels, 3, 3)
+    linear = placed(at_linear)
+    middle = placed(own_points(row, np.full_like(share, 0.5)))
+    for alpha, position in targets:
+        position[:] = linear if alpha is None else blend(middle, linear, alpha)
+    if directions is not None:
+        sides = np.stack([end - begin for begin, end in ends], axis=1).astype(np.float64)
+        directions[:] = _outward(values, at_linear, sides)[exists]
+
+
+def _outward(
+    values: NDArray[np.float64], points: NDArray[np.float64], sides: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Unit vectors against the trilinear interpolant's gradient, (n, 3, 3); zero where it vanishes.
+
+    Parameters
+    ----------
+    values : (n, 8)
+    points : (n, 3, 3)
+        Three places in each voxel's unit cube.
+    sides : (n, 3)
+        Sides of the voxels, in voxel indices.
+    """
+    gradient = np.zeros_like(points)
+    for corner in range(8):
+        weights = [points[:, :, axis] if corner >> axis & 1 else 1.0 - points[:, :, axis] for axis in range(3)]
+        for axis in range(3):
+            sign = 1.0 if corner >> axis & 1 else -1.0
+            across = weights[(axis + 1) % 3] * weights[(axis + 2) % 3]
+            gradient[:, :, axis] += sign * across * values[:, corner, None]
+    gradient /= sides[:, None, :]
+    length = np.sqrt((gradient[..., 0] ** 2 + gradient[..., 1] ** 2) + gradient[..., 2] ** 2)
+    return gradient * np.where(length == 0, 0.0, -1.0 / np.where(length == 0, 1.0, length))[..., None]

@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Target = tuple[float | None, NDArray[np.float32]]
+"""An alpha, or None for the linear end itself, and the (V, 3) positions at it that are to be filled in."""
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:

@@ -103,6 +103,7 @@ def edge_normals(
 
 def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
     """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
-    missing = np.flatnonzero((normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0))
-    if len(missing):
-        normals[missing] = vertex_normals(positions, faces)[missing]
+    missing = (normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0)
+    if missing.any():
+        touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])
+        normals[missing] = vertex_normals(positions, faces[touched])[missing]

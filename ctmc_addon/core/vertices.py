@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from .active import Slab
 from .cases import NEAREST
 from .errors import VolumeError
-from .inner import inner_points
-from .mesh import blend
+from .inner import fill_inner
+from .mesh import Target, blend
 from .normals import Sampler, edge_normals
 from .sampling import Grid
-
-Target = tuple[float | None, NDArray[np.float32]]
-"""An alpha (None for the linear crossing itself) and the (V, 3) positions to fill."""
 
 
 def fill_vertices(
@@ -39,11 +36,14 @@ def fill_vertices(
         None if directions is None else directions[:on_edges],
     )
     if on_edges < slab.vertices:
-        middle, linear = inner_points(slab, grid, sampler, threshold)
-        for alpha, position in targets:
-            position[on_edges:] = linear if alpha is None else blend(middle, linear, alpha)
-        if directions is not None:
-            directions[on_edges:] = 0.0  # the mesh's own: `complete_normals`
+        fill_inner(
+            slab,
+            grid,
+            sampler,
+            threshold,
+            [(alpha, position[on_edges:]) for alpha, position in targets],
+            None if directions is None else directions[on_edges:],
+        )
 
 
 def _fill_edges(
