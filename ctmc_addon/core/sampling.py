@@ -125,7 +125,7 @@ def in_values_type(threshold: float, dtype: np.dtype[Any]) -> Any:
 
     Examples
     --------
-    >>> in_values_type(127.5, np.dtype(np.uint8))
+    >>> int(in_values_type(127.5, np.dtype(np.uint8)))
     128
     >>> in_values_type(256, np.dtype(np.uint8)) is None
     True
