@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import bpy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,27 +19,8 @@ FONT = 0
 NEAREST_LETTER = 24.0
 
 
-# A viewport's framebuffer holds linear light before Blender 5 and display colours since; Blender's function knows.
-VERTEX = "void main() { at = texCoord; gl_Position = place * vec4(pos, 1.0); }"
-FRAGMENT = "void main() { colour = blender_srgb_to_framebuffer_space(texture(image, at)); }"
-
-
-def picture_shader() -> Any:
-    """The shader that shows a texture in the colours it has, in every Blender."""
-    import gpu
-
-    passed = gpu.types.GPUStageInterfaceInfo("ctmc_picture")
-    passed.smooth("VEC2", "at")
-    about = gpu.types.GPUShaderCreateInfo()
-    about.push_constant("MAT4", "place")
-    about.sampler(0, "FLOAT_2D", "image")
-    about.vertex_in(0, "VEC3", "pos")
-    about.vertex_in(1, "VEC2", "texCoord")
-    about.vertex_out(passed)
-    about.fragment_out(0, "VEC4", "colour")
-    about.vertex_source(VERTEX)
-    about.fragment_source(FRAGMENT)
-    return gpu.shader.create_from_info(about)
+# Before Blender 5 a viewport's draw handlers write linear light, since then the colours as they appear.
+FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"
 
 
 class Picture:
@@ -46,27 +28,25 @@ class Picture:
 
     Parameters
     ----------
-    shader : gpu.types.GPUShader
-        From `picture_shader`; one serves every picture.
     colours : (rows, columns, 4) float32
         As they are to appear.
     corners : (4, 3)
         Of row and column 0, the last column, the last column and row, the last row.
     """
 
-    def __init__(self, shader: Any, colours: NDArray[np.float32], corners: NDArray[Any]) -> None:
+    def __init__(self, colours: NDArray[np.float32], corners: NDArray[Any]) -> None:
         import gpu
         from gpu_extras.batch import batch_for_shader
 
         rows, columns = colours.shape[:2]
         pixels = gpu.types.Buffer("FLOAT", colours.size, np.ascontiguousarray(colours, np.float32).ravel())
-        self.texture = gpu.types.GPUTexture((columns, rows), format="RGBA8", data=pixels)
-        self.shader = shader
+        self.texture = gpu.types.GPUTexture((columns, rows), format=FORMAT, data=pixels)
+        self.shader = gpu.shader.from_builtin("IMAGE")
         places = {
             "pos": [tuple(map(float, corner)) for corner in corners],
             "texCoord": [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
         }
-        self.batch = batch_for_shader(shader, "TRIS", places, indices=[(0, 1, 2), (0, 2, 3)])
+        self.batch = batch_for_shader(self.shader, "TRIS", places, indices=[(0, 1, 2), (0, 2, 3)])
 
     def draw(self) -> None:
         """Draw it among the scene's objects: what is nearer hides it."""
@@ -75,7 +55,6 @@ class Picture:
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
         self.shader.bind()
-        self.shader.uniform_float("place", gpu.matrix.get_projection_matrix() @ gpu.matrix.get_model_view_matrix())
         self.shader.uniform_sampler("image", self.texture)
         self.batch.draw(self.shader)
         gpu.state.depth_mask_set(False)

@@ -13,7 +13,7 @@ import bpy
 from ..core import Volume
 from ..core.boxes import EDGES, region_corners, side_places, volume_box
 from ..core.slicing import picture, slice_corners, slice_place, slice_values
-from ..scene.overlay import Picture, draw_letters, draw_lines, picture_shader
+from ..scene.overlay import Picture, draw_letters, draw_lines
 from . import volumes
 from .preferences import machine
 from .view_properties import window_and_level
@@ -23,7 +23,6 @@ VOLUME_COLOUR = (1.0, 1.0, 1.0, 0.18)
 LETTER_PIXELS = 16.0
 
 _handlers: list[Any] = []
-_kept: dict[str, Any] = {}  # "shader"
 _last: dict[str, Any] = {}  # "key", "volume" and "picture" of the slice drawn last
 
 
@@ -46,8 +45,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     key = (place, window, level, threshold, label, scale)
     if _last.get("volume") is not volume or _last.get("key") != key:
         colours = picture(slice_values(volume, place), window, level, threshold, label)
-        _kept["shader"] = _kept.get("shader") or picture_shader()
-        drawn = Picture(_kept["shader"], colours, slice_corners(volume, place) * scale)
+        drawn = Picture(colours, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
     return last
@@ -97,4 +95,3 @@ def unregister() -> None:
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     _last.clear()
-    _kept.clear()
