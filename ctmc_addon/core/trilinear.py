@@ -50,12 +50,18 @@ class Tables(TriangleTables):
     ----------
     own_weights : (rows, 3, 12) float64
         The share that each edge's vertex has in the place of each own vertex, of which there are 0, 1 or 3.
+    own_offset : (rows, 3, 3) float64
+        Place of each own vertex if all edges' vertices stood at their edges' low corners.
     row_of : (256, 64, 9) int16
         Row of a case, a bit for each face whose inside corners are joined, and 1 + the number of its tunnel.
+    may_tunnel : (256,) bool
+        Whether a case has a surface with a tunnel.
     """
 
     own_weights: NDArray[np.float64]
+    own_offset: NDArray[np.float64]
     row_of: NDArray[np.int16]
+    may_tunnel: NDArray[np.bool_]
 
 
 @cache
@@ -80,13 +86,20 @@ def tables() -> Tables:
         for number, group in enumerate(groups):
             own_weights[row, number, every] = 0.5 / len(every)
             own_weights[row, number, list(group)] += 0.5 / len(group)
+    own_offset = np.zeros((len(rows), 3, 3))
+    for edge, (low, _) in enumerate(EDGES):
+        for axis in range(3):
+            if low >> axis & 1:
+                own_offset[:, :, axis] += own_weights[:, :, edge]
     return Tables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
         triangle_edges=np.array([triangle for triangles, _ in rows for triangle in triangles], np.intp),
         own_count=np.array([len(groups) for _, groups in rows], np.uint8),
         own_weights=own_weights,
+        own_offset=own_offset,
         row_of=row_of,
+        may_tunnel=(row_of[:, :, 1:] != np.arange(256)[:, None, None]).any(axis=(1, 2)),
     )
 
 
@@ -203,9 +216,7 @@ def own_points(row: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.
         Where the vertices stand on the voxel's edges: `crossings`, or 0.5 for the midpoints.
     """
     weights = tables().own_weights[row]  # (n, 3, 12)
-    points = np.zeros((len(row), 3, 3))
-    for edge, (low, _) in enumerate(EDGES):
-        for axis in range(3):
-            place = share[:, edge] if axis == edge // 4 else np.full(len(row), float(low >> axis & 1))
-            points[:, :, axis] += weights[:, :, edge] * place[:, None]
+    points = tables().own_offset[row]  # (n, 3, 3)
+    for edge in range(12):
+        points[:, :, edge // 4] += weights[:, :, edge] * share[:, edge, None]
     return points
