@@ -29,13 +29,15 @@ def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab
 
 def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
     """Grey values at the eight corners of some voxels, (n, 8); outside samples of a closed border repeat theirs."""
-    x, y, z = slab.samples(slab.place.take(voxels))
+    samples = [sample.astype(np.intp) for sample in slab.samples(slab.place.take(voxels))]
+    ends = [
+        (along.index.take(at), along.index.take(at + 1))
+        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
+    ]
     values = np.empty((len(voxels), 8))
     for corner in range(8):
-        place = sampler.place(
-            grid.x.index[x + (corner & 1)], grid.y.index[y + (corner >> 1 & 1)], grid.z.index[z + (corner >> 2)]
-        )
-        values[:, corner] = sampler.take(place)
+        x, y, z = (ends[axis][corner >> axis & 1] for axis in range(3))
+        values[:, corner] = sampler.take(sampler.place(x, y, z))
     return values
 
 
