@@ -19,11 +19,11 @@ from .trilinear import NEEDS, crossings, own_points, resolve, tables
 
 def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
     """The slab with the row of the trilinear interpolant's surface for every ambiguous voxel."""
-    ambiguous = np.flatnonzero(NEEDS[slab.row] & slab.whole)
+    ambiguous = np.flatnonzero(NEEDS.take(slab.row) & slab.whole)
     row = slab.row.copy()
     case = slab.row[ambiguous].astype(np.uint8)
     row[ambiguous] = resolve(corner_values(slab, ambiguous, grid, sampler), threshold, case)
-    inner = np.flatnonzero(tables().own_count[row] > 0)
+    inner = ambiguous[tables().own_count[row[ambiguous]] > 0]
     return replace(slab, row=row, inner=inner, tables=tables())
 
 
