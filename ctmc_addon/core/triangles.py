@@ -10,6 +10,7 @@ from .cases import EDGES, TriangleTables
 
 MAP_SAMPLES = 1 << 18  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
 MAP_SHARE = 8  # or as many for each vertex: where the surface is dense, more layers at once save time
+FEW_VOXELS = 1000  # of as many triangles: below it the calls cost more than the work
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -96,6 +97,10 @@ def _gather(
         first = tables.first_triangle.take(row.take(voxels)) * 3
         part = out[start : start + triangles * len(voxels)].reshape(-1, 3 * triangles)
         start += triangles * len(voxels)
+        if len(voxels) < FEW_VOXELS:
+            corners = first[:, None] + np.arange(3 * triangles)
+            part[:] = numbers.take(offsets[corners] + at_voxel[:, None], mode="clip")
+            continue
         for corner in range(3 * triangles):
             at = offsets[corner:].take(first)
             at += at_voxel
