@@ -32,7 +32,7 @@ PARTS = {  # name: module, what is measured
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",
 }
-WORK, PEER = 82, 40  # widths of the printed columns
+WORK, PEER = 98, 40  # widths of the printed columns
 
 
 def main() -> int:

@@ -188,12 +188,12 @@ def stage_seconds(make_steps: Callable[[], Any], repeats: int) -> dict[str, floa
     return {stage: statistics.median([run.get(stage, 0.0) for run in runs[1:]]) for stage in runs[-1]}
 
 
-def bandwidth(threads: int, size: int = 1 << 27, repeats: int = 7) -> dict[str, float]:
+def bandwidth(threads: int, size: int = 1 << 28, repeats: int = 7) -> dict[str, float]:
     """Bytes a second this machine reads and writes with so many threads.
 
     Written into memory that is in use already: what fresh memory costs on top is the system's page faults.
     """
-    block = np.zeros(size, np.uint8)
+    block = np.ones(size, np.uint8)  # zeros would be one page of the system's, read again and again
     parts = [slice(size * part // threads, size * (part + 1) // threads) for part in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
 
