@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all lint types build bench accuracy clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -21,6 +21,9 @@ test: setup  ## the tests, in one Blender version
 test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
 	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER)
 
+test-window: setup  ## mouse and keys in real windows of Blender 4.3 and 5.2, pictures in out/window; needs root and debootstrap
+	@$(python) tests/window/run.py $(ARGS)
+
 lint: setup  ## ruff: rules and layout
 	@.venv/bin/ruff check
 	@.venv/bin/ruff format --check
@@ -36,6 +39,9 @@ bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extr
 
 accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
+
+experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/experiments.md; ARGS="--cases phantom-29"
+	@$(python) tools/make_experiments.py $(ARGS)
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches
 	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -23,6 +23,8 @@ from .plot import Panel, write_plot
 Sides = tuple[int, int, int]
 # What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
 PREPARING = "Preparing values"
+# A single short reconstruction says more of what else the machine is doing than of itself.
+RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
 DESCRIPTION = (
     "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
 )
@@ -89,7 +91,8 @@ def run(chosen: argparse.Namespace) -> None:
     stages = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
     facts = [
         *facts_of(volume, every[0], result.threshold, [*notes, *result.notes]),
-        ("seconds", f"median of {chosen.repeats} runs of each, in turn, after one that is not counted"),
+        ("seconds", f"median of {chosen.repeats} runs of each, in turn, after one that is not counted; a run repeats "),
+        ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
         ("timed", f"{stages}; neither reading nor writing"),
         ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
         ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
@@ -116,9 +119,9 @@ def voxels_steps(
         for one in measured:
             yield Step(done, f"Timing voxel sides {by(one.sides[:2])}, run {turn + 1} of {repeats}")
             gc.collect()
-            stages = finish(reconstruct_steps(volume, one.result.settings, threads)).stages
-            one.preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
-            one.runs.append(sum(stage.seconds for stage in stages if stage.name != PREPARING))
+            preparing, seconds = timed_run(volume, one.result.settings, threads)
+            one.preparing.append(preparing)
+            one.runs.append(seconds)
             done += share
     reference = load_scene().Reference(measured[0].result.mesh)
     for one in measured[1:]:
@@ -126,6 +129,16 @@ def voxels_steps(
         one.mean_mm, one.max_mm = apart.mean, apart.maximum
         done += share
     return measured
+
+
+def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
+    """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
+    preparing, seconds = [], []
+    while sum(preparing) + sum(seconds) < RUN_SECONDS and len(seconds) < MOST_IN_A_RUN:
+        stages = finish(reconstruct_steps(volume, settings, threads)).stages
+        preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
+        seconds.append(sum(stage.seconds for stage in stages if stage.name != PREPARING))
+    return statistics.median(preparing), statistics.median(seconds)
 
 
 def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:

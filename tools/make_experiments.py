@@ -1,0 +1,226 @@
+"""What `make experiments` runs: the paper's experiments on two phantoms and a real CT, into docs/experiments.md.
+
+Every experiment is the command a user types; its tables and pictures stay in out/experiments/CASE/EXPERIMENT. Of the
+page only what stands between the markers is renewed. The real CT is not part of the project: it is looked for beside
+the checkout, and without it the page keeps what was measured before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ctmc_addon.cli import main as ctmc
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "out" / "experiments"
+PAGE = ROOT / "docs" / "experiments.md"
+PICTURES = ROOT / "docs" / "pictures" / "experiments"
+REAL = ROOT.parent / "shared" / "data" / "lidc0314_abdomen30"
+TUMOUR = ["--label", "2", "--soften", "0.75"]
+# Names of the cases on the page, and the settings of all their experiments.
+CASES = {
+    "phantom-29": ("phantom, 29 slices", TUMOUR),
+    "phantom-250": ("phantom, 250 slices", TUMOUR),
+    "abdomen": ("real CT, 30 slices", ["--threshold", "200", "--close-border"]),
+}
+EXPERIMENTS = {
+    "voxels": ["--strides", "1", "2x1", "1x2", "2", "3", "--repeats", "9"],
+    "rotation": [],
+    "alpha": [],
+    "simplify": [],
+}
+# Su and Ma, table 1 (first and second set: seconds, improved efficiency in per cent) and table 2 (average, saved).
+PAPER_VOXELS = {
+    1: ("0.809", "", "27.292", ""),
+    2: ("0.315", "61.1", "1.763", "93.5"),
+    3: ("0.170", "79.0", "0.867", "96.8"),
+}
+PAPER_ROTATION = {0: ("3.914", ""), 50: ("3.450", "11.9"), 90: ("2.911", "25.6")}
+# Plots that the page shows.
+SHOWN = (("phantom-250", "voxels"), ("phantom-250", "rotation"), ("abdomen", "alpha"), ("abdomen", "simplify"))
+Found = dict[str, dict[str, list[dict[str, Any]]]]  # case, experiment, rows
+
+
+def main() -> int:
+    """Run what was asked for, and renew the page; 0 if all went well."""
+    parser = argparse.ArgumentParser(description="The paper's experiments, into docs/experiments.md.")
+    parser.add_argument("--cases", nargs="+", choices=tuple(CASES), default=list(CASES))
+    parser.add_argument("--experiments", nargs="+", choices=tuple(EXPERIMENTS), default=list(EXPERIMENTS))
+    parser.add_argument("--only-page", action="store_true", help="measure nothing, write the page again")
+    chosen = parser.parse_args()
+    if not chosen.only_page:
+        for case in chosen.cases:
+            path = input_of(case)
+            if path is None:
+                print(f"{CASES[case][0]} is left out: there is no {REAL.name} beside the checkout")
+                continue
+            for experiment in chosen.experiments:
+                print(f"\n=== {CASES[case][0]}: {experiment}\n", flush=True)
+                words = [str(path), *CASES[case][1], *EXPERIMENTS[experiment]]
+                code = ctmc(["experiment", experiment, *words, "-o", str(OUT / case / experiment), "--overwrite"])
+                if code:
+                    return code
+    write_page(read_found())
+    return 0
+
+
+def input_of(case: str) -> Path | None:
+    """The case's volume, a phantom made if need be; None for a real CT that is not there."""
+    if case == "abdomen":
+        return REAL if REAL.is_dir() else None
+    folder = OUT / case / "phantom"
+    if not (folder / "truth.json").is_file():
+        ctmc(["phantom", str(folder), "--slices", case.partition("-")[2], "--format", "nifti"])
+    return folder / "volume-0.nii.gz"
+
+
+def read_found() -> Found:
+    """The rows of every experiment that lies in out/experiments."""
+    found: Found = {}
+    for case in CASES:
+        for experiment in EXPERIMENTS:
+            table = OUT / case / experiment / "table.json"
+            if table.is_file():
+                found.setdefault(case, {})[experiment] = json.loads(table.read_text("utf-8"))
+    return found
+
+
+def write_page(found: Found) -> None:
+    """Renew the tables between the markers, where every case has been measured, and the plots."""
+    page = PAGE.read_text("utf-8")
+    whole = {name: all(name in found.get(case, {}) for case in CASES) for name in EXPERIMENTS}
+    sections: list[tuple[str, str, Callable[[Found], str]]] = [
+        ("machine", "voxels", machine_text),
+        ("table-1", "voxels", voxels_text),
+        ("table-1-error", "voxels", error_text),
+        ("table-2", "rotation", rotation_text),
+        ("figure-8", "alpha", alpha_text),
+        ("simplify", "simplify", simplify_text),
+    ]
+    for name, experiment, text in sections:
+        if whole[experiment]:
+            page = replaced(page, name, text(found))
+        else:
+            print(f"{name} stays as it is: {experiment} has not been measured for every case")
+    PAGE.write_text(page, "utf-8")
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    for case, experiment in SHOWN:
+        plot = OUT / case / experiment / "plot.png"
+        if plot.is_file():
+            shutil.copyfile(plot, PICTURES / f"{experiment}-{case}.png")
+
+
+def replaced(page: str, name: str, text: str) -> str:
+    """The page with another text between the markers of that name."""
+    pattern = re.compile(rf"(<!-- {name}: made by a command -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
+    if not pattern.search(page):
+        raise SystemExit(f"{PAGE.name} has no markers named {name}")
+    return pattern.sub(lambda match: f"{match[1]}\n{text}\n\n{match[2]}", page)
+
+
+def as_markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table, all columns but the first to the right."""
+    rule = ["---", *["--:"] * (len(titles) - 1)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (titles, rule, *rows))
+
+
+def machine_text(found: Found) -> str:
+    """What everything was measured on."""
+    row = found["phantom-29"]["voxels"][0]
+    return f"{row['machine']}. {row['versions']}."
+
+
+def voxels_text(found: Found) -> str:
+    """Table 1: seconds, and improved efficiency in per cent."""
+    titles = ["voxel sides, px", "paper, 29 slices"]
+    titles += [CASES["phantom-29"][0], "paper, 250 slices", CASES["phantom-250"][0], CASES["abdomen"][0]]
+    rows = []
+    for at, row in enumerate(found["phantom-29"]["voxels"]):
+        x, y, _ = row["sides_px"]
+        paper = PAPER_VOXELS.get(x if x == y else 0, ("", "", "", ""))
+        ours = [timed(found[case]["voxels"][at]) for case in CASES]
+        rows.append([f"{x} x {y}", cell(*paper[:2]), ours[0], cell(*paper[2:]), *ours[1:]])
+    return as_markdown(titles, rows)
+
+
+def timed(row: dict[str, Any]) -> str:
+    """Seconds and improved efficiency of a row of table 1."""
+    first = row["sides_px"][:2] == [1, 1]
+    return cell(f"{row['seconds']:.4f}", "" if first else f"{row['improved_percent']:.1f}")
+
+
+def cell(seconds: str, percent: str) -> str:
+    """'0.315 s, 61.1 %'."""
+    return f"{seconds} s" * bool(seconds) + f", {percent} %" * bool(percent)
+
+
+def error_text(found: Found) -> str:
+    """What larger voxels cost in accuracy, which the paper has only as pictures."""
+    titles = ["input", "voxel sides, px", "mm", "voxels", "triangles", "volume error", "mean, mm", "max, mm"]
+    titles.append("preparing, s")
+    rows = []
+    for case, (name, _) in CASES.items():
+        for row in found[case]["voxels"]:
+            x, y, _ = row["sides_px"]
+            error = row["volume_error_percent"]
+            sides = " x ".join(f"{side:.2f}" for side in row["sides_mm"][:2])
+            counts = [f"{row['voxels']:,}", f"{row['faces']:,}"]
+            errors = ["-" if error is None else f"{error:+.2f} %", f"{row['mean_mm']:.3f}", f"{row['max_mm']:.2f}"]
+            rows.append([name, f"{x} x {y}", sides, *counts, *errors, f"{row['prepare_seconds']:.4f}"])
+    return as_markdown(titles, rows)
+
+
+def rotation_text(found: Found) -> str:
+    """Table 2: the average of five turns, and what simplification saves."""
+    titles = ["input", "removed", "triangles", "whole frames", "saved", "drawing alone", "saved"]
+    rows = [
+        ["paper, 29 slices", f"{level} %", "", f"{average} s", f"{saved} %" if saved else "", "", ""]
+        for level, (average, saved) in PAPER_ROTATION.items()
+    ]
+    for case, (name, _) in CASES.items():
+        for row in found[case]["rotation"]:
+            level = row["level_percent"]
+            drawn = ["-", "-"]
+            if row["draw_average"] is not None:
+                drawn = [f"{row['draw_average']:.3f} s", f"{row['draw_saved_percent']:.1f} %" if level else ""]
+            whole = [f"{row['average']:.3f} s", f"{row['saved_percent']:.1f} %" if level else ""]
+            rows.append([name, f"{level} %", f"{row['faces']:,}", *whole, *drawn])
+    row = found["phantom-29"]["rotation"][0]
+    width, height = row["resolution"]
+    said = f"{row['engine']}, off screen, {width} x {height} px, {row['frames']} frames a turn"
+    return f"{as_markdown(titles, rows)}\n\n{said}, average of {len(row['rounds'])} turns."
+
+
+def alpha_text(found: Found) -> str:
+    """Figure 8 in numbers."""
+    titles = ["input", "alpha", "roughness", "shape", "worst shape", "volume, ml", "mean, mm", "max, mm"]
+    rows = []
+    for case, (name, _) in CASES.items():
+        for row in found[case]["alpha"]:
+            volume = "-" if row["volume_mm3"] is None else f"{row['volume_mm3'] / 1000:.2f}"
+            numbers = [f"{row['roughness_deg']:.2f} deg", f"{row['shape_mean']:.3f}", f"{row['shape_worst']:.3f}"]
+            rows.append([name, f"{row['alpha']:g}", *numbers, volume, f"{row['mean_mm']:.3f}", f"{row['max_mm']:.3f}"])
+    return as_markdown(titles, rows)
+
+
+def simplify_text(found: Found) -> str:
+    """Both simplifiers at the same number of triangles."""
+    titles = ["input", "removed", "simplifier", "triangles", "seconds", "mean, mm", "max, mm", "closed"]
+    rows = []
+    for case, (name, _) in CASES.items():
+        for row in found[case]["simplify"]:
+            errors = [f"{row['mean_mm']:.4f}", f"{row['max_mm']:.3f}", "yes" if row["closed"] else "no"]
+            counts = [f"{row['faces']:,}", f"{row['seconds']:.3f}"]
+            rows.append([name, f"{row['level_percent']} %", row["simplifier"], *counts, *errors])
+    return as_markdown(titles, rows)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
