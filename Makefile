@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18

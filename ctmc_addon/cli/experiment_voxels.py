@@ -133,7 +133,8 @@ def voxels_steps(
 
 def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
     """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
-    preparing, seconds = [], []
+    preparing: list[float] = []
+    seconds: list[float] = []
     while sum(preparing) + sum(seconds) < RUN_SECONDS and len(seconds) < MOST_IN_A_RUN:
         stages = finish(reconstruct_steps(volume, settings, threads)).stages
         preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
