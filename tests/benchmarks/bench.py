@@ -131,7 +131,7 @@ def line(row: Row) -> str:
     work = row.work if row.unit == "s" else f"{row.work}, {row.unit}"
     target = "" if row.target is None else f"{row.target:.2f}  {row.verdict}"
     note = f"  ({row.note})" if row.note else ""
-    return f"{work:{WORK}}  {row.peer:{PEER}}  {row.ours:9.4f}  {row.theirs:9.4f}  {row.ratio:6.3f}  {target}{note}"
+    return f"{work:{WORK}}  {row.peer:{PEER}}  {row.ours:9.4g}  {row.theirs:9.4g}  {row.ratio:6.3f}  {target}{note}"
 
 
 def machine() -> dict[str, Any]:

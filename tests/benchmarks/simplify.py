@@ -60,7 +60,7 @@ def errors(session: Session, mesh: TriangleMesh, size: str) -> None:
             if name == "CTMC":
                 continue
             note = (
-                f"greatest {farthest:.2f} against {peer_farthest:.2f}, {faces} against {peer_faces} triangles, "
+                f"greatest {farthest:.3f} against {peer_farthest:.3f}, {faces} against {peer_faces} triangles, "
                 f"{'closed' if closed else 'OPEN'} against {'closed' if peer_closed else 'open'}"
             )
             work = f"QEM, {size} to {1 - reduction:.0%}: mean error"

@@ -1,0 +1,88 @@
+"""The benchmark's own arithmetic, and that the pages it writes into are ready for it."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks import documents, growth
+from benchmarks.accuracy import PAGE as ACCURACY
+from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, stage_seconds, timed
+
+from ctmc_addon.core.progress import Step
+
+
+@pytest.fixture
+def session(tmp_path):
+    return Session("part", 3, show=lambda row: None, say=lambda sentence: None, scratch=tmp_path, data=tmp_path)
+
+
+@pytest.mark.parametrize(("target", "verdict", "met"), [(0.5, "met", True), (0.49, "not met", False), (None, "", None)])
+def test_a_target_is_met_up_to_and_with_its_ratio(target, verdict, met):
+    row = Row("part", "work", "peer", 1.0, 2.0, target)
+    assert (row.ratio, row.verdict, row.as_dict()["met"]) == (0.5, verdict, met)
+
+
+def test_competitors_run_in_turn_and_the_first_round_does_not_count(session):
+    calls = []
+    session.compare("work", lambda: calls.append("ours"), {"peer": (lambda: calls.append("peer"), 1.0)})
+    assert calls == ["ours", "peer"] * 4
+    assert [len(runs) for runs in session.rows[0].runs.values()] == [3, 3]
+
+
+def test_a_call_is_timed_without_what_comes_before_and_after():
+    seconds, result = timed(lambda: time.sleep(0.02) or 42)
+    assert result == 42
+    assert seconds >= 0.02
+
+
+def test_the_peak_is_what_is_held_beside_the_result():
+    def call():
+        buffer = np.ones(1 << 20, np.uint8)
+        return np.full(1 << 18, buffer[0], np.uint8)
+
+    assert peak_bytes(call, lambda result: result.nbytes) == pytest.approx(1 << 20, rel=0.02)
+
+
+def test_stages_are_named_after_the_steps_that_end_them():
+    def steps():
+        time.sleep(0.02)
+        yield Step(0.5, "first")
+        yield Step(1.0, "second")
+
+    seconds = stage_seconds(steps, 2)
+    assert list(seconds) == ["first", "second"]
+    assert seconds["first"] >= 0.02
+
+
+def test_bytes_read_and_written_take_their_own_time():
+    assert least_seconds(10.0, 6.0, {"read": 5.0, "write": 2.0}) == 5.0
+
+
+def test_linear_growth_is_found_and_what_departs_from_it_said():
+    points = [
+        {"voxels": voxels, "triangles": triangles, "seconds": 2e-9 * voxels + 5e-8 * triangles + 1e-3}
+        for voxels, triangles in ((1e6, 1e4), (1e7, 1e5), (1e8, 3e5), (2e8, 1e6))
+    ]
+    price = growth.prices(points)
+    np.testing.assert_allclose(price, [2e-9, 5e-8, 1e-3], rtol=1e-6)
+    points[0]["seconds"] *= 1.5
+    assert growth.departure(points[0], price) == pytest.approx(0.5)
+
+
+def test_only_what_stands_between_the_markers_is_replaced():
+    page = "before\n<!-- rows: made by a command -->\nold\n<!-- end of rows -->\nafter\n"
+    assert documents.replaced(page, "rows", r"new \1") == page.replace("\nold\n", "\n\nnew \\1\n\n")
+    with pytest.raises(ValueError, match="no markers for growth"):
+        documents.replaced(page, "growth", "new")
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [(documents.PAGE, ["run", "rows", "stages", "growth"]), (ACCURACY, ["geometry", "alpha", "normals", "tumours"])],
+    ids=lambda value: value.name if isinstance(value, Path) else "",
+)
+def test_the_pages_have_the_markers(page, names):
+    text = page.read_text(encoding="utf-8")
+    for name in names:
+        assert documents.replaced(text, name, "new") != text
