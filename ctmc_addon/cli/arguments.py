@@ -9,23 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ..core import ReconstructionSettings
+from ..core.command import command_of as command_of
+from ..core.command import flag_of as flag_of
 from ..core.errors import SettingsError
 from ..core.settings import Setting, described
 from ..core.settings_file import from_toml
 
 # Settings of which one at most may be given.
 ALTERNATIVES = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
-
-
-def flag_of(name: str, about: Setting) -> str:
-    """The flag of a setting: its own, else its name with dashes.
-
-    Examples
-    --------
-    >>> flag_of("keep_parts", described()["keep_parts"])
-    '--keep-parts'
-    """
-    return "--" + (about.flag or name.replace("_", "-"))
 
 
 def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
@@ -119,25 +110,6 @@ def read_settings(path: str) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise SettingsError(f"{place.name} is no text; `ctmc settings` writes one to start from") from error
     return from_toml(text, place.name)
-
-
-def command_of(settings: ReconstructionSettings) -> str:
-    """The flags that give these settings, those at their default left out.
-
-    Examples
-    --------
-    >>> command_of(ReconstructionSettings(label=2, stride=(2, 2, 1), close_border=True))
-    '--label 2 --stride 2 2 1 --close-border'
-    """
-    words = []
-    for name, about in described().items():
-        value = getattr(settings, name)
-        if value == getattr(ReconstructionSettings, name):
-            continue
-        many = value if isinstance(value, tuple) else (value,)
-        words.append(flag_of(name, about))
-        words += [] if about.type is bool else [str(one) if isinstance(one, str) else f"{one:.12g}" for one in many]
-    return " ".join(words)
 
 
 def with_flags(sentence: str) -> str:

@@ -42,6 +42,16 @@ class Measures:
     euler: int
     parts: int
 
+    @property
+    def millilitres(self) -> float:
+        """The volume of a mesh in mm, in ml."""
+        return self.volume / 1000.0
+
+    @property
+    def square_centimetres(self) -> float:
+        """The area of a mesh in mm, in cm2."""
+        return self.area / 100.0
+
 
 def measures_steps(mesh: TriangleMesh) -> Steps[Measures]:
     """Measure a mesh.

@@ -116,3 +116,26 @@ def fingerprint(volume: Volume, found: Histogram | None) -> str:
         digest.update(np.ascontiguousarray(found[0], "<i8").tobytes())
         digest.update(np.array(found[1:], "<f8").tobytes())
     return digest.hexdigest()[:12]
+
+
+BACK, BELOW, ABOVE, LINE = (0.10, 0.10, 0.11), (0.36, 0.36, 0.38), (0.86, 0.55, 0.24), (1.0, 1.0, 1.0)
+
+
+def histogram_picture(survey: Survey, threshold: float | None, width: int, height: int) -> NDArray[np.float32]:
+    """The histogram as a picture, (height, width, 4) float32 from the bottom up, with the threshold as a line in it.
+
+    What is at or above the threshold, inside the surface, has a colour.
+    """
+    tall = np.ceil(survey.heights(width) * (height - 2))
+    filled = np.arange(height)[:, None] < tall  # (height, width)
+    span = (survey.high - survey.low) or 1.0
+    share = 1.0 if threshold is None else (threshold - survey.low) / span
+    column = int(np.clip(share * width, 0, width - 1)) if np.isfinite(share) else width - 1
+    above = np.arange(width) >= column
+    out = np.empty((height, width, 4), np.float32)
+    out[..., :3], out[..., 3] = BACK, 1.0
+    out[..., :3][filled & ~above] = BELOW
+    if threshold is not None:
+        out[..., :3][filled & above] = ABOVE
+        out[:, column, :3] = LINE
+    return out

@@ -30,6 +30,7 @@ __all__ = [
     "Series",
     "checked_flip",
     "checked_spacing",
+    "keeps_geometry",
     "list_series",
     "list_series_steps",
     "read_volume",
@@ -147,6 +148,16 @@ def _reading_steps(
         return with_notes(reading, note), stem(place.absolute().parent)
     readers = {"nifti": nifti.read_steps, "nrrd": nrrd.read_steps, "npy": stacks.npy_steps, "tiff": tiff.tiff_steps}
     return (yield from readers[kind](place)), stem(place)
+
+
+def keeps_geometry(path: PathLike) -> bool:
+    """Whether the format at `path` says spacing and orientation; PNG, JPEG, BMP, TIFF and npy do not."""
+    place = existing(path)
+    try:
+        kind = folder_format(place) if place.is_dir() else file_format(place)
+    except OSError as error:
+        raise unreadable(place, error) from error
+    return kind in {"dicom", "nifti", "nrrd"}
 
 
 def existing(path: PathLike) -> Path:

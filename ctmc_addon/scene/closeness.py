@@ -78,8 +78,7 @@ def closeness_steps(mesh: TriangleMesh, full: TriangleMesh) -> Steps[Closeness]:
     """How far `mesh` is from `full`; both in one space."""
     if not len(mesh.faces) or not len(full.faces):
         raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
-    low, high = full.vertices.min(axis=0), full.vertices.max(axis=0)
-    middle = (low.astype(np.float64) + high) / 2
+    middle = middle_of(full)
     means, most = [], []
     for number, (asks, answers) in enumerate(((mesh, full), (full, mesh))):
         trees = Trees(middle)
@@ -89,6 +88,12 @@ def closeness_steps(mesh: TriangleMesh, full: TriangleMesh) -> Steps[Closeness]:
         means.append(float((found * shares).sum() / shares.sum()))
         most.append(float(found.max()))
     return Closeness(sum(means) / 2, max(most))
+
+
+def middle_of(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """The middle of the box around a mesh's vertices, (3,): positions relative to it lose least in float32."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return np.asarray((low.astype(np.float64) + high) / 2)
 
 
 def spread(mesh: TriangleMesh, count: int = POINTS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

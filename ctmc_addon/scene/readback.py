@@ -13,7 +13,7 @@ from ..core import Reconstruction, Surface, TriangleMesh
 from . import meshes
 from .alpha import has_alpha
 from .placement import Placement
-from .surfaces import KEY, placement_of, remembered, settings_of
+from .surfaces import KEY, mixed_positions, placement_of, remembered, settings_of
 
 
 def read_back(thing: bpy.types.Object) -> Reconstruction | None:
@@ -46,6 +46,12 @@ def read_back(thing: bpy.types.Object) -> Reconstruction | None:
         notes=tuple(known["notes"]),
         name=known["name"],
     )
+
+
+def own_mesh(thing: bpy.types.Object) -> TriangleMesh:
+    """The object's own triangles at its present alpha, before any modifier, RAS+ mm."""
+    mesh = thing.data
+    return TriangleMesh(to_mm(placement_of(thing), mixed_positions(mesh)), meshes.read_triangles(mesh))
 
 
 def to_mm(placement: Placement, local: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ from ..core.progress import within
 from ..core.survey import survey_steps
 from ..readers.paths import KNOWN_SUFFIXES
 from ..scene.materials import colour_of
-from . import jobs, session, volumes
+from . import jobs, marks, session, volumes
 from .preferences import machine
 from .translations import say
 
@@ -90,8 +90,25 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         read = readers.read_volume_steps(path, **reading, threads=machine().threads)
         volume = yield from within(read, 0.1, 0.9)
         survey = yield from within(survey_steps(volume), 0.9, 1.0)
-        found = volumes.Loaded(path, volume, survey, series, reading)
+        found = volumes.Loaded(
+            path,
+            volume,
+            survey,
+            series,
+            reading,
+            readers.keeps_geometry(path),
+            number_of(series, reading["series"]),
+            readers.segmentation_sibling(path),
+        )
         return lambda: conclude(found, scene)
+
+
+def number_of(series: tuple[readers.Series, ...], chosen: str | None) -> int:
+    """Which of the series was read: the chosen one, else the first of those with the most slices."""
+    for one in series:
+        if chosen in (one.uid, str(one.number)) and chosen:
+            return one.number
+    return max(series, key=lambda one: (one.slices, -one.number)).number if series else 1
 
 
 def reading_of(stored: Any) -> dict[str, Any]:
@@ -119,6 +136,7 @@ def conclude(found: volumes.Loaded, uid: int) -> str:
         names = found.volume.label_names
         stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in found.survey.labels])
     session.of(scene).message = ""
+    marks.changed(stored, "volume")
     columns, rows, slices = found.volume.size
     return say("Loaded {name}: {size}").format(name=found.volume.name, size=f"{columns} x {rows} x {slices}")
 

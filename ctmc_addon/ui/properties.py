@@ -265,9 +265,30 @@ def volume_properties() -> dict[str, Any]:
     }
 
 
+def get_surface_from(properties: Any) -> int:
+    """0 by threshold, 1 by label."""
+    return int(properties.use_label)
+
+
+def set_surface_from(properties: Any, chosen: int) -> None:
+    """The other one was chosen."""
+    if bool(chosen) != properties.use_label:
+        properties.use_label = bool(chosen)
+
+
 def panel_properties() -> dict[str, Any]:
     """What only the panel has."""
     return {
+        "surface_from": EnumProperty(
+            name="Surface From",
+            description="Whether the surface is sought at a grey value or around labels",
+            items=[
+                ("threshold", "Threshold", "At a grey value: what is at or above it is inside"),
+                ("label", "Labels", "Around the structures of a label volume"),
+            ],
+            get=get_surface_from,
+            set=set_surface_from,
+        ),
         "preview": BoolProperty(
             name="Live Preview",
             description="Show a coarse surface in the viewport that follows the settings",

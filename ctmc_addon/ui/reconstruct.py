@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty
 
 from ..core import Reconstruction, Steps
-from ..core.errors import LabelError, MeshError, ReadError
+from ..core.errors import LabelError, MeshError, ReadError, SettingsError
 from ..core.pipeline import full_steps, simplified_steps
 from ..core.progress import within
 from ..scene.surfaces import require_changeable
-from . import jobs, measure, session, surfaces, volumes
+from . import jobs, live, measure, session, surfaces, volumes
 from .preferences import machine
 from .surfaces import Wanted
 
@@ -81,7 +82,7 @@ def ready(operator: Any, context: bpy.types.Context) -> bool:
         operator.poll_message_set("Load the CT again first" if volumes.missing(scene) else "Load a CT first")
         return False
     price = session.of(scene).price
-    if price is not None and not price.fits and price.settings == tuple(settings_or_none(scene) or ()):
+    if isinstance(price, live.Bill) and not price.fits and list(price.settings) == settings_or_none(scene):
         operator.poll_message_set(price.sentence)
         return False
     return True
@@ -103,8 +104,6 @@ def has_surface(operator: Any, context: bpy.types.Context) -> bool:
 
 def settings_or_none(scene: bpy.types.Scene) -> Any:
     """The settings of every surface wanted; None while they contradict each other."""
-    from ..core.errors import SettingsError
-
     try:
         return scene.ctmc.all_settings()
     except SettingsError:
@@ -123,6 +122,7 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
     """Make all of them, then put them into the scene at once."""
     volume, limits = loaded.volume, machine()
     full: list[Reconstruction] = []
+    seconds: list[float] = []
     made: list[Reconstruction] = []
     measures: list[measure.Result] = []
     for number, one in enumerate(wanted):
@@ -131,9 +131,19 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
         work = full_steps(volume, one.settings, limits.threads, limits.memory_limit)
         full.append((yield from within(work, low, low + 0.5 * share)))
         made.append((yield from within(simplified_steps(full[-1], one.settings), low + 0.5 * share, low + 0.8 * share)))
+        start = time.perf_counter()
         measured = measure.result_steps(made[-1], full[-1])
         measures.append((yield from within(measured, low + 0.8 * share, low + share)))
-    return lambda: conclude(scene, wanted, full, made, measures)
+        seconds.append(time.perf_counter() - start)
+
+    def end() -> str:
+        start = time.perf_counter()
+        said = conclude(scene, wanted, full, made, measures)
+        placed = (time.perf_counter() - start) / len(made)
+        live.learn(scene, made, [one + placed for one in seconds])
+        return said
+
+    return end
 
 
 def conclude(
@@ -149,6 +159,7 @@ def conclude(
     assert where is not None, "place has put something into it"
     known = session.of(where)
     known.message = ""
+    live.hide()
     known.full = {thing.session_uid: one for thing, one in zip(things, full, strict=True)}
     known.results |= {thing.session_uid: one for thing, one in zip(things, measures, strict=True)}
     return surfaces.summary(things, made)

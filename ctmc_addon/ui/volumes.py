@@ -22,6 +22,12 @@ class Loaded:
     ----------
     reading : mapping
         The keyword arguments of `read_volume` it was read with.
+    geometry : bool
+        Whether the files say spacing and orientation; else the panel asks.
+    series_number : int
+        Which of the series it is.
+    sibling : Path or None
+        Its label volume, where one lies beside it.
     """
 
     path: Path
@@ -29,6 +35,9 @@ class Loaded:
     survey: Survey
     series: tuple[Series, ...] = ()
     reading: Mapping[str, Any] = field(default_factory=dict)
+    geometry: bool = True
+    series_number: int = 1
+    sibling: Path | None = None
 
 
 _loaded: dict[str, Loaded] = {}
@@ -58,6 +67,16 @@ def current(scene: bpy.types.Scene) -> Volume | None:
 def missing(scene: bpy.types.Scene) -> bool:
     """Whether the file knows a CT that is not in memory."""
     return bool(scene.ctmc.volume_path) and loaded(scene) is None
+
+
+def there(path: str) -> bool:
+    """Whether something lies at a path that a file has noted."""
+    return Path(bpy.path.abspath(path)).exists()
+
+
+def name_of(path: str) -> str:
+    """The last part of a path that a file has noted, whichever system wrote it."""
+    return path.replace("\\", "/").rstrip("/").rpartition("/")[2]
 
 
 def stored_path(path: Path) -> str:

@@ -7,29 +7,54 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.settings import described  # noqa: E402
-from ctmc_addon.ui import panels  # noqa: E402
+from ctmc_addon.ui import panels, region, sub_panels  # noqa: E402
 
 
 class Layout:
     """Takes the place of Blender's, which exists only while a window is drawn."""
 
     def __init__(self):
-        self.shown, self.buttons, self.texts = [], [], []
+        self.shown, self.buttons, self.texts, self.icons = [], [], [], []
 
     def row(self, **_):
         return self
 
-    box = row
+    box = column = split = grid_flow = row
+
+    def panel(self, _identifier, **_):
+        return self, self
 
     def prop(self, owner, name, **_):
-        assert name in owner.bl_rna.properties
+        assert name in owner.bl_rna.properties, name
         self.shown.append(name)
 
-    def operator(self, name, **_):
+    def operator(self, name, text=None, **_):
+        self.buttons.append(name if text is None else f"{name} {text}".rstrip())
+        return type("Button", (), {})()
+
+    def operator_menu_enum(self, name, _property, **_):
         self.buttons.append(name)
 
-    def label(self, text, **_):
+    def label(self, text="", **_):
         self.texts.append(text)
+
+    def progress(self, factor, text):
+        assert 0 <= factor <= 1
+        self.texts.append(text)
+
+    def template_list(self, kind, _, owner, name, *_a, **_k):
+        assert hasattr(bpy.types, kind)
+        self.shown.append(name)
+
+
+PANELS = (
+    panels.CTMC_PT_main,
+    region.CTMC_PT_region,
+    sub_panels.CTMC_PT_parts,
+    sub_panels.CTMC_PT_normals,
+    sub_panels.CTMC_PT_rotation,
+    sub_panels.CTMC_PT_results,
+)
 
 
 def drawn(panel):
@@ -38,30 +63,37 @@ def drawn(panel):
     return holder.layout
 
 
-def test_every_setting_is_shown_once(scene):
-    shown = drawn(panels.CTMC_PT_main).shown + drawn(panels.CTMC_PT_more).shown
-    assert sorted(name for name in shown if not name.startswith("use_")) == sorted(described())
+def test_every_setting_is_shown(scene):
+    shown = set()
+    for use_label in (False, True):
+        scene.ctmc.use_label = use_label
+        for panel in PANELS:
+            shown |= set(drawn(panel).shown)
+    assert set(described()) <= shown
 
 
 def test_the_buttons_are_there_and_exist(scene):
     buttons = drawn(panels.CTMC_PT_main).buttons
-    assert buttons == ["ctmc.load", "ctmc.reconstruct", "ctmc.export"]
+    assert buttons[0] == "ctmc.load"
+    assert "ctmc.reconstruct Reconstruct Surface" in buttons
     for button in buttons:
-        assert getattr(bpy.ops.ctmc, button.partition(".")[2]).get_rna_type()
+        assert getattr(bpy.ops.ctmc, button.split()[0].partition(".")[2]).get_rna_type()
 
 
 def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(scene):
-    assert not drawn(panels.CTMC_PT_main).texts
+    assert drawn(panels.CTMC_PT_main).texts == ["Otsu's threshold is used"]
     scene.ctmc.label = 2
-    assert "Alpha does nothing on a label that is not softened" in drawn(panels.CTMC_PT_main).texts
+    assert "Alpha does nothing on a label that is not softened" in " ".join(drawn(panels.CTMC_PT_main).texts)
     scene.ctmc.soften_mm = 1.0
     assert not drawn(panels.CTMC_PT_main).texts
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
-    assert "Decimate knows no error bound" in drawn(panels.CTMC_PT_main).texts[0]
+    assert "Decimate knows no error bound" in " ".join(drawn(panels.CTMC_PT_main).texts)
 
 
 def test_the_panel_says_what_was_loaded(scene, ball_file):
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     texts = drawn(panels.CTMC_PT_main).texts
-    assert texts[:2] == ["ball", "24 x 24 x 12 voxels, LPS"]
-    assert "1 x 1 x 2 mm" in texts[2]
+    assert texts[0] == "ball"
+    for fact in ("24 x 24 x 12", "1 x 1 x 2 mm", "left, back, head (LPS)"):
+        assert fact in texts
+    assert "taken as axial" in " ".join(texts)

@@ -1,0 +1,28 @@
+"""Usual thresholds of tissues in CT, Hounsfield units: where a surface around them is sought.
+
+Round numbers between a tissue and what lies around it, in the ranges of Kalender, Computed Tomography (2011), ch. 1;
+contrast and dose move them, so they are where to begin and not an answer.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Tissue(NamedTuple):
+    """A name, the threshold in HU, and what the surface then encloses."""
+
+    name: str
+    threshold: float
+    text: str
+
+
+TISSUES = {
+    "skin": Tissue("Skin", -300.0, "The body's surface against air"),
+    "lung": Tissue("Lung", -500.0, "Airways and lungs, as hollows in the body"),
+    "soft": Tissue("Soft Tissue", -20.0, "Muscle and organs without fat"),
+    "vessel": Tissue("Contrast Vessel", 150.0, "Vessels with contrast medium, and bone"),
+    "bone": Tissue("Bone", 200.0, "Bone, spongy bone included"),
+    "compact": Tissue("Compact Bone", 500.0, "Hard bone only"),
+    "metal": Tissue("Metal", 2000.0, "Implants and fillings"),
+}
