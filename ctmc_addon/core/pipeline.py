@@ -182,14 +182,20 @@ def full_steps(
 
 def simplified_steps(full: Reconstruction, settings: ReconstructionSettings) -> Steps[Reconstruction]:
     """What `full_steps` found, taken to the goal of `settings`; their other fields are those it was found with."""
-    stages, mesh, surface = list(full.stages), full.mesh, full.surface
+    stages, mesh, surface, notes = list(full.stages), full.mesh, full.surface, full.notes
     if settings.simplifies and settings.simplifier == "builtin":
         goal = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
         mesh = yield from _timed(stages, "Simplifying", goal)
         surface = None
+        asked = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
+        if settings.max_error_mm is None and len(mesh.faces) > asked:
+            notes += (
+                f"{len(mesh.faces)} triangles are left instead of {asked}: no edge can go any more "
+                "without moving a border or tearing the surface.",
+            )
     if settings.normals == "mesh":
         mesh = replace(mesh, normals=vertex_normals(mesh.vertices, mesh.faces))
-    return replace(full, mesh=mesh, surface=surface, settings=settings, stages=tuple(stages))
+    return replace(full, mesh=mesh, surface=surface, settings=settings, stages=tuple(stages), notes=notes)
 
 
 def _timed(stages: list[Stage], name: str, steps: Steps[T]) -> Steps[T]:

@@ -146,6 +146,14 @@ def test_the_builtin_simplifier_fixes_alpha_and_decimate_leaves_the_full_mesh():
     assert live.mesh.vertices.tobytes() == full.mesh.vertices.tobytes()
 
 
+def test_a_number_of_triangles_that_cannot_be_reached_is_said():
+    mask = np.zeros((4, 12, 12), np.uint8)
+    mask[:, 3:, 3:] = 1  # the border's edges stay
+    result = reconstruct(Volume(mask, np.eye(4)), ReconstructionSettings(threshold=0.5, target_faces=4))
+    assert len(result.mesh.faces) > 4
+    assert result.notes[-1].startswith(f"{len(result.mesh.faces)} triangles are left instead of 4")
+
+
 def test_without_threshold_or_label_otsus_is_used_and_said():
     result = reconstruct(Volume(ball(), np.eye(4), notes=("1 mm was assumed.",)), ReconstructionSettings())
     assert result.notes[0] == "1 mm was assumed."
