@@ -11,15 +11,20 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
 
 DRIVER = Path(__file__).with_name("driver.py")
-WIDTH, HEIGHT = 1600, 1000
+WIDTH, HEIGHT = 1600, 1200
+ALIKE = 0.75  # how far a word read from the screen may differ: one letter in four
 ENLARGED = 3  # small letters are read better
-SLOWEST = 120.0
+SLOWEST = 60.0
+
+
+Box = tuple[int, int, int, int]  # left, top, width, height
 
 
 class Desk:
@@ -104,21 +109,22 @@ class Desk:
 
     def close(self) -> int | None:
         """Quit Blender and clean up; Blender's exit status, None where it never started."""
-        status = None
         try:
-            if self.blender is not None:
-                if self.blender.poll() is None:
-                    self.tell("bpy.ops.wm.quit_blender()")
-                status = self.blender.wait(30)
+            if self.blender is not None and self.blender.poll() is None:
+                self.tell("bpy.ops.wm.quit_blender()")
+                self.blender.wait(30)
         finally:
             for process in (self.blender, self.server):
                 if process is not None and process.poll() is None:
                     process.kill()
                     process.wait()
-            if self.log.exists():
-                shutil.copyfile(self.log, self.pictures / "blender.log")
-            shutil.rmtree(self.folder)
-        return status
+            if self.server is not None and self.server.stdout is not None:
+                self.server.stdout.close()
+            if self.folder.exists():
+                if self.log.exists():
+                    shutil.copyfile(self.log, self.pictures / "blender.log")
+                shutil.rmtree(self.folder)
+        return None if self.blender is None else self.blender.returncode
 
     # Questions --------------------------------------------------------------------------------------------------
 
@@ -165,9 +171,10 @@ class Desk:
         with Image.open(self.pictures / f"{name}.png") as picture:
             return picture.convert("RGB")
 
-    def words(self, left: int = 0) -> list[tuple[str, int, int]]:
-        """The words on the screen right of `left`, each with the place of its middle."""
-        size = f"{WIDTH - left}x{HEIGHT}+{left}+0"
+    def words(self, box: Box = (0, 0, WIDTH, HEIGHT)) -> list[tuple[str, int, int]]:
+        """The words in a part of the screen, each with the place of its middle."""
+        left, top, width, height = box
+        size = f"{width}x{height}+{left}+{top}"
         shot = f"{self.inside}/words.png"
         self.call("import", "-window", "root", "-crop", size, "+repage", "-resize", f"{ENLARGED * 100}%",
                   "-colorspace", "gray", "-negate", shot)  # fmt: skip
@@ -176,16 +183,19 @@ class Desk:
             cells = line.split("\t")
             if len(cells) == 12 and cells[11].strip():
                 x, y, width, height = (int(cell) / ENLARGED for cell in cells[6:10])
-                found.append((cells[11].strip(), int(left + x + width / 2), int(y + height / 2)))
+                found.append((cells[11].strip(), int(left + x + width / 2), int(top + y + height / 2)))
         return found
 
-    def find(self, text: str, left: int = 0) -> tuple[int, int]:
+    def find(self, text: str, box: Box = (0, 0, WIDTH, HEIGHT)) -> tuple[int, int]:
         """Where a text of one or more words stands on the screen: the middle of its first word."""
         wanted = text.lower().split()
-        words = self.words(left)
+        words = self.words(box)
         for start in range(len(words)):
             run = words[start : start + len(wanted)]
-            if [word.lower() for word, _, _ in run] == wanted:
+            if len(run) == len(wanted) and all(
+                SequenceMatcher(None, word.lower(), asked).ratio() >= ALIKE
+                for (word, _, _), asked in zip(run, wanted, strict=True)
+            ):
                 return run[0][1], run[0][2]
         raise AssertionError(f"{text!r} is not to be seen; there is: {' '.join(word for word, _, _ in words)}")
 

@@ -1,0 +1,53 @@
+"""A windowed Blender for each Debian suite, the extension's zip and a phantom, made beforehand."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from window.desk import Desk
+from window.provision import SUITES, provide
+
+ROOT = Path(__file__).resolve().parents[2]
+
+CT = "volume-0.nii.gz"
+
+
+def run(*command: str) -> None:
+    """Run one of the project's own commands."""
+    done = subprocess.run([sys.executable, *command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The extension's zip for this platform, as `make build` makes it."""
+    folder = tmp_path_factory.mktemp("dist")
+    run("tools/build_extension.py", "--platform=linux-x64", f"--output={folder}")
+    (found,) = folder.glob("*.zip")
+    return found
+
+
+@pytest.fixture(scope="session")
+def phantom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an abdominal CT, 512 x 512 x 29, its liver on the patient's right."""
+    folder = tmp_path_factory.mktemp("window") / "phantom"
+    run("-m", "ctmc_addon", "phantom", str(folder), "--format", "nifti")
+    return folder
+
+
+@pytest.fixture(scope="module", params=list(SUITES))
+def desk(request: pytest.FixtureRequest, package: Path, phantom: Path) -> Iterator[Desk]:
+    """A Blender with the extension installed, its window open on an empty scene."""
+    suite = request.param
+    desk = Desk(provide(suite), ROOT / "out" / "window" / f"blender-{SUITES[suite]}")
+    try:
+        desk.install(package)
+        desk.bring(phantom / CT)
+        desk.open()
+        yield desk
+    finally:
+        desk.close()
