@@ -1,6 +1,6 @@
 """Exact distance from points to the nearest triangle of a mesh.
 
-A tree of boxes over the triangles in Morton order: every box holds eight boxes of the level below. All
+A tree of boxes over the triangles in Morton order: every box holds four boxes of the level below. All
 points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its
 box is farther than a triangle that the point is known to be near.
 
@@ -21,7 +21,7 @@ from .quadrics import cross, dot
 Doubles = NDArray[np.float64]
 
 BRANCH = 4  # boxes in a box
-BLOCK = 4096  # points that go down the tree together: their pairs fit the cache
+BLOCK = 1024  # points that go down the tree together: their pairs fit the cache
 
 
 def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
@@ -72,19 +72,19 @@ class TriangleTree:
             high = np.maximum.reduceat(high, starts, axis=1)
             self.levels.append((low, high))
 
-    def distances(self, points: NDArray[Any]) -> Doubles:
-        """Distance from every point (n, 3) to the surface, (n,)."""
+    def distances(self, points: NDArray[Any], limit: float = np.inf) -> Doubles:
+        """Distance from every point (n, 3) to the surface, (n,); inf where it is above the limit, which saves time."""
         places = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3).T)  # (3, n)
         out = np.empty(places.shape[1])
         # Neighbours in space go down the same branches.
         order = np.argsort(_morton(places.T), kind="stable")
         for start in range(0, len(order), BLOCK):
             block = order[start : start + BLOCK]
-            out[block] = np.sqrt(self._squared(places[:, block]))
+            out[block] = np.sqrt(self._squared(places[:, block], limit * limit))
         return out
 
-    def _squared(self, points: Doubles) -> Doubles:
-        best = np.full(points.shape[1], np.inf)  # no farther than this is the surface, squared
+    def _squared(self, points: Doubles, limit: float) -> Doubles:
+        best = np.full(points.shape[1], limit)  # no farther than this is the surface, squared
         point = np.arange(points.shape[1])
         box = np.zeros(len(point), np.int64)
         for low, high in self.levels[-2::-1]:
@@ -93,21 +93,26 @@ class TriangleTree:
             if low.shape[1] % BRANCH:
                 there = box < low.shape[1]
                 point, box = point[there], box[there]
-            place = points[:, point]
-            below, above = low[:, box] - place, place - high[:, box]
+            place = np.take(points, point, axis=1)
+            below, above = np.take(low, box, axis=1) - place, place - np.take(high, box, axis=1)
             outside = np.maximum(np.maximum(below, above), 0.0)
-            nearest = dot(outside, outside)
             # Every side of a box touches a triangle in it: there is one within the farthest corner.
             inside = np.minimum(below, above)
-            farthest = dot(inside, inside)
             starts = _starts(point)
-            best[point[starts]] = np.minimum(best[point[starts]], np.minimum.reduceat(farthest, starts))
-            near = nearest <= best[point]
+            some = point[starts]
+            best[some] = np.minimum(best[some], np.minimum.reduceat(dot(inside, inside), starts))
+            near = dot(outside, outside) <= best[point]
             point, box = point[near], box[near]
-        a, b, c = self.corners[:, :, box]
-        squared = squared_distances(points[:, point], a, b, c)
-        starts = _starts(point)
-        return np.minimum.reduceat(squared, starts)
+            if not len(point):
+                break
+        squared = np.full(points.shape[1], np.inf)
+        if len(point):
+            a, b, c = (np.take(corner, box, axis=1) for corner in self.corners)
+            starts = _starts(point)
+            found = squared_distances(np.take(points, point, axis=1), a, b, c)
+            squared[point[starts]] = np.minimum.reduceat(found, starts)
+        squared[squared > limit] = np.inf
+        return squared
 
 
 def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:

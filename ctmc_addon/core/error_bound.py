@@ -1,0 +1,246 @@
+"""Hold a simplified surface within a distance of the original, both ways, while edges collapse.
+
+The original is held by samples: its vertices, and points spread over its edges and faces. Each has a
+home, a face of the surface as it is now that is no farther than the bound. A collapse changes the faces
+round one edge; samples at home there move to one of the faces that remain, and if all are too far for
+one of them the collapse is refused. So it is if its new vertex, or a point spread over the new edges
+and faces, is too far from the original.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distance import TriangleTree, squared_distances
+from .mesh import TriangleMesh
+from .quadrics import dot
+
+if TYPE_CHECKING:
+    from .edge_collapse import Collapses
+
+Ints = NDArray[np.int32]
+Places = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
+HELD = 0.85  # of the bound is what samples are held to: between them a surface swings out a little farther
+MOST_PARTS = 15  # that a side is cut into for samples
+SAMPLE = 8  # of so many vertices one is looked at first: most refusals need no more
+
+
+class ErrorBound:
+    """The vertices of the original, and the face where each is at home.
+
+    Parameters
+    ----------
+    positions, faces, edges, face_edges : (3, P), (3, F), (2, E), (3, F)
+        The original, which is also the surface as it is at first.
+    limit : float
+        In the unit of the positions.
+    """
+
+    def __init__(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints, limit: float) -> None:
+        self.limit = HELD * limit
+        self.limit_squared = np.float32(self.limit * self.limit)
+        vertex_count, face_count = positions.shape[1], faces.shape[1]
+        ends = [np.take(positions, end, axis=1) for end in edges]
+        along = ends[1] - ends[0]
+        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), limit)
+        on_edges, edge_of = _spread(ends, self.gap)
+        in_faces, face_of = _spread([np.take(positions, corner, axis=1) for corner in faces], self.gap)
+        self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
+
+        face_at = np.tile(np.arange(face_count), 3)
+        face_at_vertex, face_at_edge = np.full(vertex_count, -1, np.int64), np.empty(edges.shape[1], np.int64)
+        face_at_vertex[faces.ravel()] = face_at
+        face_at_edge[face_edges.ravel()] = face_at
+        self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
+        self.corners = [np.take(positions, corner, axis=1) for corner in np.take(faces, face_of, axis=1)]
+        self.tree = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+        self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
+
+    def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Flags:
+        """Which of the n collapses take the surface too far from the original, (n,) bool.
+
+        Parameters
+        ----------
+        collapses : Collapses
+        faces : (3, F) int32
+            The surface as it is.
+        moved : (3, V) float32
+            Positions as they would be.
+        """
+        count = len(collapses.edges)
+        collapse_at = np.full(faces.shape[1], -1, np.int32)
+        collapse_at[collapses.faces] = collapses.owner
+        moving = np.flatnonzero((np.take(collapse_at, self.home) >= 0) & (self.home >= 0))
+        collapse = collapse_at[self.home[moving]].astype(np.int64)
+        order = np.argsort(collapse, kind="stable")
+        moving, collapse = moving[order], collapse[order]
+        self.moving = moving
+        self.new_home = np.empty(len(moving), np.int64)
+
+        left = np.flatnonzero(~collapses.gone)
+        left = left[np.argsort(collapses.owner[left], kind="stable")]
+        owner, star = collapses.owner[left].astype(np.int64), collapses.faces[left]
+        corners = np.take(faces, star, axis=1)
+        exceeded = self._away_from_original(collapses, owner, corners, moved, moving, collapse)
+        first, faces_of = _runs(owner, count)
+        middles = _middles(moved, corners)
+        for step in (SAMPLE, 1):
+            rest = np.arange(0, len(moving), step)
+            rest = rest[~exceeded[collapse[rest]]]
+            own = collapse[rest]
+            places = np.take(self.samples, moving[rest], axis=1)
+            near, squared = _near_face(places, moved, corners, middles, first[own], faces_of[own], self.limit_squared)
+            self.new_home[rest] = star[near]
+            exceeded[own[squared > self.limit_squared]] = True
+
+        chosen = ~exceeded[collapse]
+        self.moving, self.new_home = self.moving[chosen], self.new_home[chosen]
+        return exceeded
+
+    def _away_from_original(
+        self, collapses: Collapses, owner: Places, corners: Ints, moved: Floats, moving: Places, collapse: Places
+    ) -> Flags:
+        """Which collapses put a vertex, or a point of a spoke or face, too far from the original."""
+        count = len(collapses.edges)
+        hub = np.zeros(moved.shape[1], bool)
+        hub[collapses.kept] = hub[collapses.dropped] = True
+        slot, column = np.argmax(np.take(hub, corners), axis=0), np.arange(len(owner))
+        a, b, c = (np.take(moved, corners[(slot + k) % 3, column], axis=1) for k in range(3))  # a is the one that moves
+        on_spokes, spoke = _spread([a, b], self.gap)
+        in_faces, face = _spread([a, b, c], self.gap)
+        places = np.concatenate([collapses.target, on_spokes, in_faces], axis=1)
+        of = np.concatenate([np.arange(count), owner[spoke], owner[face]])
+
+        # Mostly the face of the nearest sample that is at home in the star will do.
+        inner = moving - (self.samples.shape[1] - self.corners[0].shape[1])
+        inside = inner >= 0
+        near, first, near_to = inner[inside], *_runs(collapse[inside], count)
+        squared = np.full(len(of), np.inf)
+        some = np.flatnonzero(near_to[of])
+        samples = np.take(self.samples, moving[inside], axis=1)
+        nearest = near[_nearest_point(places[:, some], samples, first[of[some]], near_to[of[some]])]
+        squared[some] = squared_distances(
+            places[:, some], *(np.take(corner, nearest, axis=1) for corner in self.corners)
+        )
+
+        # For the others the tree is asked, first for the farthest of each collapse: mostly that decides it.
+        exceeded = np.zeros(count, bool)
+        far = np.flatnonzero(squared > self.limit_squared)
+        far = far[np.argsort(squared[far], kind="stable")]
+        farthest = np.full(count, -1)
+        farthest[of[far]] = far
+        ask = farthest[farthest >= 0]
+        for _ in range(2):
+            away = np.isinf(self.tree.distances(places[:, ask].T, self.limit))
+            exceeded[of[ask[away]]] = True
+            ask = far[~exceeded[of[far]] & (farthest[of[far]] != far)]
+        return exceeded
+
+    def accept(self, face_left: Places) -> None:
+        """Take over the homes for the collapses that `exceeded` let pass; (f,) are the faces that are left."""
+        self.home[self.moving] = self.new_home
+        number = np.zeros(max(int(self.home.max()), int(face_left.max())) + 1, np.int64)
+        number[face_left] = np.arange(len(face_left))
+        self.home = np.where(self.home < 0, -1, number[self.home])
+
+
+def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
+    """Points spread over edges (two corners, (3, m) each) or faces (three), and the edge or face of each.
+
+    The longest side is cut into parts no longer than the gap, an odd number of them; the points are the
+    middles of the pieces that lie like the whole, among them that of the whole edge.
+    """
+    longest = np.zeros(corners[0].shape[1], np.float32)
+    for start, end in itertools.combinations(corners, 2):
+        along = end - start
+        np.maximum(longest, dot(along, along), out=longest)
+    parts = np.ceil(np.sqrt(longest) / np.float32(gap)).clip(1, MOST_PARTS)
+    parts += 1 - parts % 2
+    places, owners = [], []
+    for count in range(1, int(parts.max(initial=1)) + 1, 2):
+        chosen = np.flatnonzero(parts == count)
+        some = [np.take(corner, chosen, axis=1) for corner in corners]
+        for steps in itertools.product(range(count), repeat=len(corners)):
+            if len(chosen) and sum(steps) == count - 1:
+                shares = [np.float32((step + 1 / len(corners)) / count) for step in steps]
+                places.append(sum(share * corner for share, corner in zip(shares, some, strict=True)))
+                owners.append(chosen)
+    if not places:
+        return np.empty((3, 0), np.float32), np.empty(0, np.int64)
+    return np.concatenate(places, axis=1), np.concatenate(owners)
+
+
+def _runs(owner: Places, count: int) -> tuple[Places, Places]:
+    """Where each of `count` numbers begins in the sorted `owner`, and how often it is there."""
+    counts = np.bincount(owner, minlength=count)
+    return np.cumsum(counts) - counts, counts
+
+
+def _middles(positions: Floats, faces: Ints) -> Floats:
+    """Middle of every face, (3, f)."""
+    a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
+    return (a + b + c) / np.float32(3.0)
+
+
+def _near_face(
+    points: Floats, positions: Floats, faces: Ints, middles: Floats, start: Places, count: Places, limit_squared: Any
+) -> tuple[Places, Floats]:
+    """For every point (3, n) one of the faces start to start + count within the limit, or the nearest of them.
+
+    Mostly the one with the nearest middle will do.
+    """
+    near = _nearest_point(points, middles, start, count)
+    squared = squared_distances(points, *(np.take(positions, np.take(corner, near), axis=1) for corner in faces))
+    far = np.flatnonzero(squared > limit_squared)
+    if len(far):
+        near[far], squared[far] = _nearest_face(points[:, far], positions, faces, start[far], count[far])
+    return near, squared
+
+
+def _nearest_face(
+    points: Floats, positions: Floats, faces: Ints, start: Places, count: Places
+) -> tuple[Places, Floats]:
+    """For every point (3, n) the nearest of the faces start to start + count, and its squared distance."""
+    nearest = np.empty(len(start), np.int64)
+    least = np.empty(len(start), np.float32)
+    for block, some, face in _pairs(start, count):
+        corners = (np.take(positions, np.take(corner, face), axis=1) for corner in faces)
+        squared = squared_distances(np.repeat(points[:, block], some, axis=1), *corners)
+        hit, least[block] = _least(squared, some)
+        nearest[block] = face[hit]
+    return nearest, least
+
+
+def _nearest_point(points: Floats, others: Floats, start: Places, count: Places) -> Places:
+    """For every point (3, n) the nearest of others[:, start:start + count]."""
+    nearest = np.empty(len(start), np.int64)
+    for block, some, other in _pairs(start, count):
+        away: Floats = np.repeat(points[:, block], some, axis=1) - np.take(others, other, axis=1)
+        nearest[block] = other[_least(dot(away, away), some)[0]]
+    return nearest
+
+
+def _pairs(start: Places, count: Places) -> Iterator[tuple[slice, Places, Places]]:
+    """Some of the n at a time: which, the counts of those, and all their numbers from start to start + count."""
+    for low in range(0, len(start), BLOCK):
+        block = slice(low, low + BLOCK)
+        some = count[block]
+        before = np.cumsum(some) - some
+        yield block, some, np.arange(some.sum()) + np.repeat(start[block] - before, some)
+
+
+def _least(values: Floats, count: Places) -> tuple[Places, Floats]:
+    """Of every `count` values in turn: where the least is, the first of equals, and what it is."""
+    least = np.minimum.reduceat(values, np.cumsum(count) - count)
+    hits = np.flatnonzero(values == np.repeat(least, count))
+    group = np.repeat(np.arange(len(count)), count)[hits]
+    return hits[np.diff(group, prepend=-1) > 0], least
