@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import numbers
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -256,7 +257,9 @@ def checked(name: str, value: Any, about: Setting) -> Any:
             raise SettingsError(f"{name} needs a value: {about.limits}")
         return None
     if about.size > 1:
-        many = (value,) * about.size if isinstance(value, (int, float)) else tuple(value)
+        if isinstance(value, str) or not isinstance(value, (numbers.Real, Iterable)):
+            raise SettingsError(f"{name} takes {about.size} numbers, not {value!r}")
+        many = (value,) * about.size if isinstance(value, numbers.Real) else tuple(value)
         if len(many) != about.size:
             raise SettingsError(f"{name} takes {about.size} numbers, not {len(many)}: {value}")
         return tuple(checked_one(name, one, about) for one in many)
@@ -270,6 +273,8 @@ def checked_one(name: str, value: Any, about: Setting) -> Any:
             raise SettingsError(f"{name} is {about.limits}, not {value!r}")
         return str(value)
     if about.type is bool:
+        if isinstance(value, str) or value not in (0, 1):
+            raise SettingsError(f"{name} is on or off, True or False, not {value!r}")
         return bool(value)
     try:
         number = about.type(value)

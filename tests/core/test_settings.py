@@ -3,6 +3,7 @@
 import pickle
 from itertools import product
 
+import numpy as np
 import pytest
 
 from ctmc_addon.core import ReconstructionSettings
@@ -19,7 +20,7 @@ def test_every_setting_describes_itself():
 
 def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
     settings = ReconstructionSettings(threshold=200, stride=2, alpha=1, keep_parts=3.0)
-    assert settings.stride == (2, 2, 2)
+    assert settings.stride == ReconstructionSettings(stride=np.int64(2)).stride == (2, 2, 2)
     assert (type(settings.threshold), type(settings.alpha), type(settings.keep_parts)) == (float, float, int)
 
 
@@ -30,6 +31,8 @@ def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
         ({"alpha": float("nan")}, "alpha must be a finite number, not nan"),
         ({"alpha": None}, "alpha needs a value: from 0 to 1"),
         ({"stride": (1, 1)}, "stride takes 3 numbers, not 2"),
+        ({"stride": "221"}, "stride takes 3 numbers, not '221'"),
+        ({"close_border": "no"}, "close_border is on or off, True or False, not 'no'"),
         ({"stride": (1, 1, 17)}, "stride must be from 1 to 16, not 17"),
         ({"stride": (1.5, 1, 1)}, "stride must be a whole number, not 1.5"),
         ({"reduction": 1.0}, "reduction must be at least 0 and below 1, not 1"),
