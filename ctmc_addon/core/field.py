@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import LabelError, SettingsError, ThresholdError, VolumeError
-from .histogram import otsu, value_range
+from .errors import LabelError, SettingsError, VolumeError
+from .histogram import otsu
 from .memory import require
 from .progress import Step, Steps, within
+from .sampling import check_threshold
 from .settings import ReconstructionSettings
-from .smoothing import soften_steps
+from .smoothing import REACH, soften_steps
 from .volume import Volume, to_index
 
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
-REACH = 4.0  # standard deviations after which the Gaussian is cut off
 MOST_LABELS = 20  # as many are named in a message
 
 
@@ -66,24 +66,23 @@ def field_steps(
     LabelError, ThresholdError, VolumeError, SettingsError, MemoryLimitError
     """
     window = region_box(volume, settings)
-    if settings.label is None:
-        yield Step(0.0, "Looking at the values")
-        values = _finite(volume, window, settings.nan_as)
-        threshold, notes = _threshold(values[_slices(window)], settings, volume.kind)
-    else:
+    if settings.label is not None:
         window = yield from within(_label_box(volume, settings, window), 0.0, 0.5)
-        values, threshold, notes = volume.values, 0.5, ()
-        if settings.soften_mm == 0:
-            notes = ("On a label that is not softened every crossing is the midpoint, and alpha does nothing.",)
-    # Normals and the blur look beyond the window.
+    # The blur looks beyond the window, and so do normals, by one voxel.
     blur = [math.ceil(REACH * settings.soften_mm / side) for side in volume.spacing]
     box = _grown(window, [margin + 1 for margin in blur], volume.size)
+    values = volume.values[_slices(box)]
+    notes: tuple[str, ...] = ()
     if settings.label is not None:
-        values = values[_slices(box)] == settings.label
-    elif settings.soften_mm > 0:
-        values = values[_slices(box)]
+        values, threshold = values == settings.label, 0.5
+        if settings.soften_mm == 0:
+            notes = ("On a label that is not softened every crossing is the midpoint, and alpha does nothing.",)
     else:
-        box = tuple((0, size) for size in volume.size)  # type: ignore[assignment]
+        yield Step(0.0, "Looking at the values")
+        if values.dtype.kind == "f":
+            reached = _within(_grown(window, blur, volume.size), box)
+            values = _finite(values, values[_slices(reached)], settings.nan_as, memory_limit)
+        threshold, notes = _threshold(values[_slices(_within(window, box))], settings, volume.kind)
     if settings.soften_mm > 0:
         require(
             9 * values.size,
@@ -136,19 +135,31 @@ def _grown(box: Box, margins: list[int], size: tuple[int, int, int]) -> Box:
     )
 
 
-def _finite(volume: Volume, window: Box, nan_as: float | None) -> NDArray[Any]:
-    """The volume's values, NaN and infinite ones replaced in a copy where there are any."""
-    values = volume.values
-    if values.dtype.kind != "f":
-        return values
-    bad = sum(int(layer.size - np.count_nonzero(np.isfinite(layer))) for layer in values[_slices(window)])
-    if not bad:
-        return values
+def _within(box: Box, around: Box) -> Box:
+    """`box` counted from the first voxel of the box around it."""
+    return tuple(  # type: ignore[return-value]
+        (start - low, stop - low) for (start, stop), (low, _) in zip(box, around, strict=True)
+    )
+
+
+def _finite(
+    values: NDArray[Any], reached: NDArray[Any], nan_as: float | None, memory_limit: int | None
+) -> NDArray[Any]:
+    """Floating values, NaN and infinite ones replaced in a copy; without `nan_as` none may be among those `reached`."""
     if nan_as is None:
-        raise VolumeError(
-            f"{bad} voxels are NaN or infinite; say what to read them as with nan_as, such as -1024 in HU"
-        )
-    return np.where(np.isfinite(values), values, values.dtype.type(nan_as))
+        bad = sum(int(layer.size - np.count_nonzero(np.isfinite(layer))) for layer in reached)
+        if bad:
+            raise VolumeError(
+                f"{bad} voxels are NaN or infinite; say what to read them as with nan_as, such as -1024 in HU"
+            )
+        return values
+    if all(np.isfinite(layer).all() for layer in values):
+        return values
+    require(values.nbytes, "replacing NaN voxels", "choose a region, or replace them in the file", memory_limit)
+    whole = np.array(values)
+    for layer in whole:
+        layer[~np.isfinite(layer)] = nan_as
+    return whole
 
 
 def _threshold(values: NDArray[Any], settings: ReconstructionSettings, kind: str) -> tuple[float, tuple[str, ...]]:
@@ -156,18 +167,8 @@ def _threshold(values: NDArray[Any], settings: ReconstructionSettings, kind: str
     if settings.threshold is None:
         found = otsu(values)
         return found, (f"No threshold or label was given: Otsu's threshold {found:g} is used.",)
-    low, high = value_range(values)
-    if low < settings.threshold <= high:
-        return settings.threshold, ()
-    if settings.threshold > high:
-        beyond = f"above this volume's maximum {high:g}"
-    else:
-        beyond = f"not above this volume's minimum {low:g}, so every voxel would be inside"
-    if kind == "HU" or low < 0 or high > 255:
-        hint = "choose one inside that range"
-    else:
-        hint = "these look like 8 bit slices, not HU: choose one inside that range"
-    raise ThresholdError(f"threshold {settings.threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")
+    check_threshold(settings.threshold, values, kind)
+    return settings.threshold, ()
 
 
 def _label_box(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:
@@ -195,6 +196,7 @@ def _label_box(volume: Volume, settings: ReconstructionSettings, window: Box) ->
     for axis, (start, stop) in enumerate(window):
         stride = settings.stride[axis]
         low = max(0, int(found[axis][0]) - margin[axis]) // stride * stride
+        low = min(low, (stop - start - 1 - stride) // stride * stride)  # a whole voxel before a last, partial one
         high = -(-(int(found[axis][-1]) + margin[axis]) // stride) * stride
         box.append((start + low, min(stop, start + high + 1)))
     return (box[0], box[1], box[2])

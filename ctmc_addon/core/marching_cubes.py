@@ -51,7 +51,7 @@ class Counts:
 def marching_cubes(
     values: NDArray[Any],
     threshold: float,
-    stride: tuple[int, int, int] = (1, 1, 1),
+    stride: int | tuple[int, int, int] = (1, 1, 1),
     alpha: float = 1.0,
     close_border: bool = False,
     normals: bool = True,
@@ -67,7 +67,7 @@ def marching_cubes(
     threshold : float
         Inside is ``value >= threshold``.
     stride : (x, y, z) int
-        Sides of a voxel in pixels. The last, partial voxel is kept.
+        Sides of a voxel in pixels, one number for all three. The last, partial voxel is kept.
     alpha : float
         0 puts vertices at the edges' midpoints, 1 at the linear crossings (Su and Ma, eq. 7). A crossing
         keeps 2**-10 of the edge from its ends, so no two vertices coincide.
@@ -137,7 +137,7 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     values = np.asarray(values)
     if values.ndim != 3 or min(values.shape) < 2:
         raise VolumeError(f"values must be (slices, rows, columns) with at least 2 of each, not {values.shape}")
-    if values.dtype.kind not in "buif" or values.dtype.itemsize > 8:
+    if values.dtype.kind not in "buif" or values.dtype.itemsize > 8 or values.dtype == np.float16:
         raise VolumeError(f"values of type {values.dtype} are no grey values; convert them to int16 or float32")
     return values
 

@@ -80,7 +80,7 @@ def edge_normals(
     position : (n,) float32
         Where on its edge each place is, in voxel indices along the edge.
     out : (n, 3) float32
-        Zero where the gradient vanishes.
+        Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """
     share = np.empty(len(place), sampler.working_type)
     for axis, part in enumerate(parts):  # from the enlarged voxel's corner to the voxel just below the place
@@ -95,14 +95,17 @@ def edge_normals(
     for axis in range(3):
         gradient[axis] += share * (sampler.slope(place, index[axis], axis) - gradient[axis])
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
-    length[length == 0] = 1.0
+    unknown = ~np.isfinite(length)  # a NaN or infinite voxel beside it
+    length[(length == 0) | unknown] = 1.0
     scale = -1.0 / length
     for axis in range(3):
         out[:, axis] = gradient[axis] * scale
+    if unknown.any():
+        out[unknown] = 0.0
 
 
 def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
-    """Give the mesh's own normal to every vertex whose gradient vanishes or that lies on a cap."""
+    """Give the mesh's own normal to every vertex that has no gradient or that lies on a cap."""
     missing = (normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0)
     if missing.any():
         touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])

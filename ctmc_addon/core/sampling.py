@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SettingsError, ThresholdError
+from .histogram import value_range
 
 WORD = 64
 ROWS_READ_IN_VAIN = 4
@@ -95,7 +96,7 @@ class Grid:
 
 def make_grid(
     values: NDArray[Any],
-    stride: tuple[int, int, int] = (1, 1, 1),
+    stride: int | tuple[int, int, int] = (1, 1, 1),
     close_border: bool = False,
     window: tuple[tuple[int, int], tuple[int, int], tuple[int, int]] | None = None,
 ) -> Grid:
@@ -104,11 +105,14 @@ def make_grid(
     Raises
     ------
     SettingsError
-        If a stride is below 1 or larger than the window.
+        If a stride is below 1 or larger than the window, or there are not three.
     """
+    steps = (stride,) * 3 if isinstance(stride, int | np.integer) else tuple(stride)
+    if len(steps) != 3:
+        raise SettingsError(f"stride takes 3 numbers, x, y and z, not {len(steps)}: {steps}")
     sides = window or tuple((0, size) for size in values.shape[::-1])
     axes = []
-    for name, (start, stop), step in zip("xyz", sides, stride, strict=True):
+    for name, (start, stop), step in zip("xyz", sides, steps, strict=True):
         if step != int(step) or not 1 <= step < stop - start:
             raise SettingsError(
                 f"stride {step} along {name} must be a whole number from 1 to {stop - start - 1}, "
@@ -185,13 +189,26 @@ def _compare(
     out[len(regular) :, regular.shape[1] :] = inside[-1:, -1:]
 
 
-def check_threshold(threshold: float, values: NDArray[Any]) -> None:
-    """Raise `ThresholdError` where no value or every value is at or above the threshold."""
-    low, high = values.min(), values.max()
-    if not low < threshold <= high:
-        beyond = (
-            f"above this volume's maximum {high:g}" if threshold > high else f"not above this volume's minimum {low:g}"
-        )
-        eight_bit = low >= 0 and high <= 255
-        hint = "these look like 8 bit slices, not HU" if eight_bit else "choose one between them"
-        raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")
+def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:
+    """Raise `ThresholdError` where no value or every value is at or above the threshold.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns)
+        NaN and infinite ones are passed over.
+    kind : str
+        As in `Volume`: what the values mean.
+    """
+    low, high = value_range(values)
+    if low < threshold <= high:
+        return
+    if not low <= high:
+        raise ThresholdError("no voxel has a finite value, so there is no surface; check the file")
+    if threshold > high:
+        beyond = f"above this volume's maximum {high:g}"
+    else:
+        beyond = f"not above this volume's minimum {low:g}, so every voxel would be inside"
+    hint = "choose one inside that range"
+    if kind != "HU" and low >= 0 and high <= 255:
+        hint = f"these look like 8 bit slices, not HU: {hint}"
+    raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")

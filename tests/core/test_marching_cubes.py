@@ -256,6 +256,8 @@ def test_steps_can_be_closed_at_any_moment_and_rise():
         ({"threshold": -5}, ThresholdError, "threshold -5 is not above this volume's minimum 0"),
         ({"threshold": float("nan")}, ThresholdError, "threshold nan"),
         ({"stride": (0, 1, 1)}, SettingsError, "stride 0 along x must be a whole number from 1 to 7"),
+        ({"stride": 0}, SettingsError, "stride 0 along x must be a whole number from 1 to 7"),
+        ({"stride": (2, 2)}, SettingsError, "stride takes 3 numbers, x, y and z, not 2"),
         ({"stride": (1, 1, 99)}, SettingsError, "stride 99 along z must be a whole number from 1 to 5"),
         ({"alpha": 1.5}, SettingsError, "alpha must be from 0 to 1, not 1.5"),
         ({"threads": 0}, SettingsError, "threads must be 1 or more, not 0"),
@@ -277,6 +279,19 @@ def test_nan_beside_the_surface_is_refused():
     values[6, 6, :] = np.nan
     with pytest.raises(CtmcError, match="NaN"):
         marching_cubes(values, 0.0)
+
+
+def test_normals_are_of_unit_length_where_a_gradient_reaches_a_nan_voxel():
+    values = np.zeros((9, 9, 9), np.float32)
+    values[3:6, 3:6, 3:6] = 1
+    values[7, 4, 4] = np.nan
+    mesh = marching_cubes(values, 0.5)
+    assert np.allclose(np.sqrt((mesh.normals.astype(float) ** 2).sum(axis=1)), 1.0, atol=1e-5)
+
+
+def test_values_that_are_all_nan_have_no_surface():
+    with pytest.raises(ThresholdError, match="no voxel has a finite value"):
+        marching_cubes(np.full((3, 3, 3), np.nan), 0.5)
 
 
 @pytest.mark.parametrize("seed", range(12))

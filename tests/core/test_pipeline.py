@@ -95,6 +95,22 @@ def test_a_label_at_the_border_is_closed_on_request():
     assert not reconstruct(volume, ReconstructionSettings(label=3)).mesh.closed
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("stride", [2, 3, 4, 8])
+def test_a_label_in_the_last_slice_is_found_under_any_stride(axis, stride):
+    values = np.zeros((10, 10, 10), np.uint8)
+    np.moveaxis(values, axis, 0)[9, 3:8, 3:8] = 1
+    strides = tuple(stride if 2 - axis == at else 1 for at in range(3))
+    label, grey = (
+        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**what, stride=strides, close_border=True)).mesh
+        for what in ({"label": 1}, {"threshold": 0.5})
+    )
+    assert label.closed
+    assert len(label.faces) == len(grey.faces)
+    assert np.array_equal(label.vertices.min(axis=0), grey.vertices.min(axis=0))
+    assert np.array_equal(label.vertices.max(axis=0), grey.vertices.max(axis=0))
+
+
 @pytest.mark.parametrize("soften", [0.0, 1.0])
 def test_a_region_gives_the_surface_inside_it_and_counts_its_voxels(soften):
     values = ball()
@@ -169,6 +185,28 @@ def test_nan_is_refused_or_read_as_told():
         reconstruct(volume, ReconstructionSettings(threshold=0.0))
     read = reconstruct(volume, ReconstructionSettings(threshold=0.0, nan_as=-100))
     assert read.mesh.closed
+
+
+@pytest.mark.parametrize("soften", [0.0, 1.0])
+def test_nan_beyond_a_region_is_read_as_told_where_the_blur_and_the_normals_reach_it(soften):
+    values = ball()
+    values[:, :, 28:] = np.nan
+    settings = {"threshold": 0.0, "soften_mm": soften, "region": (2, 2, 2, 27, 30, 26)}
+    told = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(nan_as=-5.0, **settings)).mesh
+    filled = np.where(np.isnan(values), np.float32(-5), values)
+    same = reconstruct(Volume(filled, np.eye(4)), ReconstructionSettings(**settings)).mesh
+    assert np.array_equal(told.vertices, same.vertices)
+    assert np.array_equal(told.normals, same.normals)
+
+
+def test_nan_beyond_a_region_is_refused_only_where_the_blur_reaches_it():
+    values = ball()
+    values[:, :, 28:] = np.nan
+    settings = {"threshold": 0.0, "region": (2, 2, 2, 27, 30, 26)}
+    mesh = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**settings)).mesh
+    assert np.allclose(np.sqrt((mesh.normals.astype(float) ** 2).sum(axis=1)), 1.0, atol=1e-5)
+    with pytest.raises(VolumeError, match="nan_as"):
+        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(soften_mm=1.0, **settings))
 
 
 @pytest.mark.parametrize(
