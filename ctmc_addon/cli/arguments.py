@@ -113,7 +113,7 @@ def read_settings(path: str) -> dict[str, Any]:
 
 
 def with_flags(sentence: str) -> str:
-    """The sentence with settings called by their flags, where their names are no plain words.
+    """The sentence with settings called by their flags, where these are other words than their names.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def with_flags(sentence: str) -> str:
     'NaN voxels; set --nan-as'
     """
     for name, about in described().items():
-        if "_" in name:
+        if flag_of(name, about) != f"--{name}":
             sentence = re.sub(rf"\b{name}\b", flag_of(name, about), sentence)
     return sentence
 
@@ -181,15 +181,28 @@ def single_numbers_repeated(argv: Sequence[str]) -> list[str]:
     return words
 
 
+def figures_named(words: Sequence[str]) -> list[str]:
+    """`figure sheet` and `figure turntable` as one word each: they are commands of their own.
+
+    Examples
+    --------
+    >>> figures_named(["figure", "sheet", "ct"]), figures_named(["figure", "ct"])
+    (['figure sheet', 'ct'], ['figure', 'ct'])
+    """
+    if list(words[:1]) == ["figure"] and words[1:2] and words[1] in ("sheet", "turntable"):
+        return [f"figure {words[1]}", *words[2:]]
+    return list(words)
+
+
 def labels_repeated(words: list[str]) -> list[str]:
-    """For `batch`, `--label 1 2` as `--label 1 --label 2`, so that an input may follow.
+    """For `batch` and `figure`, `--label 1 2` as `--label 1 --label 2`, so that an input may follow.
 
     Examples
     --------
     >>> labels_repeated(["batch", "--label", "1", "2", "cases"])
     ['batch', '--label', '1', '--label', '2', 'cases']
     """
-    if words[:1] != ["batch"]:
+    if not words or words[0] not in ("batch", "figure", "figure sheet", "figure turntable"):
         return words
     out: list[str] = []
     for word in words:

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 from ..core import CtmcError
 from ..core.version import VERSION
-from . import batch, batch_case, experiment, info, phantom, reconstruct, settings
-from .arguments import labels_repeated, single_numbers_repeated, with_flags
+from . import batch, batch_case, experiment, figure, info, phantom, reconstruct, settings
+from .arguments import figures_named, labels_repeated, single_numbers_repeated, with_flags
 
-COMMANDS = (info, phantom, reconstruct, batch, experiment, settings, batch_case)
+COMMANDS = (info, phantom, reconstruct, batch, experiment, figure, settings, batch_case)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # a terminal without the letters of a file's name
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        chosen = parser().parse_args(labels_repeated(single_numbers_repeated(arguments)))
+        chosen = parser().parse_args(labels_repeated(single_numbers_repeated(figures_named(arguments))))
     except SystemExit as stop:  # argparse has printed help or the usage error
         return stop.code if isinstance(stop.code, int) else 0
     try:

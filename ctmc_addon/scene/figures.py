@@ -1,30 +1,110 @@
-"""The paper's figure of a surface: its triangles red, their borders yellow.
+"""Figures: surfaces on a page as a PNG of a size in millimetres, with the .blend that made it.
 
-Rendered in a scene of its own; the user's scene and settings are left as they are.
+Rendered in a scene of its own; the user's scene and settings are left as they are. `render_figure` makes the plain
+picture of one surface in the paper's colours that stands beside a reconstruction.
 """
 
 from __future__ import annotations
 
 import os
-import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
-import numpy as np
 
+from ..core import Step, Steps
 from ..core.errors import OutputError
-from . import meshes
 from .blocks import remove_blocks
+from .compose import NAME as STAGE
+from .compose import Cell, Look, Stage, mean_edge, staged
 from .evaluate import evaluated_copy
+from .looks import require_engine
 from .materials import RED, YELLOW, edged_material
 from .outputs import require_room, written_whole
+from .page import Page, finished_png
 from .stage import AZIMUTH, ELEVATION, SIZE, prepare_scene
 
 LINE_PIXELS = 2.0
 LINE_SHARE = 0.08  # of an edge: finer meshes get finer lines, or nothing red would be left
 
-# What a picture needs; the rest is text, times and names.
-PNG_CHUNKS = (b"IHDR", b"PLTE", b"tRNS", b"gAMA", b"cHRM", b"sRGB", b"pHYs", b"IDAT", b"IEND")
+
+def figure_steps(
+    cells: Sequence[Cell],
+    path: str | os.PathLike[str],
+    page: Page | None = None,
+    look: Look | None = None,
+    blend: str | os.PathLike[str] | None = None,
+    scene: bpy.types.Scene | None = None,
+) -> Steps[tuple[int, int]]:
+    """Render cells to a PNG on a page, and write the .blend that made it; returns the picture's size in pixels.
+
+    Parameters
+    ----------
+    blend : path, optional
+        A .blend with the figure's own scene; nothing else of the present file goes in.
+    scene : Scene or None
+        Where the objects are evaluated; None takes the first scene that holds each.
+
+    Raises
+    ------
+    CtmcError
+        If there is nothing to show, a file cannot be written, or the engine does not work here.
+    """
+    page, look, target = page or Page(), look or Look(), Path(path)
+    require_png(target)
+    if blend is not None:
+        require_own_blend(Path(blend))
+    yield Step(0.0, "Setting up the figure")
+    stage = staged(cells, page, look, scene)
+    try:
+        if blend is not None:
+            yield Step(0.1, f"Writing {Path(blend).name}")
+            write_stage(stage, Path(blend))
+        yield Step(0.2, f"Rendering {target.name}")
+        with written_whole(target) as beside:
+            require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
+            render_stage(stage, beside)
+            beside.write_bytes(finished_png(beside.read_bytes(), target.name, page.dpi))
+        yield Step(1.0, f"{target.name} written")
+        return stage.size
+    finally:
+        stage.take_down()
+
+
+def require_png(path: Path) -> None:
+    """Raise `OutputError` for a path that is no .png."""
+    if path.suffix.lower() != ".png":
+        raise OutputError(f"{path.name} is no .png; figures are written as .png")
+
+
+def require_own_blend(path: Path) -> None:
+    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
+    if path.exists() and path.stat().st_size:
+        try:
+            with bpy.data.libraries.load(str(path)) as (there, _):
+                own = any(name.startswith(STAGE) for name in there.scenes)
+        except OSError:
+            own = False
+        if not own:
+            raise OutputError(f"{path.name} is there already and is no figure's; move it, or give another name")
+
+
+def write_stage(stage: Stage, path: Path) -> None:
+    """Write the figure's scene to a .blend."""
+    stage.scene.render.filepath = "//"
+    with written_whole(path) as beside:
+        vertices = sum(len(copy.data.vertices) for copies in stage.copies for copy in copies)
+        require_room(beside, 500_000 + 120 * vertices)
+        bpy.data.libraries.write(str(beside), {stage.scene}, path_remap="RELATIVE_ALL")
+
+
+def render_stage(stage: Stage, path: Path) -> None:
+    """Render the figure's scene to a file."""
+    stage.scene.render.filepath = str(path.resolve())
+    try:
+        bpy.ops.render.render(write_still=True, scene=stage.scene.name)
+    except RuntimeError as error:  # how Blender's operators report what they could not do
+        raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error
 
 
 def render_figure(
@@ -55,14 +135,12 @@ def render_figure(
         If `path` is no .png or cannot be written to, or this Blender has no Cycles.
     """
     target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise OutputError(f"{target.name} is no .png; figures are written as .png")
-    if not hasattr(bpy.types.Scene, "cycles"):
-        raise OutputError("a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences")
+    require_png(target)
+    require_engine("cycles")
     with written_whole(target) as beside:
         require_room(beside, 4 * size[0] * size[1] + 10_000)
         render(thing, scene, beside, size, azimuth, elevation, edges)
-        beside.write_bytes(without_texts(beside.read_bytes(), target.name))
+        beside.write_bytes(finished_png(beside.read_bytes(), target.name))
 
 
 def render(
@@ -95,33 +173,3 @@ def render(
         raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error
     finally:
         remove_blocks(*blocks)
-
-
-def mean_edge(thing: bpy.types.Object) -> float:
-    """Mean length of the triangles' first edges, scene units."""
-    faces = meshes.read_triangles(thing.data)
-    positions = meshes.read_positions(thing.data)
-    edges = positions[faces[:, 1]] - positions[faces[:, 0]]
-    scale = abs(thing.matrix_world.determinant()) ** (1 / 3)
-    return float(np.sqrt((edges.astype(np.float64) ** 2).sum(axis=1)).mean()) * scale
-
-
-def without_texts(png: bytes, name: str) -> bytes:
-    """The PNG without texts and times, which would name the machine and differ from run to run.
-
-    Raises
-    ------
-    OutputError
-        If it ends before its last chunk (PNG specification, 5.3).
-    """
-    kept, at = [png[:8]], 8
-    while at + 12 <= len(png):
-        length, kind = struct.unpack(">I4s", png[at : at + 8])
-        if at + 12 + length > len(png):
-            break
-        if kind in PNG_CHUNKS:
-            kept.append(png[at : at + 12 + length])
-        at += 12 + length
-        if kind == b"IEND":
-            return b"".join(kept)
-    raise OutputError(f"{name} came out incomplete and was removed; free some space or choose another disk")

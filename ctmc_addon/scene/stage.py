@@ -52,17 +52,25 @@ def prepare_scene(
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     frame(eye, points, axes, size)
+    scene.collection.objects.link(eye)
+    scene.camera = eye
+    light, sun, world = light_up(scene, azimuth, elevation)
+    set_render(scene, size)
+    return eye, light, camera, sun, world
+
+
+def light_up(
+    scene: bpy.types.Scene, azimuth: float, elevation: float
+) -> tuple[bpy.types.Object, bpy.types.Light, bpy.types.World]:
+    """A sun beyond the left shoulder of the scene's camera, which stands at these angles, and a white world."""
     sun = bpy.data.lights.new("CTMC Light", "SUN")
     sun.energy, sun.angle = 2.6, math.radians(4)
     light = bpy.data.objects.new("CTMC Light", sun)
-    # From beyond the camera's left shoulder.
-    light.matrix_world = rotation(view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0)), eye.matrix_world.translation)
-    world = white_world()
-    for one in (eye, light):
-        scene.collection.objects.link(one)
-    scene.camera, scene.world = eye, world
-    set_render(scene, size)
-    return eye, light, camera, sun, world
+    axes = view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0))
+    light.matrix_world = rotation(axes, scene.camera.matrix_world.translation)
+    scene.collection.objects.link(light)
+    scene.world = white_world()
+    return light, sun, scene.world
 
 
 def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:

@@ -1,0 +1,181 @@
+"""What the figure commands share: flags of the page and of the look, reading, surfaces in a scene of their own."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..core import Reconstruction, ReconstructionSettings, Steps, Volume, reconstruct_steps
+from ..core.errors import OutputError, SettingsError
+from ..core.output import made_folder
+from ..core.progress import within
+from .arguments import add_input, add_settings, given_settings, overridden
+from .blender import blender_at_work, load_scene
+from .output import Progress
+from .reconstruct import Work, volume_steps
+
+STYLES = ("paper", "clinical", "print")
+ENGINES = ("cycles", "eevee", "workbench")
+
+
+def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dpi: float) -> None:
+    """INPUT, the output, the settings, and how a figure looks."""
+    add_input(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
+    add_settings(parser, many=("label",))
+    parser.add_argument("--threads", type=int, metavar="N", help="default: one for each processor, at most 8")
+    group = parser.add_argument_group("figure")
+    group.add_argument(
+        "--style",
+        choices=STYLES,
+        help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colours (default for "
+        "several labels); print: grey faces, dark edges",
+    )
+    group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
+    group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")
+    group.add_argument("--height-mm", type=float, metavar="MM", help="default: what the surface needs")
+    group.add_argument("--dpi", type=float, default=dpi, metavar="N", help=f"pixels to the inch (default {dpi:g})")
+    group.add_argument("--font-pt", type=float, default=8.0, metavar="PT", help="size of the letters (default 8)")
+    group.add_argument("--transparent", action="store_true", help="no background instead of a white one")
+    group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="camera, from the front to the left")
+    group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="camera, upwards (default 20)")
+    group.add_argument("--scale-bar", action=argparse.BooleanOptionalAction, default=True, help="(default: yes)")
+    group.add_argument(
+        "--orientation", action=argparse.BooleanOptionalAction, default=True, help="R L A P S I (default: yes)"
+    )
+    group.add_argument("--caption", metavar="TEXT", help="under the figure; '' for none")
+    group.add_argument(
+        "--engine", choices=ENGINES, default="cycles", help="cycles works on any machine; the others need EGL on Linux"
+    )
+
+
+def page_of(chosen: argparse.Namespace) -> Any:
+    """The page that was asked for."""
+    scene = load_scene()
+    return scene.Page(chosen.width_mm, chosen.dpi, chosen.height_mm, chosen.transparent, chosen.font_pt)
+
+
+def look_of(chosen: argparse.Namespace, several: bool, caption: str) -> Any:
+    """The look that was asked for; `caption` where none was."""
+    if not -90 <= chosen.elevation <= 90:
+        raise SettingsError(f"the camera's elevation must be from -90 to 90 degrees, not {chosen.elevation:g}")
+    return load_scene().Look(
+        style=chosen.style or ("clinical" if several else "paper"),
+        engine=chosen.engine,
+        azimuth=chosen.azimuth,
+        elevation=chosen.elevation,
+        edges=chosen.edges,
+        scale_bar=chosen.scale_bar,
+        orientation=chosen.orientation,
+        caption=caption if chosen.caption is None else chosen.caption,
+    )
+
+
+def settings_of(chosen: argparse.Namespace) -> list[ReconstructionSettings]:
+    """The settings that were asked for, one for every label."""
+    values = given_settings(chosen)
+    labels = values.get("label")
+    if not isinstance(labels, list):
+        return [ReconstructionSettings(**values)]
+    labels = list(dict.fromkeys(labels))
+    return [ReconstructionSettings(**overridden(values, {"label": label})) for label in labels]
+
+
+def only_one(settings: Sequence[ReconstructionSettings], what: str) -> ReconstructionSettings:
+    """The only settings, or a `SettingsError`."""
+    if len(settings) > 1:
+        raise SettingsError(f"{what} shows one label, not {len(settings)}; leave the others out")
+    return settings[0]
+
+
+def output_file(path: str) -> Path:
+    """The output as a path, its folder made."""
+    made_folder(Path(path).parent)
+    return Path(path)
+
+
+def volume_of(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work, progress: Progress) -> Volume:
+    """Read INPUT, the first tenth of the work."""
+    return progress.drive(within(volume_steps(chosen, settings, work), 0.0, 0.1))
+
+
+def surfaces_steps(
+    volume: Volume, every: Sequence[ReconstructionSettings], threads: int | None
+) -> Steps[list[Reconstruction]]:
+    """A surface for each of the settings."""
+    results = []
+    for at, settings in enumerate(every):
+        steps = reconstruct_steps(volume, settings, threads)
+        results.append((yield from within(steps, at / len(every), (at + 1) / len(every))))
+    return results
+
+
+@contextmanager
+def objects_of(results: Sequence[Reconstruction]) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
+    """A scene of its own with an object for every surface, and the surfaces as the objects show them."""
+    scene = load_scene()
+    import bpy
+
+    home = bpy.data.scenes.new("CTMC")
+    things: list[Any] = []
+    try:
+        with blender_at_work():
+            things += [scene.add_reconstruction(result, home) for result in results]
+            shown = [
+                replace(result, mesh=scene.evaluated_triangles(thing, home))
+                if result.settings.simplifies and result.settings.simplifier == "decimate"
+                else result
+                for result, thing in zip(results, things, strict=True)
+            ]
+        yield home, things, shown
+    finally:
+        for thing in things:
+            bpy.data.meshes.remove(thing.data)  # and the object with it
+        bpy.data.scenes.remove(home)
+
+
+def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:
+    """What is shown, in a line."""
+    triangles = sum(len(result.mesh.faces) for result in results)
+    settings = results[0].settings
+    if len(results) > 1:
+        what = ""
+    elif settings.label is not None:
+        what = f"{names[0] if names else f'Label {settings.label}'}, "
+    else:
+        what = f"{names[0] if names else 'Surface'} at {results[0].threshold:.4g}, "
+    sides = " × ".join(str(side) for side in settings.stride) + " px"
+    alpha = f", alpha {settings.alpha:g}" if settings.alpha_matters else ""
+    text = f"{what}voxel sides {sides}{alpha}, {triangles:,} triangles"
+    return text[0].upper() + text[1:]
+
+
+def add_map(parser: argparse.ArgumentParser) -> None:
+    """Colours of distances."""
+    group = parser.add_argument_group("map of distances")
+    group.add_argument(
+        "--deviation",
+        action="store_true",
+        help="colour the surface by its distance to the surface of full resolution, with a colour bar",
+    )
+    group.add_argument("--limit-mm", type=float, metavar="MM", help="end of the colour bar (default: 99 %% are within)")
+
+
+def add_blend(parser: argparse.ArgumentParser) -> None:
+    """Where the .blend goes."""
+    parser.add_argument("--blend", metavar="FILE.blend", help="the figure's scene (default: beside the PNG)")
+    parser.add_argument("--no-blend", action="store_true", help="write no .blend")
+
+
+def blend_of(chosen: argparse.Namespace, target: Path) -> Path | None:
+    """Where the .blend goes."""
+    if chosen.no_blend:
+        return None
+    blend = output_file(chosen.blend) if chosen.blend else target.with_suffix(".blend")
+    if blend.suffix.lower() != ".blend":
+        raise OutputError(f"{blend.name} is no .blend; the figure's scene is written as .blend")
+    return blend

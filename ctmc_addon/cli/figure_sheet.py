@@ -1,0 +1,87 @@
+"""`ctmc figure sheet`: the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..core.progress import within
+from .blender import load_scene, quiet
+from .experiment_voxels import sides_of
+from .figure_common import (
+    add_blend,
+    add_common,
+    add_map,
+    blend_of,
+    look_of,
+    only_one,
+    output_file,
+    page_of,
+    settings_of,
+    volume_of,
+)
+from .output import Progress, by, listing, table
+from .reconstruct import Work
+
+DESCRIPTION = (
+    "Reconstruct with several settings and show the surfaces side by side, seen by the same camera, each with its "
+    "setting, triangles, seconds and error against full resolution. Two of --strides, --alphas and --levels may be "
+    "crossed: the first goes down, the second across."
+)
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`."""
+    parser = commands.add_parser(
+        "figure sheet", help="settings side by side", description=DESCRIPTION, allow_abbrev=False
+    )
+    add_common(parser, "FILE.png; its folder is made", width_mm=170.0, dpi=300.0)
+    group = parser.add_argument_group("what is compared")
+    group.add_argument("--strides", nargs="+", type=sides_of, default=[], metavar="N", help="voxel sides: 2, or 2x1")
+    group.add_argument("--alphas", nargs="+", type=float, default=[], metavar="A")
+    group.add_argument(
+        "--levels", nargs="+", type=float, default=[], metavar="PERCENT", help="share of the triangles to remove"
+    )
+    group.add_argument("--columns", type=int, metavar="N", help="cells side by side")
+    add_map(parser)
+    add_blend(parser)
+    parser.set_defaults(run=run)
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Read, reconstruct, measure, render, and print what the captions say."""
+    settings = only_one(settings_of(chosen), "a sheet")
+    scene = load_scene()
+    comparison = scene.Comparison(
+        *(tuple(dict.fromkeys(axis)) for axis in (chosen.strides, chosen.alphas, chosen.levels))
+    )
+    comparison.variants(settings)  # checks the limits of all before the work
+    page, look = page_of(chosen), look_of(chosen, False, "")
+    scene.require_png(Path(chosen.output))
+    scene.require_engine(chosen.engine)
+    target = output_file(chosen.output)
+    blend = blend_of(chosen, target)
+    work = Work()
+    with Progress() as progress:
+        volume = volume_of(chosen, settings, work, progress)
+        steps = scene.sheet_steps(
+            volume, settings, comparison, target, page, look, blend, chosen.deviation, chosen.limit_mm, chosen.threads
+        )
+        size, compared = progress.drive(within(quiet(steps), 0.1, 1.0))
+    rows = [("cell", "triangles", "seconds", "mean, mm", "max, mm")]
+    rows += [
+        (
+            f"({one.letter}) {one.title}",
+            str(len(one.result.mesh.faces)),
+            f"{one.seconds:.3f}",
+            f"{one.mean_mm:.4f}",
+            f"{one.max_mm:.3f}",
+        )
+        for one in compared
+    ]
+    facts = [("figure", f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {by(size)} pixels")]
+    notes = dict.fromkeys([*work.notes, *compared[0].result.notes])
+    facts += [("note" if not at else "", note) for at, note in enumerate(notes)]
+    facts.append(("written", ", ".join(file.name for file in (target, blend) if file is not None)))
+    print(f"{table(rows)}\n\n{listing(facts)}")
