@@ -74,7 +74,7 @@ def picture(
     window: float,
     level: float,
     threshold: float | None = None,
-    label: int | None = None,
+    labels: tuple[int, ...] = (),
 ) -> NDArray[np.float32]:
     """Grey values as colours, (rows, columns, 4) float32 in 0..1; what will be inside the surface is tinted.
 
@@ -84,8 +84,8 @@ def picture(
         Values from `level - window / 2` (black) to `level + window / 2` (white).
     threshold : float, optional
         Values at or above it are tinted.
-    label : int, optional
-        Values equal to it are tinted, instead of a threshold.
+    labels : tuple of int
+        Values equal to one of them are tinted, instead of a threshold.
 
     Examples
     --------
@@ -99,8 +99,8 @@ def picture(
     np.clip(grey, 0.0, 1.0, out=grey)
     colours = np.ones((*values.shape, 4), np.float32)
     colours[..., :3] = grey[..., None]
-    if label is not None or threshold is not None:
-        inside = values == label if label is not None else values >= threshold
+    if labels or threshold is not None:
+        inside = np.isin(values, labels) if labels else values >= threshold
         tint = np.array(TINT, np.float32) * np.float32(TINT_SHARE)
         colours[inside, :3] = grey[inside][:, None] * np.float32(1 - TINT_SHARE) + tint
     return colours

@@ -16,6 +16,7 @@ from mathutils import Matrix, Vector
 from ..core import Volume
 from ..core.boxes import region_corners, region_directions, region_limits, region_moved, region_shift, region_with
 from . import volumes
+from .layout import SubPanel, prepare
 from .preferences import machine
 
 COLOURS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
@@ -167,16 +168,11 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
                 arrow.matrix_basis = side.matrix()
 
 
-class CTMC_PT_region(bpy.types.Panel):
+class CTMC_PT_region(SubPanel, bpy.types.Panel):
     """The region's numbers."""
 
     bl_idname = "CTMC_PT_region"
     bl_label = "Region"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CTMC"
-    bl_parent_id = "CTMC_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
 
     def draw_header(self, context: bpy.types.Context) -> None:
         """The switch stands beside the title."""
@@ -185,8 +181,7 @@ class CTMC_PT_region(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Unit, lowest and highest corner."""
         layout, settings = self.layout, context.scene.ctmc
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        prepare(layout)
         layout.operator("ctmc.fit_region", icon="CUBE")
         column = layout.column(align=True)
         column.active = settings.use_region

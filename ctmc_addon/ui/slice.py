@@ -7,6 +7,8 @@ from bpy.props import FloatProperty, IntProperty
 
 from ..core.slicing import slice_middle, slice_place
 from . import volumes
+from .layout import SidePanel, prepare
+from .translations import say
 from .view_properties import choose
 
 # Window and level in HU, as radiologists set them.
@@ -53,14 +55,11 @@ class CTMC_OT_window(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CTMC_PT_slice(bpy.types.Panel):
+class CTMC_PT_slice(SidePanel, bpy.types.Panel):
     """The slice that stands in the viewport."""
 
     bl_idname = "CTMC_PT_slice"
     bl_label = "Slice"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CTMC"
     bl_parent_id = "CTMC_PT_main"
 
     @classmethod
@@ -77,8 +76,7 @@ class CTMC_PT_slice(bpy.types.Panel):
         layout, view = self.layout, context.scene.ctmc_view
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        prepare(layout)
         layout.active = view.show_slice
         row = layout.row()
         row.use_property_split = False  # three words need the whole width
@@ -88,7 +86,9 @@ class CTMC_PT_slice(bpy.types.Panel):
         row.operator("ctmc.slice_step", text="", icon="TRIA_LEFT").by = -1
         row.operator("ctmc.slice_step", text="", icon="TRIA_RIGHT").by = 1
         place = slice_place(volume, view.plane, view.position)
-        layout.label(text=f"Slice {place.index + 1} of {place.count} at {slice_middle(volume, place)}")
+        text = say("Slice {number} of {count}, {place}")
+        text = text.format(number=place.index + 1, count=place.count, place=slice_middle(volume, place))
+        layout.label(text=text, translate=False)
         column = layout.column(align=True)
         column.prop(view, "window")
         column.prop(view, "level")

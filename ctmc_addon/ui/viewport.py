@@ -16,6 +16,7 @@ from ..core.slicing import picture, slice_corners, slice_place, slice_values
 from ..scene.overlay import Picture, draw_letters, draw_lines
 from . import volumes
 from .preferences import machine
+from .threshold import used_threshold
 from .view_properties import window_and_level
 
 REGION_COLOUR = (1.0, 0.75, 0.1, 0.9)
@@ -34,17 +35,24 @@ def scene_volume(context: bpy.types.Context) -> Volume | None:
     return volumes.current(context.scene)
 
 
+def wanted_labels(settings: Any) -> tuple[int, ...]:
+    """The labels that the next surfaces are made of; none where it is a threshold."""
+    if not settings.use_label:
+        return ()
+    return tuple(item.value for item in settings.labels if item.chosen) or (settings.label,)
+
+
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     """The slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     place = slice_place(volume, view.plane, view.position)
-    label = settings.label if settings.use_label else None
-    threshold = settings.threshold if settings.use_threshold else None
+    labels = wanted_labels(settings)
+    above = None if labels else used_threshold(scene)
     window, level = window_and_level(view)
     scale = machine().scale
-    key = (place, window, level, threshold, label, scale)
+    key = (place, window, level, above, labels, scale)
     if _last.get("volume") is not volume or _last.get("key") != key:
-        colours = picture(slice_values(volume, place), window, level, threshold, label)
+        colours = picture(slice_values(volume, place), window, level, above, labels)
         drawn = Picture(colours, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]

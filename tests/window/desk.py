@@ -18,13 +18,17 @@ from typing import Any
 from PIL import Image
 
 DRIVER = Path(__file__).with_name("driver.py")
-WIDTH, HEIGHT = 1600, 1200
+WIDTH, HEIGHT = 1600, 1300
 ALIKE = 0.75  # how far a word read from the screen may differ: one letter in four
 ENLARGED = 3  # small letters are read better
 SLOWEST = 60.0
 
 
 Box = tuple[int, int, int, int]  # left, top, width, height
+
+
+class NotSeenError(AssertionError):
+    """A text is not on the screen."""
 
 
 class Desk:
@@ -197,7 +201,7 @@ class Desk:
                 for (word, _, _), asked in zip(run, wanted, strict=True)
             ):
                 return run[0][1], run[0][2]
-        raise AssertionError(f"{text!r} is not to be seen; there is: {' '.join(word for word, _, _ in words)}")
+        raise NotSeenError(f"{text!r} is not to be seen; there is: {' '.join(word for word, _, _ in words)}")
 
     # Hand -------------------------------------------------------------------------------------------------------
 

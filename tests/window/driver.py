@@ -67,7 +67,7 @@ def look() -> float:
 
 preferences = bpy.context.preferences
 preferences.view.show_splash = False
-preferences.view.ui_scale = 1.2
+preferences.view.ui_scale = 1.1
 preferences.view.show_tooltips = False
 preferences.inputs.use_mouse_emulate_3_button = False
 bpy.app.timers.register(look, first_interval=0.5, persistent=True)
