@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from ..core import Reconstruction
-from ..core.errors import SettingsError
 from ..core.progress import within
 from . import figure_sheet, figure_turntable
 from .blender import load_scene, quiet
@@ -17,6 +16,7 @@ from .figure_common import (
     add_blend,
     add_common,
     add_map,
+    add_surfaces,
     blend_of,
     caption_of,
     look_of,
@@ -24,7 +24,9 @@ from .figure_common import (
     only_one,
     output_file,
     page_of,
+    require_names,
     settings_of,
+    shown_of,
     surfaces_steps,
     volume_of,
 )
@@ -48,20 +50,6 @@ def add_parser(commands: Any) -> None:
     parser.set_defaults(run=run)
     figure_sheet.add_parser(commands)
     figure_turntable.add_parser(commands)
-
-
-def add_surfaces(parser: argparse.ArgumentParser) -> None:
-    """Names and transparency of several labels."""
-    group = parser.add_argument_group("several labels")
-    group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
-    group.add_argument(
-        "--see-through",
-        type=int,
-        action="append",
-        metavar="N",
-        help="a label to see through (default: what holds the others)",
-    )
-    group.add_argument("--opacity", type=float, default=0.3, metavar="A", help="of what is seen through (default 0.3)")
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -92,38 +80,6 @@ def run(chosen: argparse.Namespace) -> None:
                 size = progress.drive(within(steps, 0.4, 1.0))
                 results = shown
     print(told(page, size, results, [target, *([blend] if blend else [])], [*work.notes, *results[0].notes]))
-
-
-def require_names(chosen: argparse.Namespace, count: int) -> None:
-    """Raise `SettingsError` for names that are not one for every label, or an opacity out of its limits."""
-    if chosen.names and len(chosen.names) != count:
-        raise SettingsError(f"{len(chosen.names)} names for {count} surfaces; give one for each")
-    if not 0.02 <= chosen.opacity <= 1:
-        raise SettingsError(f"opacity must be from 0.02 to 1, not {chosen.opacity:g}")
-
-
-def shown_of(chosen: argparse.Namespace, things: Sequence[Any], results: Sequence[Reconstruction]) -> list[Any]:
-    """How every surface is shown: several have a name and their label's colour, and the outermost is seen through."""
-    scene = load_scene()
-    if len(results) == 1:
-        return [scene.Shown(things[0])]
-    labels = [result.settings.label for result in results]
-    names = chosen.names or [f"label {label}" for label in labels]
-    unknown = [label for label in chosen.see_through or () if label not in labels]
-    if unknown:
-        raise SettingsError(f"label {unknown[0]} is to be seen through and is not shown; the labels are {labels}")
-    clear = chosen.see_through or [
-        label for label, result in zip(labels, results, strict=True) if scene.holds_others(result, results)
-    ]
-    return [
-        scene.Shown(
-            thing,
-            name,
-            scene.colour_of(label) if chosen.style != "print" else None,
-            chosen.opacity if label in clear else 1.0,
-        )
-        for thing, name, label in zip(things, names, labels, strict=True)
-    ]
 
 
 def told(

@@ -10,6 +10,7 @@ from .deviation import Deviation, Reference, deviation
 from .evaluate import evaluated_triangles
 from .export import SUFFIXES, export, writer_of
 from .figures import figure_steps, render_figure, require_png
+from .film import Turn, is_film, require_turntable, turntable_steps
 from .gpu_drawing import can_draw
 from .imports import MESH_SUFFIXES, read_mesh
 from .looks import ENGINES, STYLES, require_engine
@@ -32,6 +33,7 @@ __all__ = [
     "Page",
     "Reference",
     "Shown",
+    "Turn",
     "add_reconstruction",
     "can_draw",
     "colour_of",
@@ -42,6 +44,7 @@ __all__ = [
     "export",
     "figure_steps",
     "holds_others",
+    "is_film",
     "make_final",
     "prepare_scene",
     "read_mesh",
@@ -50,8 +53,10 @@ __all__ = [
     "render_figure",
     "require_engine",
     "require_png",
+    "require_turntable",
     "sheet_steps",
     "turntable",
+    "turntable_steps",
     "update_reconstruction",
     "writer_of",
 ]

@@ -22,6 +22,7 @@ from .page import Box
 LINE_MM = 0.25
 GAP_MM = 1.0
 LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
+PIVOT = "CTMC Orientation"
 OPPOSITE = {"R": "L", "A": "P", "S": "I"}
 CAP = 0.682  # height of a capital letter over the size of the letters
 NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -136,7 +137,7 @@ def round_length(most: float) -> float:
     return float(f"{max(factor * power for factor in (1, 2, 5) if factor * power <= most * (1 + 1e-9)):.6g}")
 
 
-def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned: Any, follows: Any = None) -> Any:
+def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned: Any) -> Any:
     """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
 
     Parameters
@@ -145,11 +146,9 @@ def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned
         From the middle to the letters.
     turned : Matrix
         How the patient is turned in the scene, 3 x 3.
-    follows : Object or None
-        Whose turning the axes follow.
     """
     camera = board.scene.camera
-    pivot = bpy.data.objects.new("CTMC Orientation", None)
+    pivot = bpy.data.objects.new(PIVOT, None)
     pivot.empty_display_size = board.unit
     place = camera.matrix_world.copy()
     place.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
@@ -159,9 +158,6 @@ def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned
     pivot.matrix_world = rotation
     board.scene.collection.objects.link(pivot)
     board.made.append(pivot)
-    if follows is not None:
-        copying = pivot.constraints.new("COPY_ROTATION")
-        copying.target = follows
     lines = axis_lines(0.62 * reach_mm)
     cross = board.put("CTMC Axes", lines, 0.0, 0.0, board.ink())
     cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
