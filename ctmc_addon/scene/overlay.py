@@ -17,6 +17,7 @@ Colour = tuple[float, float, float, float]
 FONT = 0
 # Pixels; a letter nearer to the middle than this would say nothing.
 NEAREST_LETTER = 24.0
+FAINT = 0.25  # how much of a line is seen through what hides it
 
 
 # Before Blender 5 a viewport's draw handlers write linear light, since then the colours as they appear.
@@ -64,20 +65,21 @@ class Picture:
 def draw_lines(
     points: NDArray[Any], pairs: Iterable[tuple[int, int]], colour: Colour, size: tuple[float, float], width: float
 ) -> None:
-    """Lines between (n, 3) points, `width` pixels wide, in a viewport of `size` pixels."""
+    """Lines between (n, 3) points, `width` pixels wide, in a viewport of `size` pixels; faint where hidden."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     ends = [tuple(map(float, points[end])) for pair in pairs for end in pair]
     batch = batch_for_shader(shader, "LINES", {"pos": ends})
-    gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.blend_set("ALPHA")
     shader.bind()
     shader.uniform_float("viewportSize", size)
     shader.uniform_float("lineWidth", width)
-    shader.uniform_float("color", colour)
-    batch.draw(shader)
+    for test, share in (("LESS_EQUAL", 1.0), ("GREATER", FAINT)):
+        gpu.state.depth_test_set(test)
+        shader.uniform_float("color", (*colour[:3], colour[3] * share))
+        batch.draw(shader)
     gpu.state.blend_set("NONE")
     gpu.state.depth_test_set("NONE")
 
