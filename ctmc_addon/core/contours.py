@@ -16,6 +16,7 @@ doi:10.1016/j.cag.2013.04.004.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cache
 from itertools import combinations
@@ -26,12 +27,16 @@ OWN = 12  # the first of the numbers that stand for a voxel's own vertices where
 
 LONGEST_CUT = 7  # edges of a loop; longer ones bend too much for diagonals, or have none that are allowed
 
+PARTS = math.lcm(*range(1, 13))  # every number of edges divides it
+
 Group = tuple[int, ...]
 Piece = tuple[tuple[Triangle, ...], tuple[Group, ...]]
 """Triangles of a disc or band, and for each own vertex among them its group of edges."""
 
-APART = [[sum((p - q) ** 2 for p, q in zip(one, other, strict=True)) for one in MIDPOINTS] for other in MIDPOINTS]
-"""(12, 12) squared distances between the midpoints of the edges."""
+APART = [
+    [sum(int(2 * p - 2 * q) ** 2 for p, q in zip(one, other, strict=True)) for one in MIDPOINTS] for other in MIDPOINTS
+]
+"""(12, 12) squared distances between the midpoints of the edges, in half sides of the voxel."""
 
 TUNNELS = tuple((low | one << 2, (low ^ 3) | other << 2) for low in (0, 1) for one in (0, 1) for other in (0, 1))
 """Corners whose regions a tunnel may join: an end each of two opposite edges along z."""
@@ -110,9 +115,12 @@ def in_one_face(one: int, other: int) -> bool:
 
 
 @cache
-def spread(edges: Group) -> float:
-    """Sum of the squared distances between the edges' midpoints, over their number."""
-    return sum([APART[a][b] for a, b in combinations(edges, 2)]) / len(edges)
+def spread(edges: Group) -> int:
+    """Sum of the squared distances between the edges' midpoints, over their number; a whole number of `1 / PARTS`.
+
+    Whole, as Python's versions add fractions up differently: ties would be broken here so and there so.
+    """
+    return sum(APART[a][b] for a, b in combinations(edges, 2)) * (PARTS // len(edges))
 
 
 @cache
