@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import time
@@ -17,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ..core import Step, Steps
 from ..core.errors import OutputError, SettingsError
@@ -115,14 +115,14 @@ def turntable_steps(
     yield Step(0.0, "Setting up the turntable")
     stage = staged([cell], page, look, scene, turning=True, even=True)
     try:
-        spin(stage, turn)
+        pivot = spin(stage, turn)
         note = note_of(stage, page, look, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
         write_json(folder / NOTE, note)
         if blend is not None:
             write_stage(stage, Path(blend))
-        rendered = yield from frames_steps(stage, folder, page, turn)
+        rendered = yield from frames_steps(stage, pivot, folder, page, turn)
     finally:
         stage.take_down()
     if film:
@@ -143,8 +143,8 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(path.stem + FRAMES_FOLDER) if is_film(path) else path
 
 
-def spin(stage: Stage, turn: Turn) -> None:
-    """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last."""
+def spin(stage: Stage, turn: Turn) -> bpy.types.Object:
+    """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last; returns their pivot."""
     copies = stage.copies[0]
     pivot = bpy.data.objects.new("CTMC Turntable", None)
     stage.made.append(pivot)
@@ -156,25 +156,28 @@ def spin(stage: Stage, turn: Turn) -> None:
         copy.matrix_parent_inverse = pivot.matrix_world.inverted()
     # A driver holds without end where keys would need one frame too many.
     driver = pivot.driver_add("rotation_euler", 2).driver
-    driver.expression = f"(frame - 1) * {2 * np.pi * turn.revolutions / turn.frames:.17g}"
+    driver.expression = f"(frame - 1) * {math.radians(turn.degrees(1)):.17g}"
     for axes in [thing for thing in stage.scene.objects if thing.name.startswith(PIVOT)]:
         following = axes.constraints.new("COPY_ROTATION")
         following.target, following.mix_mode = pivot, "BEFORE"
     stage.scene.frame_start, stage.scene.frame_end = 1, turn.frames
     stage.scene.render.fps = turn.fps
     stage.scene.render.use_persistent_data = True
+    return pivot
 
 
-def frames_steps(stage: Stage, folder: Path, page: Page, turn: Turn) -> Steps[int]:
+def frames_steps(stage: Stage, pivot: bpy.types.Object, folder: Path, page: Page, turn: Turn) -> Steps[int]:
     """Render the frames that are missing; says how long the rest takes once one is done."""
     missing = [at for at in range(turn.frames) if not whole_png(folder / FRAME.format(at + 1))]
+    # Blender evaluates no driver for a single picture of a scene that no window shows.
+    pivot.driver_remove("rotation_euler", 2)
     began = time.perf_counter()
     for done, at in enumerate(missing):
         left = ""
         if done:
             left = f", {told_time((time.perf_counter() - began) / done * (len(missing) - done))} left"
         yield Step(0.02 + 0.95 * (at / turn.frames), f"Rendering frame {at + 1} of {turn.frames}{left}")
-        stage.scene.frame_set(at + 1)
+        pivot.rotation_euler.z = math.radians(turn.degrees(at))
         target = folder / FRAME.format(at + 1)
         with written_whole(target) as beside:
             require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
