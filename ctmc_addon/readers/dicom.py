@@ -193,7 +193,8 @@ def chosen_series(found: Found, series: str | int | None, path: Path) -> tuple[s
 def check_whole(found: Found, uid: str) -> None:
     """Refuse a series with a broken file: a slice would be missing without a word."""
     for broken in found.broken:
-        if broken.series in ("", uid):
+        cut_off = broken.series not in found.series and uid.startswith(broken.series)  # in the midst of its UID
+        if broken.series == uid or cut_off:
             raise truncated(broken)
 
 

@@ -130,7 +130,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
             dataset = pydicom.dcmread(file, stop_before_pixels=True, force=not preamble, specific_tags=TAGS)
             series = str(dataset.get("SeriesInstanceUID", None) or "")
             kind = sop_class(dataset)
-            if not kind:
+            if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
                 return Broken(path, series) if preamble else None
             image = "Image Storage" in kind and "Segmentation" not in kind
             if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:

@@ -245,6 +245,23 @@ def test_one_file_of_a_series_with_a_broken_slice_is_refused(tmp_path, save_stac
         read_volume(tmp_path / "1.dcm")
 
 
+def test_a_slice_cut_off_anywhere_is_refused_and_never_left_out(tmp_path, save_stack):
+    save_stack(tmp_path, range(4))
+    whole = (tmp_path / "3.dcm").read_bytes()
+    for size in range(132, len(whole), 6):
+        (tmp_path / "3.dcm").write_bytes(whole[:size])
+        with pytest.raises(CtmcError, match=r"3\.dcm .*truncated"):
+            read_volume(tmp_path)
+
+
+def test_a_broken_file_of_another_series_is_no_hindrance(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "ten", range(4), SeriesInstanceUID="1.5.10")
+    save_stack(tmp_path / "one", range(3), SeriesInstanceUID="1.5.1")
+    broken = tmp_path / "one" / "2.dcm"
+    broken.write_bytes(broken.read_bytes()[:-100])
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
 def test_many_series_are_listed_in_part(tmp_path, save_stack):
     for number in range(15):
         save_stack(tmp_path / str(number), range(2 + (number == 13)), SeriesInstanceUID=f"1.5.{number}")
