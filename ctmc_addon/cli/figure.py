@@ -61,7 +61,7 @@ def run(chosen: argparse.Namespace) -> None:
     scene = load_scene()
     page, look = page_of(chosen), look_of(chosen, len(every) > 1, "")
     scene.require_png(Path(chosen.output))
-    scene.require_engine(chosen.engine)
+    scene.require_engine(chosen.engine, chosen.deviation)
     target = output_file(chosen.output)
     blend = blend_of(chosen, target)
     work = Work()

@@ -59,7 +59,7 @@ def run(chosen: argparse.Namespace) -> None:
     comparison.variants(settings)  # checks the limits of all before the work
     page, look = page_of(chosen), look_of(chosen, False, "")
     scene.require_png(Path(chosen.output))
-    scene.require_engine(chosen.engine)
+    scene.require_engine(chosen.engine, chosen.deviation)
     target = output_file(chosen.output)
     blend = blend_of(chosen, target)
     work = Work()

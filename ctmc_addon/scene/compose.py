@@ -136,7 +136,7 @@ def staged(
     CtmcError
         If there is nothing to show, or the engine does not work here.
     """
-    require_engine(look.engine)
+    require_engine(look.engine, look.heat is not None)
     fonts = set(bpy.data.fonts)
     stage = Stage(bpy.data.scenes.new(NAME))
     try:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from .compose import Cell, Look
 
 MARGIN_MM = 2.5
-GAP_MM = 3.0  # between cells
+GAP_MM = 3.0  # between cells side by side
+ROW_GAP_MM = 4.0
 FOOTER_GAP_MM = 2.0
 ROOM = 1.04  # around what a cell shows
 HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
@@ -87,10 +88,10 @@ def laid_out(
     if page.height_mm is None:
         low, high = HEIGHTS
         height = width * min(max(extent[1] / extent[0], low), high)
-        total = below + rows * (height + captions) + (rows - 1) * GAP_MM + MARGIN_MM
+        total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
     else:
         total = page.height_mm
-        height = (total - below - MARGIN_MM - (rows - 1) * GAP_MM) / rows - captions
+        height = (total - below - MARGIN_MM - (rows - 1) * ROW_GAP_MM) / rows - captions
     widest = max((board.width_of(line) for cell in cells for line in cell.lines), default=0.0)
     if min(width, height) < SMALLEST_MM or widest > width + GAP_MM:
         need = max(SMALLEST_MM, widest) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
@@ -102,7 +103,7 @@ def laid_out(
     for which in range(len(cells)):
         row, column = divmod(which, columns)
         left = MARGIN_MM + column * (width + GAP_MM)
-        top = total - MARGIN_MM - row * (height + captions + GAP_MM)
+        top = total - MARGIN_MM - row * (height + captions + ROW_GAP_MM)
         pictures.append((left, top - height, left + width, top))
     return Layout(
         height_mm=total,

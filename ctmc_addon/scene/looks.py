@@ -33,8 +33,13 @@ STYLES: dict[str, Style] = {
 }
 
 
-def require_engine(engine: str) -> None:
-    """Raise `OutputError` for an engine that does not work here, before Blender would end the process."""
+def require_engine(engine: str, heat: bool = False) -> None:
+    """Raise `OutputError` for an engine that does not work here, before Blender would end the process.
+
+    `heat` asks for one that shows a map of distances.
+    """
+    if engine == "workbench" and heat:
+        raise OutputError("workbench shows no map of distances; take cycles or eevee")
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
             raise OutputError(
@@ -57,6 +62,7 @@ def set_engine(scene: bpy.types.Scene, engine: str, see_through: bool) -> None:
         shading.show_object_outline = False
         scene.display.render_aa = "16"
         shading.background_type = "WORLD"
+        scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
         scene.world.color = (1.0, 1.0, 1.0)
     elif see_through:
         scene.cycles.samples = SEE_THROUGH_SAMPLES
