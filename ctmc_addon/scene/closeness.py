@@ -16,9 +16,9 @@ from ..core import Step, Steps, TriangleMesh
 from ..core.errors import MeshError
 from ..core.progress import within
 
-BLOCK = 1 << 15  # faces in a tree
+BLOCK = 1 << 13  # faces in a tree
 POINTS = 10_000  # on each surface
-ASKED = 2_000  # points between two steps
+ASKED = 500  # points between two steps
 MESSAGE = "Measuring the distance to the full surface"
 
 

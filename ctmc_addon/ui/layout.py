@@ -12,7 +12,7 @@ from . import jobs
 from .properties import optional, switch
 from .translations import say
 
-LETTER = 6.6  # pixels of a letter at Blender's usual size
+LETTER = 5.8  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
 
 
@@ -64,10 +64,10 @@ def draw_facts(layout: Any, facts: list[tuple[str, str]]) -> None:
     column = layout.column(align=True)
     column.scale_y = 0.85
     for name, value in facts:
-        row = column.split(factor=0.4)
+        row = column.split(factor=0.32)
         left = row.row()
         left.alignment = "RIGHT"
-        left.label(text=name)
+        left.label(text=name, translate=False)
         row.label(text=value, translate=False)
 
 

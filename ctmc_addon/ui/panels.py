@@ -80,11 +80,11 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     x, y, z = volume.spacing
     right, down, up = (say(side) for side in directions(volume.orientation))
     facts = [
-        ("Size", f"{columns} x {rows} x {slices}"),
-        ("Spacing", f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
-        ("Axes Run To", f"{right}, {down}, {up} ({volume.orientation})"),
+        (say("Size"), f"{columns} x {rows} x {slices}"),
+        (say("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
+        (say("Axes Run To"), f"{right}, {down}, {up} ({volume.orientation})"),
         (
-            "Values",
+            say("Values"),
             say("{low} to {high} {kind}").format(low=f"{survey.low:g}", high=f"{survey.high:g}", kind=say(volume.kind)),
         ),
     ]
@@ -129,12 +129,14 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
     else:
         icon = threshold.histogram_icon(context.scene)
         if icon:
-            column.template_icon(icon, scale=5.0)
-        row = column.row(align=True)
-        row.prop(settings, "use_threshold", text="")
+            column.template_icon(icon, scale=6.0)
+        row = column.split(factor=0.8, align=True)
+        row.use_property_split = False
         value = row.row(align=True)
-        value.active = settings.use_threshold
-        value.prop(settings, "threshold", slider=True)
+        value.prop(settings, "use_threshold", text="")
+        number = value.row(align=True)
+        number.active = settings.use_threshold
+        number.prop(settings, "threshold", text=threshold_label(context.scene))
         row.operator("ctmc.auto_threshold")
         if not settings.use_threshold:
             found = threshold.used_threshold(context.scene)
@@ -142,6 +144,12 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
             column.label(text=text, icon="INFO", translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
     column.prop(settings, "soften_mm")
+
+
+def threshold_label(scene: bpy.types.Scene) -> str:
+    """The threshold with its unit."""
+    volume = volumes.current(scene)
+    return say("Threshold") + ("" if volume is None or volume.kind == "label" else f" [{say(volume.kind)}]")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -185,8 +193,14 @@ class CTMC_UL_labels(bpy.types.UIList):
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Voxel sides in pixels and mm, what they cost, and alpha."""
     column = layout.column(align=True)
-    row = column.row(align=True)
-    row.prop(settings, "stride")
+    row = column.split(factor=0.4, align=True)
+    row.use_property_split = False
+    left = row.row()
+    left.alignment = "RIGHT"
+    left.label(text="Voxel Sides")
+    sides = row.row(align=True)
+    for axis in range(3):
+        sides.prop(settings, "stride", index=axis, text="")
     volume = volumes.current(context.scene)
     if volume is not None:
         draw_text(column, context, voxel_sides(settings.stride, volume.spacing))
@@ -235,6 +249,7 @@ def draw_simplify(layout: Any, settings: Any) -> None:
     """None, Decimate or built-in, and its goal."""
     column = layout.column()
     row = column.row(align=True)
+    row.use_property_split = False
     row.prop(settings, "simplifier", expand=True)
     goals = column.column(align=True)
     goals.active = settings.simplifier != "none"
@@ -260,10 +275,11 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
         if updates:
             row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
     row = layout.row(align=True)
+    row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
-    row = layout.row(align=True)
-    row.operator("ctmc.export", icon="EXPORT")
+    row = layout.split(factor=0.4, align=True)
+    row.operator("ctmc.export", text="Export", icon="EXPORT")
     row.operator("ctmc.copy_command", icon="COPYDOWN")
 
 

@@ -44,6 +44,7 @@ STARTS: dict[str, Any] = {
 }
 # Of these only one may be on; core refuses more.
 RIVALS = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
+CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 DEFAULTS = ReconstructionSettings()
 
 
@@ -120,7 +121,9 @@ def property_of(name: str, about: Setting) -> Any:
     if about.type is bool:
         return BoolProperty(**common)
     if about.type is str:
-        return EnumProperty(items=[(choice, choice.title(), "") for choice in about.choices], **common)
+        return EnumProperty(
+            items=[(choice, CHOICES.get(choice, choice.title()), "") for choice in about.choices], **common
+        )
     if about.size > 1:
         common["size"] = about.size
     whole = about.type is int

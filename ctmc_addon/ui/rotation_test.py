@@ -114,6 +114,9 @@ def conclude(uid: int, table: RotationTable) -> str:
 def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
     hidden = [thing.session_uid for thing in scene.objects if not thing.hide_viewport]
+    selected = [thing.session_uid for thing in scene.objects if thing.select_get()]
+    active = bpy.context.view_layer.objects.active
+    selected.sort(key=lambda uid: active is not None and uid == active.session_uid)
     for uid in hidden:
         one = session.object_of(uid)
         if one is not None:
@@ -126,6 +129,9 @@ def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
             one = session.object_of(uid)
             if one is not None:
                 one.hide_viewport = False
+        # Blender deselects what it hides.
+        found = (session.object_of(uid) for uid in selected)
+        surfaces.select(scene, [one for one in found if one is not None])
 
 
 class Viewport:

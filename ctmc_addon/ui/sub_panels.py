@@ -104,21 +104,21 @@ def facts_of(known: dict[str, Any], result: Any) -> list[tuple[str, str]]:
     faces = known["faces"] if result is None else result.measures.faces
     of_full = say("{faces} of {full}").format(faces=count(faces), full=count(known["full_faces"]))
     facts = [
-        ("Triangles", count(faces) if faces == known["full_faces"] else of_full),
-        ("Threshold", f"{known['threshold']:.6g}"),
+        (say("Triangles"), count(faces) if faces == known["full_faces"] else of_full),
+        (say("Threshold"), f"{known['threshold']:.6g}"),
     ]
     if result is None:
         return facts
     measures = result.measures
     if result.closeness is not None:
-        facts.append(("Mean Distance", f"{result.closeness.mean:.3g} mm"))
-        facts.append(("Largest Distance", f"{result.closeness.maximum:.3g} mm"))
+        facts.append((say("Mean Distance"), f"{result.closeness.mean:.3g} mm"))
+        facts.append((say("Largest Distance"), f"{result.closeness.maximum:.3g} mm"))
     return [
         *facts,
-        ("Surface", say("closed") if measures.closed else say("open")),
-        ("Volume", f"{measures.millilitres:.4g} ml"),
-        ("Area", f"{measures.square_centimetres:.4g} cm2"),
-        ("Parts", count(measures.parts)),
+        (say("Surface"), say("closed") if measures.closed else say("open")),
+        (say("Volume"), f"{measures.millilitres:.4g} ml"),
+        (say("Area"), f"{measures.square_centimetres:.4g} cm2"),
+        (say("Parts"), count(measures.parts)),
     ]
 
 

@@ -16,7 +16,7 @@ from ..core.tissues import TISSUES
 from . import jobs, volumes
 from .translations import say
 
-PICTURE = (160, 96)  # pixels
+PICTURE = (144, 120)  # pixels
 NAME = "histogram"
 
 _pictures: dict[str, Any] = {}

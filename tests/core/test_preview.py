@@ -1,0 +1,89 @@
+"""The preview: coarse within a budget, finer later, at the true place, none where there is no surface."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview
+from ctmc_addon.core.preview import Preview, strides, thinned
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A ball of 20 mm about (5, -7, 11) mm at 100 and above, on a mirrored grid; in it a ball of label 3."""
+    affine = np.array([[-1.0, 0, 0, 40.0], [0, 1.0, 0, -40.0], [0, 0, 2.0, -30.0], [0, 0, 0, 1]])
+    z, y, x = np.ogrid[:40, :70, :70]
+    away = np.sqrt((40.0 - x - 5) ** 2 + (y - 40.0 + 7) ** 2 + (2.0 * z - 30 - 11) ** 2)
+    return Volume((300 - 10 * away).astype(np.int16), affine), Volume((away < 4).astype(np.uint8) * 3, affine)
+
+
+@pytest.mark.parametrize("budget", [1e-9, 1e-3, 10.0])
+def test_the_surface_is_at_its_true_place_whatever_the_stride(ball, budget):
+    shown = Preview(ball[0], budget).follow(ReconstructionSettings(threshold=100.0))
+    away = np.sqrt(((shown.surface.linear - [5.0, -7.0, 11.0]) ** 2).sum(axis=1))
+    assert away.mean() == pytest.approx(20.0, abs=0.15 * max(shown.stride))
+    assert (shown.stride == (1, 1, 1)) == (budget == 10.0)
+
+
+def test_faces_point_outwards_in_the_patient(ball):
+    shown = Preview(ball[0], 1e-9).follow(ReconstructionSettings(threshold=100.0))
+    assert shown.surface.at(1.0).volume > 0
+
+
+def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
+    clock = iter(np.arange(0, 1000, 0.5))
+    monkeypatch.setattr(preview.time, "perf_counter", lambda: next(clock))  # every surface takes half a second
+    quick = Preview(ball[0], 0.1)
+    monkeypatch.setattr(preview, "FIRST_PACE", 0.0)
+    settings = ReconstructionSettings(threshold=100.0)
+    assert quick.follow(settings).stride == (1, 1, 1)
+    coarse = [quick.follow(settings).stride for _ in range(3)]
+    assert np.prod(coarse[0]) > 1
+    assert np.prod(coarse[2]) > np.prod(coarse[0])
+
+
+def test_refining_is_finer_and_can_be_stopped(ball):
+    quick = Preview(ball[0], 1e-9)
+    settings = ReconstructionSettings(threshold=100.0)
+    coarse = quick.follow(settings)
+    quick.budget = 1.0
+    steps = quick.refine_steps(settings)
+    next(steps)
+    steps.close()
+    assert len(finish(quick.refine_steps(settings)).surface.faces) > len(coarse.surface.faces)
+
+
+def test_a_small_label_is_found_by_going_finer(ball):
+    shown = Preview(ball[1], 1e-9).follow(ReconstructionSettings(label=3, soften_mm=0.5))
+    assert len(shown.surface.faces) > 0
+    assert Preview(ball[1], 1e-9).follow(ReconstructionSettings(label=9)) is None
+
+
+def test_there_is_none_at_a_threshold_without_surface(ball):
+    assert Preview(ball[0]).follow(ReconstructionSettings(threshold=5000.0)) is None
+
+
+def test_a_region_is_kept_to(ball):
+    settings = ReconstructionSettings(threshold=100.0, region=(0.0, -30.0, 0.0, 40.0, 30.0, 40.0), region_unit="mm")
+    shown = Preview(ball[0], 1e-9).follow(settings)
+    assert shown.surface.linear[:, 0].min() >= -1.0
+
+
+def test_strides_begin_with_the_settings_own_and_even_the_sides_out(ball):
+    ladder = strides(ball[0], (3, 1, 1), (70, 70, 40))
+    assert ladder[0] == (3, 1, 1)
+    assert ladder[1] == (3, 2, 1)
+    assert all(np.prod(after) == 2 * np.prod(before) for before, after in pairwise(ladder))
+
+
+def test_a_thinned_volume_has_its_samples_at_their_places(ball):
+    from ctmc_addon.core.volume import to_ras_mm
+
+    box = ((4, 60), (6, 50), (3, 33))
+    thin = thinned(ball[0], (2, 3, 2), box)
+    assert thin.values[5, 7, 9] == ball[0].values[3 + 10, 6 + 21, 4 + 18]
+    place = to_ras_mm(thin.affine, np.array([[9, 7, 5]]))
+    assert place == pytest.approx(to_ras_mm(ball[0].affine, np.array([[22, 27, 13]])))
