@@ -25,6 +25,7 @@ REMEDIES = {
     errno.EROFS: "the disk is read-only; choose another folder",
     errno.EISDIR: "a folder has that name; choose another name",
     errno.ENOSPC: "the disk is full; free some space or choose another disk",
+    errno.EDQUOT: "the quota is used up; free some space or choose another disk",
     errno.EFBIG: "the disk allows no file that large; choose another disk",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
