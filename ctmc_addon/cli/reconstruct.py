@@ -132,7 +132,7 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
     scene = load_scene()
     import bpy
 
-    home = bpy.data.scenes.new("CTMC")
+    home = bpy.data.scenes.new("reconstruct")  # "CTMC" is the name of the scene in a .blend
     thing = None
     try:
         with work.timed("Building the object"), blender_at_work():

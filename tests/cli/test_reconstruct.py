@@ -106,6 +106,15 @@ def test_a_figure_is_a_picture_with_red_and_yellow(ctmc, phantom_folder, tmp_pat
     assert ((red > 150) & (green > 120) & (blue < 100)).mean() > 0.002
 
 
+def test_the_scene_of_a_blend_has_a_plain_name(ctmc, phantom_folder, tmp_path):
+    import bpy
+
+    words = ("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.blend", "--label", "2")
+    assert ctmc(*words).code == 0
+    with bpy.data.libraries.load(str(tmp_path / "t.blend")) as (inside, _):
+        assert inside.scenes == ["CTMC"]
+
+
 def test_nothing_is_left_in_blender_afterwards(ctmc, phantom_folder, tmp_path):
     import bpy
 
