@@ -105,11 +105,15 @@ class Stage:
     unit: float = 0.0
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
     made: list[bpy.types.ID] = field(default_factory=list)
+    fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
 
     def take_down(self) -> None:
         """Remove everything that was made."""
         bpy.data.batch_remove([*self.made, self.scene])
         self.made = []
+        # Blender brings its own letters with the first text, and leaves them.
+        left = [font for font in bpy.data.fonts if font.name not in self.fonts and not font.users]
+        bpy.data.batch_remove(left)
 
 
 def staged(
@@ -137,7 +141,6 @@ def staged(
         If there is nothing to show, or the engine does not work here.
     """
     require_engine(look.engine, look.heat is not None)
-    fonts = set(bpy.data.fonts)
     stage = Stage(bpy.data.scenes.new(NAME))
     try:
         for cell in cells:
@@ -146,7 +149,6 @@ def staged(
         points = seen_points(stage, turning)
         place(stage, cells, page, look, points, even)
         dress(stage, cells, look)
-        stage.made += [font for font in bpy.data.fonts if font not in fonts]
     except BaseException:
         stage.take_down()
         raise
@@ -239,7 +241,7 @@ def place(stage: Stage, cells: Sequence[Cell], page: Page, look: Look, points: N
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
-    board = Board(scene, 1.0, (page.width_mm, page.width_mm), 1.0, page.font_mm)
+    board = Board(scene, 1.0, (page.width_mm, page.width_mm), 1.0, page.font_mm, stage.made)
     layout = laid_out(cells, page, look, (extent[0], extent[1]), board, REACH_MM)
     stage.layout, stage.unit = layout, layout.unit
     stage.size = page.pixels(layout.height_mm, even)
@@ -274,7 +276,6 @@ def place(stage: Stage, cells: Sequence[Cell], page: Page, look: Look, points: N
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit
     write(stage, cells, look, board)
-    stage.made += board.made
 
 
 def write(stage: Stage, cells: Sequence[Cell], look: Look, board: Board) -> None:

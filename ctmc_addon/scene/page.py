@@ -15,7 +15,7 @@ from ..core.errors import OutputError, SettingsError
 MM_PER_INCH = 25.4
 WIDTHS_MM = (20.0, 400.0)
 DPIS = (36.0, 600.0)
-PIXELS = 90_000_000  # what Cycles can hold on a usual machine
+PIXELS = 80_000_000  # what Cycles can hold on a usual machine
 POINT_MM = MM_PER_INCH / 72
 
 # What a picture needs; the rest is text, times and names.
