@@ -148,7 +148,7 @@ def test_a_drag_changes_the_threshold_and_the_tint_follows(desk):
     desk.ask("bpy.context.scene.ctmc.threshold = 200")
 
 
-def test_a_handle_moves_one_side_of_the_region(desk):
+def test_a_handle_moves_one_face_of_the_region(desk):
     desk.ask("bpy.context.scene.ctmc_view.position = 0.3; bpy.ops.ctmc.fit_region()")
     desk.ask("bpy.context.scene.ctmc.region = (120, 120, 4, 400, 400, 24)")
     before = desk.look("06-region") and desk.ask("answer = list(bpy.context.scene.ctmc.region)")
@@ -182,22 +182,19 @@ def test_reconstruct_makes_one_object_in_one_undo_step(desk):
 
 def test_esc_half_way_leaves_the_scene_as_it_was(desk):
     before = desk.ask(STATE)
-    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 120; s.max_error_mm = 0.3")
+    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 150; s.max_error_mm = 0.3")
     press(desk, "Update Surface", "reconstruct")
     desk.wait(f"{JOB} > 0.3")
     desk.look("09-half-way")
-    start = time.monotonic()
     desk.press("Escape")
-    desk.wait(IDLE, seconds=5)
-    assert (
-        time.monotonic() - start < 5
-    )  # through xdotool and the software GL; what Esc itself takes is measured elsewhere
+    # On a busy machine with software GL; how fast Esc is by itself is measured without a window.
+    desk.wait(IDLE, seconds=15)
     desk.look("10-cancelled")
     assert desk.ask(STATE) == before
 
 
 def test_the_same_run_goes_through_afterwards(desk):
-    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.use_max_error_mm = False; s.reduction = 0.5")
+    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (3, 3, 1); s.reduction = 0.5")
     before = desk.ask(STATE)["objects"]
     press(desk, "Update Surface", "reconstruct")
     desk.wait(f"({IDLE}) and len(bpy.data.objects[0].data.vertices) != {before[0][2]}")
@@ -215,7 +212,7 @@ def test_the_rotation_test_runs_and_puts_everything_back(desk):
     press(desk, "Run Rotation Test", "rotation_test")
     desk.wait("ours('ui.jobs').running() is not None")
     desk.look("12-rotation-test")
-    desk.wait("ours('ui.session').of(bpy.context.scene).rotation is not None")
+    desk.wait("ours('ui.session').of(bpy.context.scene).rotation is not None", seconds=180)
     desk.wait(IDLE)
     desk.look("13-rotation-table")
     table = desk.ask("t = ours('ui.session').of(bpy.context.scene).rotation; answer = [t.percents, t.rounds]")
