@@ -1,0 +1,88 @@
+"""`ctmc figure`, `figure sheet` and `figure turntable` as a user runs them."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("bpy", reason="the Python package bpy is not installed")
+Image = pytest.importorskip("PIL.Image")
+
+SMALL = ("--dpi", 60, "--soften", 2)
+
+
+@pytest.fixture
+def ct(phantom_folder):
+    return phantom_folder / "volume-4.nii.gz"
+
+
+def test_one_command_makes_a_figure_and_its_blend(ctmc, ct, tmp_path):
+    target = tmp_path / "Bilder 图" / "deep" / "tumour.png"
+    done = ctmc("figure", ct, "--label", 2, *SMALL, "--width-mm", 50, "-o", target)
+    assert done.code == 0, done.errors
+    assert sorted(one.name for one in target.parent.iterdir()) == ["tumour.blend", "tumour.png"]
+    with Image.open(target) as image:
+        assert image.width == round(50 / 25.4 * 60)
+        assert image.info["dpi"][0] == pytest.approx(60, abs=0.02)
+    assert "50 x " in done.out
+    assert "tumour.png, tumour.blend" in done.out
+
+
+def test_several_labels_stand_in_one_figure(ctmc, ct, tmp_path):
+    words = ("--label", 1, 2, "--names", "liver", "tumours", "--transparent", "--no-blend", "--caption", "")
+    done = ctmc("figure", *words[:3], ct, *words[3:], *SMALL, "-o", tmp_path / "a.png")
+    assert done.code == 0, done.errors
+    assert [one.name for one in tmp_path.iterdir()] == ["a.png"]
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode == "RGBA"
+
+
+def test_a_sheet_prints_what_its_captions_say(ctmc, ct, tmp_path):
+    words = ("--label", 2, "--strides", 1, 2, "--levels", 0, 50, "--dpi", 40, "--soften", 2, "--deviation")
+    done = ctmc("figure", "sheet", ct, *words, "-o", tmp_path / "sheet.png")
+    assert done.code == 0, done.errors
+    for letter, title in zip("abcd", ["1 × 1", "1 × 1", "2 × 2", "2 × 2"], strict=True):
+        assert f"({letter}) voxel sides {title} px" in done.out
+    assert (tmp_path / "sheet.blend").exists()
+
+
+def test_a_turntable_becomes_a_film(ctmc, ct, tmp_path):
+    words = ("--label", 2, "--seconds", 0.5, "--fps", 6, "--dpi", 36, "--width-mm", 30, "--soften", 2, "--no-blend")
+    done = ctmc("figure", "turntable", ct, *words, "-o", tmp_path / "new" / "a.mp4")
+    assert done.code == 0, done.errors
+    assert [one.name for one in (tmp_path / "new").iterdir()] == ["a.mp4"]
+    assert "3 frames" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("figure", "-o", "a.jpg"), "a.jpg is no .png"),
+        (("figure", "-o", "a.png", "--dpi", 1200), "from 36 to 600 dpi, not 1200"),
+        (("figure", "-o", "a.png", "--width-mm", 0), "width must be from 20 to 400 mm"),
+        (("figure", "-o", "a.png", "--elevation", 100), "from -90 to 90 degrees"),
+        (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is no .blend"),
+        (("figure", "-o", "a.png", "--names", "a", "b"), "2 names for 1 surfaces"),
+        (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a map of distances shows one label, not 2"),
+        (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be seen through"),
+        (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
+        (("figure", "-o", "a.png", "--label", 9), "9"),
+        (("figure", "sheet", "-o", "a.png"), "give one or two"),
+        (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
+        (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
+        (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
+        (("figure", "turntable", "-o", "a.gif"), ".gif is no film"),
+        (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120 frames"),
+        (("figure", "turntable", "-o", ".", "--overwrite"), "and no turntable"),
+    ],
+)
+def test_what_makes_no_figure_is_refused_in_a_sentence(refused, ct, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.txt").write_text("kept")
+    count = 2 if words[1] in ("sheet", "turntable") else 1
+    assert said in refused(*words[:count], ct, *words[count:])
+    assert [one.name for one in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_help_names_the_commands(ctmc):
+    assert "figure sheet" in ctmc("--help").out
+    assert "--revolutions" in ctmc("figure", "turntable", "--help").out
