@@ -58,9 +58,11 @@ def table(names: list[str], rows: list[list[str]]) -> str:
 def run_text(machine: dict[str, Any], command: str) -> str:
     """Where, when and how it was measured."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
+    busy = machine["load"] and machine["load"] > 1
+    note = " **Other work was running: seconds and ratios are rough.**" if busy else ""
     return (
         f"{machine['date']}, `{command}`: {machine['processor']}, {machine['cores']} cores, {machine['memory']}, "
-        f"{machine['system']}, Python {machine['python']}. {versions}."
+        f"{machine['system']}, Python {machine['python']}. {versions}.{note}"
     )
 
 
