@@ -53,7 +53,7 @@ class PreviewSurface:
 
         shader = shader_of()
         if self.batch is None:
-            self.batch = self.new_batch(shader)
+            self.batch = self.new_batch()
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
         shader.bind()
@@ -64,11 +64,14 @@ class PreviewSurface:
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set("NONE")
 
-    def new_batch(self, shader: Any) -> Any:
+    def new_batch(self) -> Any:
         """Vertices, normals and triangles on the graphics card."""
         import gpu
 
-        vertices = gpu.types.GPUVertBuf(shader.format_calc(), len(self.surface.midpoints))
+        layout = gpu.types.GPUVertFormat()
+        for name in ("position", "normal"):
+            layout.attr_add(id=name, comp_type="F32", len=3, fetch_mode="FLOAT")
+        vertices = gpu.types.GPUVertBuf(layout, len(self.surface.midpoints))
         vertices.attr_fill("position", np.ascontiguousarray(self.positions(), np.float32))
         vertices.attr_fill("normal", np.ascontiguousarray(self.normals, np.float32))
         triangles = gpu.types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(self.surface.faces, np.int32))

@@ -9,6 +9,7 @@ import bpy
 from ..core.settings import described
 from ..core.words import in_lines
 from . import jobs
+from .marks import OURS
 from .properties import optional, switch
 from .translations import say
 
@@ -22,6 +23,7 @@ class SidePanel:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "CTMC"
+    bl_translation_context = OURS
 
 
 class SubPanel(SidePanel):
@@ -42,7 +44,7 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
     if not optional(name):
         layout.prop(settings, name)
         return
-    row = layout.row(heading=described()[name].label)
+    row = layout.row(heading=say(described()[name].label), heading_ctxt=OURS)
     row.prop(settings, switch(name), text="")
     value = row.row()
     value.active = getattr(settings, switch(name))

@@ -26,7 +26,7 @@ from .preferences import machine
 REST = 0.25  # seconds without a change after which the hand rests
 TICK = 0.03  # seconds of work between two looks at the events
 SOON = 0.01  # seconds to the next tick
-SILENT = {"preview", "simplifier", "reduction", "target_faces", "max_error_mm"}
+SILENT = {"simplifier", "reduction", "target_faces", "max_error_mm"}
 """Changes that leave the preview's surface as it is."""
 
 

@@ -1,10 +1,15 @@
-"""Who is to be told that a property has changed. Knows no Blender, so that properties may see it."""
+"""What properties share with the rest of the room: who hears of a change, and the context of translations.
+
+Knows no Blender, so that properties may see it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+OURS = "CTMC"
+"""The context that our words are translated in; here, where properties may see it."""
 Listener = Callable[[Any, str], None]
 _listeners: list[Listener] = []
 

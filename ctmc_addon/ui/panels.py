@@ -94,7 +94,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
         column.prop(stored, "spacing")
-        row = column.row(align=True, heading="Turn Round")
+        row = column.row(align=True, heading=say("Turn Round"))
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
         column.operator("ctmc.load", text="Apply to Stack", icon="FILE_REFRESH").again = True
@@ -110,7 +110,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
 def draw_series(layout: Any, loaded: volumes.Loaded) -> None:
     """A line for every series, the one that was read pressed."""
     column = layout.column(align=True)
-    column.label(text="Series")
+    column.label(text=say("Series"), translate=False)
     for series in loaded.series:
         button = column.operator(
             "ctmc.load", text=series.text, translate=False, depress=series.number == loaded.series_number
@@ -183,6 +183,7 @@ class CTMC_UL_labels(bpy.types.UIList):
     ) -> None:
         """One line."""
         row = layout.row(align=True)
+        row.use_property_split = False
         row.prop(item, "chosen", text="")
         colour = row.row()
         colour.ui_units_x = 1.2
@@ -197,7 +198,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.use_property_split = False
     left = row.row()
     left.alignment = "RIGHT"
-    left.label(text="Voxel Sides")
+    left.label(text=say("Voxel Sides"), translate=False)
     sides = row.row(align=True)
     for axis in range(3):
         sides.prop(settings, "stride", index=axis, text="")
@@ -228,7 +229,7 @@ def draw_price(layout: Any, context: bpy.types.Context) -> None:
     if isinstance(bill, CtmcError):
         draw_text(column, context, str(bill), "ERROR")
     elif not isinstance(bill, live.Bill):
-        column.label(text="Counting...")
+        column.label(text=say("Counting..."), translate=False)
         column.label(text="")
     else:
         column.label(

@@ -46,6 +46,7 @@ STARTS: dict[str, Any] = {
 RIVALS = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
 CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 DEFAULTS = ReconstructionSettings()
+CONTEXT: dict[str, Any] = {"translation_context": marks.OURS}
 
 
 class SettingsMethods:
@@ -116,7 +117,12 @@ def as_typed(value: Any, about: Setting) -> Any:
 def property_of(name: str, about: Setting) -> Any:
     """The Blender property of one setting."""
     default = STARTS[name] if optional(name) else getattr(DEFAULTS, name)
-    common = {"name": about.label, "description": tooltip(about), "default": default}
+    common = {
+        "name": about.label,
+        "description": tooltip(about),
+        "default": default,
+        "translation_context": marks.OURS,
+    }
     common["update"] = on_change(name)
     if about.type is bool:
         return BoolProperty(**common)
@@ -225,10 +231,10 @@ def on_tick(item: Any, _context: Any) -> None:
 class CTMCLabel(PropertyGroup):
     """A label of the volume: its value, its name as `name`, its colour, and whether it is wanted."""
 
-    value: IntProperty(name="Value", description="Value of the label in the volume")
-    chosen: BoolProperty(name="Reconstruct", description="Make a surface of this label", update=on_tick)
+    value: IntProperty(**CONTEXT, name="Value", description="Value of the label in the volume")
+    chosen: BoolProperty(**CONTEXT, name="Reconstruct", description="Make a surface of this label", update=on_tick)
     color: FloatVectorProperty(
-        name="Color", description="Colour of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0
+        **CONTEXT, name="Color", description="Colour of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0
     )
 
 
@@ -238,7 +244,7 @@ def all_properties() -> dict[str, Any]:
     for name, about in described().items():
         if optional(name):
             found[switch(name)] = BoolProperty(
-                name=f"Use {about.label}", description=tooltip(about), update=on_switch(name)
+                **CONTEXT, name=f"Use {about.label}", description=tooltip(about), update=on_switch(name)
             )
         found[name] = property_of(name, about)
     return found | volume_properties() | panel_properties()
@@ -248,23 +254,24 @@ def volume_properties() -> dict[str, Any]:
     """What the file knows of its CT, and how it is to be read."""
     turned = "The files cannot say it: {} lie the other way round than assumed"
     return {
-        "volume_path": StringProperty(name="CT", description="File or folder that the CT was read from"),
-        "volume_fingerprint": StringProperty(name="Fingerprint", description="To know the CT again by"),
+        "volume_path": StringProperty(**CONTEXT, name="CT", description="File or folder that the CT was read from"),
+        "volume_fingerprint": StringProperty(**CONTEXT, name="Fingerprint", description="To know the CT again by"),
         "series": StringProperty(
-            name="Series", description="UID of the DICOM series. Empty = the one with most slices"
+            **CONTEXT, name="Series", description="UID of the DICOM series. Empty = the one with most slices"
         ),
         "spacing": FloatVectorProperty(
+            **CONTEXT,
             name="Spacing",
             description="Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
             size=3,
             min=0.0,
             precision=4,
         ),
-        "flip_x": BoolProperty(name="Left Is Right", description=turned.format("left and right")),
-        "flip_y": BoolProperty(name="Front Is Back", description=turned.format("front and back")),
-        "flip_z": BoolProperty(name="Head Is Feet", description=turned.format("head and feet")),
-        "labels": CollectionProperty(type=CTMCLabel, name="Labels", description="Labels of the volume"),
-        "label_index": IntProperty(name="Label", description="Line of the list that is marked"),
+        "flip_x": BoolProperty(**CONTEXT, name="Left Is Right", description=turned.format("left and right")),
+        "flip_y": BoolProperty(**CONTEXT, name="Front Is Back", description=turned.format("front and back")),
+        "flip_z": BoolProperty(**CONTEXT, name="Head Is Feet", description=turned.format("head and feet")),
+        "labels": CollectionProperty(**CONTEXT, type=CTMCLabel, name="Labels", description="Labels of the volume"),
+        "label_index": IntProperty(**CONTEXT, name="Label", description="Line of the list that is marked"),
     }
 
 
@@ -283,6 +290,7 @@ def panel_properties() -> dict[str, Any]:
     """What only the panel has."""
     return {
         "surface_from": EnumProperty(
+            **CONTEXT,
             name="Surface From",
             description="Whether the surface is sought at a grey value or around labels",
             items=[
@@ -293,12 +301,14 @@ def panel_properties() -> dict[str, Any]:
             set=set_surface_from,
         ),
         "preview": BoolProperty(
+            **CONTEXT,
             name="Live Preview",
             description="Show a coarse surface in the viewport that follows the settings",
             default=True,
             update=marker("preview"),
         ),
         "rotation_kind": EnumProperty(
+            **CONTEXT,
             name="Motion",
             description="What is timed",
             items=[
@@ -308,9 +318,13 @@ def panel_properties() -> dict[str, Any]:
             ],
         ),
         "rotation_levels": StringProperty(
-            name="Levels", description="Shares of triangles to remove that are compared [%]", default="0, 50, 90"
+            **CONTEXT,
+            name="Levels",
+            description="Shares of triangles to remove that are compared [%]",
+            default="0, 50, 90",
         ),
         "rotation_step": IntProperty(
+            **CONTEXT,
             name="Step",
             description="Angle between two pictures [degrees]. Smaller = more pictures",
             default=20,
@@ -318,6 +332,7 @@ def panel_properties() -> dict[str, Any]:
             max=180,
         ),
         "rotation_rounds": IntProperty(
+            **CONTEXT,
             name="Rounds",
             description="How often each level is turned. Larger = steadier mean",
             default=5,

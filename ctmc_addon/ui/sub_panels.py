@@ -83,7 +83,7 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         layout, thing = self.layout, context.view_layer.objects.active
         prepare(layout)
         if not surfaces.is_surface(thing):
-            layout.label(text="No reconstructed surface is selected", icon="INFO")
+            layout.label(text=say("No reconstructed surface is selected"), icon="INFO", translate=False)
             return
         layout.label(text=thing.name, icon="OUTLINER_OB_MESH", translate=False)
         known = scenes.remembered(thing)

@@ -10,16 +10,20 @@ from pathlib import Path
 
 import bpy
 
+from .marks import OURS
+
 TABLES = Path(__file__).with_name("languages")
 # What Blender has called the languages from 4.2 on.
 LOCALES = {"de_DE.toml": ("de_DE", "de"), "zh_HANS.toml": ("zh_HANS", "zh_CN")}
-CONTEXTS = ("*", "Operator")  # buttons of operators are looked up in a context of their own
+# Buttons of operators are looked up in a context of Blender's; in our own, Blender's words for other things do not
+# stand before ours, such as "Schneiden" (to cut) for a slice.
+CONTEXTS = ("*", "Operator", OURS)
 CATALOGUE = __name__
 
 
 def say(text: str) -> str:
     """The text in the language of Blender's interface."""
-    return str(bpy.app.translations.pgettext_iface(text))
+    return str(bpy.app.translations.pgettext_iface(text, OURS))
 
 
 def table(name: str) -> dict[str, str]:

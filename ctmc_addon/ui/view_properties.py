@@ -15,6 +15,7 @@ from bpy.utils import register_class, unregister_class
 from ..core import Volume
 from ..core.histogram import value_range
 from ..core.slicing import slice_place, usual_window
+from .marks import OURS
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
 
@@ -69,14 +70,19 @@ class CTMCView(PropertyGroup):
     """What the viewport shows of the CT itself."""
 
     show_slice: BoolProperty(
-        name="Slice in Viewport", description="Show a slice of the CT at its true place", default=True
+        translation_context=OURS,
+        name="Slice in Viewport",
+        description="Show a slice of the CT at its true place",
+        default=True,
     )
     show_letters: BoolProperty(
+        translation_context=OURS,
         name="Orientation Letters",
         description="Show the patient's sides: R and L, A and P (front and back), S and I (head and feet)",
         default=True,
     )
     plane: EnumProperty(
+        translation_context=OURS,
         name="Plane",
         description="Which way the slice lies in the patient",
         items=[
@@ -86,6 +92,7 @@ class CTMCView(PropertyGroup):
         ],
     )
     position: FloatProperty(
+        translation_context=OURS,
         name="Position",
         description="Where the slice lies: 0 = feet, back or left end of the volume, 1 = head, front or right end",
         subtype="FACTOR",
@@ -95,6 +102,7 @@ class CTMCView(PropertyGroup):
         precision=3,
     )
     window: FloatProperty(
+        translation_context=OURS,
         name="Window",
         description="Width of the range shown from black to white, in HU or grey values. Larger = less contrast",
         min=1e-3,
@@ -105,6 +113,7 @@ class CTMCView(PropertyGroup):
         set=set_window,
     )
     level: FloatProperty(
+        translation_context=OURS,
         name="Level",
         description="Middle of the range shown from black to white, in HU or grey values. Larger = darker",
         soft_min=-1500.0,
