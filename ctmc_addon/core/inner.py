@@ -77,7 +77,7 @@ def fill_inner(
 def _outward(
     values: NDArray[np.float64], points: NDArray[np.float64], sides: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Unit vectors against the trilinear interpolant's gradient, (n, 3, 3); zero where it vanishes.
+    """Unit vectors against the trilinear interpolant's gradient, (n, 3, 3); zero where it vanishes or is unknown.
 
     Parameters
     ----------
@@ -96,4 +96,5 @@ def _outward(
             gradient[:, :, axis] += sign * across * values[:, corner, None]
     gradient /= sides[:, None, :]
     length = np.sqrt((gradient[..., 0] ** 2 + gradient[..., 1] ** 2) + gradient[..., 2] ** 2)
-    return gradient * np.where(length == 0, 0.0, -1.0 / np.where(length == 0, 1.0, length))[..., None]
+    known = (length > 0) & np.isfinite(length)  # unknown where a corner is NaN or infinite
+    return np.where(known[..., None], gradient * (-1.0 / np.where(known, length, 1.0))[..., None], 0.0)

@@ -26,6 +26,19 @@ def fill_vertices(
     directions: NDArray[np.float32] | None,
 ) -> None:
     """Fill in a slab's vertices: those on edges along x, then y, then z, then those inside voxels."""
+    # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
+    with np.errstate(all="ignore"):
+        _fill(grid, sampler, threshold, slab, targets, directions)
+
+
+def _fill(
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    slab: Slab,
+    targets: list[Target],
+    directions: NDArray[np.float32] | None,
+) -> None:
     on_edges = sum(len(voxels) for voxels in slab.owned)
     _fill_edges(
         grid,
@@ -72,12 +85,12 @@ def _fill_edges(
     low = sampler.take(place)
     rise = sampler.take(beyond) - low
     # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
+    if sampler.may_be_nan and not np.isfinite(rise).all():
+        raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
     on_cap = rise == 0
     rise[on_cap] = 1.0
     t = (threshold - low) / rise
     t[on_cap] = 0.5
-    if sampler.may_be_nan and not np.isfinite(t).all():
-        raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
     np.clip(t, NEAREST, 1 - NEAREST, out=t)
 
     middle = begin + np.float32(0.5) * side

@@ -281,6 +281,24 @@ def test_nan_beside_the_surface_is_refused():
         marching_cubes(values, 0.0)
 
 
+@pytest.mark.parametrize("topology", ["classic", "trilinear"])
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
+def test_a_broken_voxel_is_refused_beside_the_surface_and_harmless_elsewhere(broken, topology):
+    random = np.random.default_rng(5)
+    refused = 0
+    for _ in range(60):
+        values = random.normal(size=(3, 3, 3))
+        values[tuple(random.integers(0, 3, 3))] = broken
+        try:
+            mesh = marching_cubes(values, 0.1, topology=topology)
+        except VolumeError:
+            refused += 1
+        else:
+            assert np.isfinite(mesh.vertices).all()
+            assert np.isfinite(mesh.normals).all()
+    assert 0 < refused < 60
+
+
 def test_normals_are_of_unit_length_where_a_gradient_reaches_a_nan_voxel():
     values = np.zeros((9, 9, 9), np.float32)
     values[3:6, 3:6, 3:6] = 1
