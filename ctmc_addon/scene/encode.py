@@ -82,7 +82,6 @@ def set_up(scene: bpy.types.Scene, frames: Sequence[Path], suffix: str, fps: int
     strip = strips.new_image("Frames", str(frames[0].resolve()), channel=1, frame_start=1)
     for frame in frames[1:]:
         strip.elements.append(frame.name)
-    strip.frame_final_duration = len(frames)
     render = scene.render
     render.use_sequencer, render.fps = True, fps
     if hasattr(render.image_settings, "media_type"):
