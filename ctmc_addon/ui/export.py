@@ -9,6 +9,8 @@ from bpy.props import EnumProperty, StringProperty
 
 from ..core import CtmcError
 from ..scene import SUFFIXES, export
+from . import jobs
+from .translations import say
 
 
 class CTMC_OT_export(bpy.types.Operator):
@@ -49,9 +51,8 @@ class CTMC_OT_export(bpy.types.Operator):
         try:
             export(context.object, path, space=self.space, scene=context.scene)
         except CtmcError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"Wrote {path.name}")
+            return jobs.refuse(self, context.scene.session_uid, error)
+        self.report({"INFO"}, say("Wrote {name}").format(name=path.name))
         return {"FINISHED"}
 
 

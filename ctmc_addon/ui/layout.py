@@ -61,12 +61,12 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 
-def draw_facts(layout: Any, facts: list[tuple[str, str]]) -> None:
-    """Names on the left, values on the right."""
+def draw_facts(layout: Any, facts: list[tuple[str, str]], names: float = 0.32) -> None:
+    """Names on the left, in this share of the width, and values on the right."""
     column = layout.column(align=True)
     column.scale_y = 0.85
     for name, value in facts:
-        row = column.split(factor=0.32)
+        row = column.split(factor=names)
         left = row.row()
         left.alignment = "RIGHT"
         left.label(text=name, translate=False)

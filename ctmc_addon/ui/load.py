@@ -135,6 +135,8 @@ def conclude(found: volumes.Loaded, uid: int) -> str:
     if other:
         names = found.volume.label_names
         stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in found.survey.labels])
+    if found.volume.kind == "label" and found.survey.labels and not (stored.use_threshold or stored.use_label):
+        stored.label = found.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
     session.of(scene).message = ""
     marks.changed(stored, "volume")
     columns, rows, slices = found.volume.size

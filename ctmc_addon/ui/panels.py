@@ -94,7 +94,9 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
         column.prop(stored, "spacing")
-        row = column.row(align=True, heading=say("Turn Round"))
+        column.label(text=say("Turn Round"), translate=False)
+        row = column.row(align=True)
+        row.use_property_split = False
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
         column.operator("ctmc.load", text="Apply to Stack", icon="FILE_REFRESH").again = True
@@ -149,7 +151,9 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
 def threshold_label(scene: bpy.types.Scene) -> str:
     """The threshold with its unit."""
     volume = volumes.current(scene)
-    return say("Threshold") + ("" if volume is None or volume.kind == "label" else f" [{say(volume.kind)}]")
+    if volume is None or volume.kind == "label":
+        return say("Threshold")
+    return say("Threshold [HU]") if volume.kind == "HU" else say("Grey Value")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:

@@ -267,9 +267,9 @@ def volume_properties() -> dict[str, Any]:
             min=0.0,
             precision=4,
         ),
-        "flip_x": BoolProperty(**CONTEXT, name="Left Is Right", description=turned.format("left and right")),
-        "flip_y": BoolProperty(**CONTEXT, name="Front Is Back", description=turned.format("front and back")),
-        "flip_z": BoolProperty(**CONTEXT, name="Head Is Feet", description=turned.format("head and feet")),
+        "flip_x": BoolProperty(**CONTEXT, name="Left - Right", description=turned.format("left and right")),
+        "flip_y": BoolProperty(**CONTEXT, name="Front - Back", description=turned.format("front and back")),
+        "flip_z": BoolProperty(**CONTEXT, name="Head - Feet", description=turned.format("head and feet")),
         "labels": CollectionProperty(**CONTEXT, type=CTMCLabel, name="Labels", description="Labels of the volume"),
         "label_index": IntProperty(**CONTEXT, name="Label", description="Line of the list that is marked"),
     }

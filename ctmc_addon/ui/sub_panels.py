@@ -88,7 +88,7 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         layout.label(text=thing.name, icon="OUTLINER_OB_MESH", translate=False)
         known = scenes.remembered(thing)
         result = session.of(context.scene).results.get(thing.session_uid)
-        draw_facts(layout, facts_of(known, result))
+        draw_facts(layout, facts_of(known, result), names=0.45)
         row = layout.row(align=True)
         row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         row.operator("ctmc.deviation_map", icon="COLOR")

@@ -79,8 +79,8 @@ def test_a_deleted_target_becomes_a_new_object(loaded):
 
 def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene, labels_file):
     bpy.ops.ctmc.load(filepath=str(labels_file), spacing=(1, 1, 1))
-    assert [(item.value, item.chosen) for item in scene.ctmc.labels] == [(1, False), (2, False), (5, False)]
-    scene.ctmc.labels[0].chosen = scene.ctmc.labels[2].chosen = True
+    assert [(item.value, item.chosen) for item in scene.ctmc.labels] == [(1, True), (2, False), (5, False)]
+    scene.ctmc.labels[2].chosen = True
     assert scene.ctmc.use_label
     assert [one.label for one in scene.ctmc.all_settings()] == [1, 5]
     scene.ctmc.labels[2].color = (0.1, 0.9, 0.2)
