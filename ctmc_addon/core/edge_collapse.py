@@ -93,7 +93,7 @@ class CollapsingMesh:
     fixed : (V,) bool, vertices that stay where they are
     """
 
-    def __init__(self, mesh: TriangleMesh, max_error: float | None = None) -> None:
+    def __init__(self, mesh: TriangleMesh, max_error: float | None = None, held: float = 1.0) -> None:
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
         # A power of two: nothing is rounded, and float32 neither over- nor underflows in any unit.
@@ -108,7 +108,7 @@ class CollapsingMesh:
         self.bound = None
         if max_error is not None:
             limit = max_error * float(self.scale)
-            self.bound = ErrorBound(self.positions, self.faces, self.edges, self.face_edges, limit)
+            self.bound = ErrorBound(self.positions, self.faces, self.edges, self.face_edges, limit, held)
         self.accepted = 1.0  # share of the edges tried in the last round that could collapse
         self.poor_rounds = 0  # in a row, with hardly a collapse
         self.collapsed = 0  # since refused edges were last given another chance
@@ -319,6 +319,10 @@ class CollapsingMesh:
         changed[vertex_number[keep]] = True
         for _ in self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0))):
             pass
+
+    def holds(self) -> bool:
+        """Whether the bound on the error, if there is one, is kept everywhere."""
+        return self.bound is None or self.bound.holds(self.positions, self.faces)
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""

@@ -29,7 +29,6 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
-HELD = 0.85  # of the bound is what samples are held to: between them a surface swings out a little farther
 MOST_PARTS = 15  # that a side is cut into for samples
 SAMPLE = 8  # of so many vertices one is looked at first: most refusals need no more
 
@@ -43,17 +42,23 @@ class ErrorBound:
         The original, which is also the surface as it is at first.
     limit : float
         In the unit of the positions.
+    held : float
+        Share of the limit that samples are held to: between them a surface swings out a little farther.
     """
 
-    def __init__(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints, limit: float) -> None:
-        self.limit = HELD * limit
+    def __init__(
+        self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints, limit: float, held: float
+    ) -> None:
+        self.whole_limit = limit
+        self.limit = held * limit
         self.limit_squared = np.float32(self.limit * self.limit)
         vertex_count, face_count = positions.shape[1], faces.shape[1]
         ends = [np.take(positions, end, axis=1) for end in edges]
         along = ends[1] - ends[0]
         self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), limit)
         on_edges, edge_of = _spread(ends, self.gap)
-        in_faces, face_of = _spread([np.take(positions, corner, axis=1) for corner in faces], self.gap)
+        self.original = [np.take(positions, corner, axis=1) for corner in faces]
+        in_faces, face_of = _spread(self.original, self.gap)
         self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
 
         face_at = np.tile(np.arange(face_count), 3)
@@ -61,7 +66,7 @@ class ErrorBound:
         face_at_vertex[faces.ravel()] = face_at
         face_at_edge[face_edges.ravel()] = face_at
         self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
-        self.corners = [np.take(positions, corner, axis=1) for corner in np.take(faces, face_of, axis=1)]
+        self.corners = [np.take(corner, face_of, axis=1) for corner in self.original]
         self.tree = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
         self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
 
@@ -83,57 +88,72 @@ class ErrorBound:
         collapse = collapse_at[self.home[moving]].astype(np.int64)
         order = np.argsort(collapse, kind="stable")
         moving, collapse = moving[order], collapse[order]
-        self.moving = moving
-        self.new_home = np.empty(len(moving), np.int64)
 
         left = np.flatnonzero(~collapses.gone)
         left = left[np.argsort(collapses.owner[left], kind="stable")]
         owner, star = collapses.owner[left].astype(np.int64), collapses.faces[left]
         corners = np.take(faces, star, axis=1)
-        exceeded = self._away_from_original(collapses, owner, corners, moved, moving, collapse)
-        first, faces_of = _runs(owner, count)
         middles = _middles(moved, corners)
+        first, faces_of = _runs(owner, count)
+        exceeded = np.zeros(count, bool)
+        near = np.empty(len(moving), np.int64)
         for step in (SAMPLE, 1):
             rest = np.arange(0, len(moving), step)
             rest = rest[~exceeded[collapse[rest]]]
             own = collapse[rest]
             places = np.take(self.samples, moving[rest], axis=1)
-            near, squared = _near_face(places, moved, corners, middles, first[own], faces_of[own], self.limit_squared)
-            self.new_home[rest] = star[near]
+            near[rest], squared = _near_face(
+                places, moved, corners, middles, first[own], faces_of[own], self.limit_squared
+            )
             exceeded[own[squared > self.limit_squared]] = True
 
         chosen = ~exceeded[collapse]
-        self.moving, self.new_home = self.moving[chosen], self.new_home[chosen]
-        return exceeded
+        moving, collapse, near = moving[chosen], collapse[chosen], near[chosen]
+        refused = self._away_from_original(collapses, owner, corners, moved, moving, near, exceeded)
+        chosen = ~refused[collapse]
+        self.moving, self.new_home = moving[chosen], star[near[chosen]]
+        return refused
 
     def _away_from_original(
-        self, collapses: Collapses, owner: Places, corners: Ints, moved: Floats, moving: Places, collapse: Places
+        self,
+        collapses: Collapses,
+        owner: Places,
+        corners: Ints,
+        moved: Floats,
+        moving: Places,
+        near: Places,
+        refused: Flags,
     ) -> Flags:
-        """Which collapses put a vertex, or a point of a spoke or face, too far from the original."""
-        count = len(collapses.edges)
+        """Which collapses are refused or put a vertex, or a point of a spoke or face, too far from the original."""
+        count = len(refused)
         hub = np.zeros(moved.shape[1], bool)
         hub[collapses.kept] = hub[collapses.dropped] = True
-        slot, column = np.argmax(np.take(hub, corners), axis=0), np.arange(len(owner))
-        a, b, c = (np.take(moved, corners[(slot + k) % 3, column], axis=1) for k in range(3))  # a is the one that moves
+        column = np.flatnonzero(~refused[owner])
+        corners = np.take(corners, column, axis=1)
+        slot, each = np.argmax(np.take(hub, corners), axis=0), np.arange(len(column))
+        a, b, c = (np.take(moved, corners[(slot + k) % 3, each], axis=1) for k in range(3))  # a is the one that moves
         on_spokes, spoke = _spread([a, b], self.gap)
         in_faces, face = _spread([a, b, c], self.gap)
-        places = np.concatenate([collapses.target, on_spokes, in_faces], axis=1)
-        of = np.concatenate([np.arange(count), owner[spoke], owner[face]])
+        places = np.concatenate([a, on_spokes, in_faces], axis=1)
+        face_of = column[np.concatenate([each, spoke, face])]
+        of = owner[face_of]
 
-        # Mostly the face of the nearest sample that is at home in the star will do.
+        # Mostly the original's face of the nearest sample at home in the same face will do.
         inner = moving - (self.samples.shape[1] - self.corners[0].shape[1])
-        inside = inner >= 0
-        near, first, near_to = inner[inside], *_runs(collapse[inside], count)
+        inside = np.flatnonzero(inner >= 0)
+        inside = inside[np.argsort(near[inside], kind="stable")]
+        first, near_to = _runs(near[inside], len(owner))
         squared = np.full(len(of), np.inf)
-        some = np.flatnonzero(near_to[of])
+        some = np.flatnonzero(near_to[face_of])
         samples = np.take(self.samples, moving[inside], axis=1)
-        nearest = near[_nearest_point(places[:, some], samples, first[of[some]], near_to[of[some]])]
+        nearest = _nearest_point(places[:, some], samples, first[face_of[some]], near_to[face_of[some]])
+        nearest = inner[inside][nearest]
         squared[some] = squared_distances(
             places[:, some], *(np.take(corner, nearest, axis=1) for corner in self.corners)
         )
 
         # For the others the tree is asked, first for the farthest of each collapse: mostly that decides it.
-        exceeded = np.zeros(count, bool)
+        refused = refused.copy()
         far = np.flatnonzero(squared > self.limit_squared)
         far = far[np.argsort(squared[far], kind="stable")]
         farthest = np.full(count, -1)
@@ -141,9 +161,19 @@ class ErrorBound:
         ask = farthest[farthest >= 0]
         for _ in range(2):
             away = np.isinf(self.tree.distances(places[:, ask].T, self.limit))
-            exceeded[of[ask[away]]] = True
-            ask = far[~exceeded[of[far]] & (farthest[of[far]] != far)]
-        return exceeded
+            refused[of[ask[away]]] = True
+            ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
+        return refused
+
+    def holds(self, positions: Floats, faces: Ints) -> bool:
+        """Whether the whole bound is kept between the samples too, at points twice as dense, both ways."""
+        surface = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+        corners = [np.take(positions, corner, axis=1) for corner in faces]
+        for tree, other in ((self.tree, corners), (surface, self.original)):
+            places, _ = _spread(other, self.gap / 2)
+            if np.isinf(tree.distances(places.T, self.whole_limit)).any():
+                return False
+        return True
 
     def accept(self, face_left: Places) -> None:
         """Take over the homes for the collapses that `exceeded` let pass; (f,) are the faces that are left."""

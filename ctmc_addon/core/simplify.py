@@ -15,6 +15,8 @@ from .errors import SettingsError
 from .mesh import TriangleMesh
 from .progress import Step, Steps, finish
 
+HELD = 0.85  # of max_error is what samples are held to at first; less where that proves too much between them
+
 
 def simplify(
     mesh: TriangleMesh,
@@ -68,15 +70,19 @@ def simplify_steps(
     start = len(mesh.faces)
     if target >= start:
         return mesh
-    yield Step(0.0, "Simplifying")
-    work = CollapsingMesh(mesh, max_error)
-    for _ in work.price():
-        yield Step(0.0, "Simplifying")
-    fraction = 0.0
-    while work.face_count > target and work.can_collapse():
-        for _ in work.collapse(-(-(work.face_count - target) // 2)):
+    fraction, held = 0.0, HELD
+    while True:
+        yield Step(fraction, "Simplifying")
+        work = CollapsingMesh(mesh, max_error, held)
+        for _ in work.price():
             yield Step(fraction, "Simplifying")
-        fraction = (start - work.face_count) / (start - target)
+        while work.face_count > target and work.can_collapse():
+            for _ in work.collapse(-(-(work.face_count - target) // 2)):
+                yield Step(fraction, "Simplifying")
+            fraction = max(fraction, (start - work.face_count) / (start - target))
+        if work.holds():
+            break
+        held *= HELD
     message = f"{work.face_count} triangles"
     if max_error is None and work.face_count > target:
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, simplify, simplify_steps
+from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.mesh import face_vectors
 
@@ -249,15 +249,85 @@ def test_the_same_input_gives_the_same_bytes():
     assert one.faces.tobytes() == two.faces.tobytes()
 
 
+# A maximum error
+
+
+def spread(mesh, count, seed):
+    """Points spread evenly at random over the surface, and its vertices."""
+    draw = np.random.default_rng(seed)
+    vectors = face_vectors(mesh.vertices, mesh.faces)
+    area = np.sqrt((vectors**2).sum(axis=1))
+    face = draw.choice(len(area), count, p=area / area.sum())
+    u, v = draw.random((2, count, 1))
+    u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
+    a, b, c = mesh.vertices[mesh.faces[face]].astype(float).transpose(1, 0, 2)
+    return np.concatenate([a + u * (b - a) + v * (c - a), mesh.vertices])
+
+
+def largest_error(mesh, small, count=4000):
+    there = distances(spread(mesh, count, 1), small).max()
+    return max(there, distances(spread(small, count, 2), mesh).max())
+
+
+@pytest.mark.parametrize("share", [0.002, 0.05])
+def test_a_maximum_error_is_kept_both_ways_and_most_triangles_go(share):
+    mesh = bumpy()
+    small = simplify(mesh, max_error=share * 10)
+    assert_sound(small)
+    assert small.closed
+    assert largest_error(mesh, small) <= share * 10
+    assert len(small.faces) < 0.5 * len(mesh.faces)
+
+
+def test_a_looser_bound_removes_more():
+    mesh = icosphere(4, 10.0)
+    counts = [len(simplify(mesh, max_error=bound).faces) for bound in (0.1, 0.3, 1.0)]
+    assert counts[0] > counts[1] > counts[2]
+
+
+def test_a_sphere_of_voxels_loses_well_over_half_within_a_quarter_voxel():
+    z, y, x = np.ogrid[-23:24, -23:24, -23:24]
+    ball = marching_cubes(np.sqrt(x * x + y * y + z * z).max() - np.sqrt(x * x + y * y + z * z), 39.837 - 20)
+    assert 8000 < len(ball.faces) < 30000
+    small = simplify(ball, max_error=0.25)
+    assert small.closed
+    assert small.euler == 2
+    assert len(small.faces) < 0.1 * len(ball.faces)
+    assert largest_error(ball, small) <= 0.25
+
+
+def test_the_stairs_of_a_label_keep_the_bound():
+    z, y, x = np.ogrid[-8:9, -16:17, -16:17]
+    stairs = marching_cubes((x * x + y * y + 4 * z * z < 200).astype(np.uint8), 0.5, normals=False)
+    small = simplify(stairs, max_error=0.25)
+    assert small.closed
+    assert len(small.faces) < 0.5 * len(stairs.faces)
+    assert largest_error(stairs, small) <= 0.25
+
+
+def test_a_bound_far_below_the_detail_removes_only_what_is_flat():
+    box = sheet(20, 20, lambda x, y: np.maximum(0, x - 10) * 1.0)
+    small = simplify(box, max_error=1e-4)
+    assert len(small.faces) < 0.4 * len(box.faces)
+    assert largest_error(box, small) <= 1e-4
+
+
+def test_with_an_open_border_the_bound_is_kept_too():
+    hills = sheet(40, 30, lambda x, y: 2 * np.sin(x / 5) * np.cos(y / 4))
+    small = simplify(hills, max_error=0.2)
+    assert border_positions(small) == border_positions(hills)
+    assert len(small.faces) < 0.5 * len(hills.faces)
+    assert largest_error(hills, small) <= 0.2
+
+
 # Peers
 
 
 def mean_error(mesh, small):
-    """Mean over both ways of the distance at vertices and middles of faces."""
+    """Mean over both ways of the distance at points spread over the surfaces."""
     both = []
     for one, other in ((mesh, small), (small, mesh)):
-        points = np.concatenate([one.vertices, one.vertices[one.faces].mean(axis=1)])
-        both.append(distances(points, other).mean())
+        both.append(distances(spread(one, 5000, 3)[:5000], other).mean())
     return sum(both) / 2
 
 
@@ -315,6 +385,8 @@ def test_the_mean_error_is_no_worse_than_that_of_fast_simplification():
         ({"reduction": -0.1}, r"reduction -0.1 is outside"),
         ({"reduction": float("nan")}, r"reduction nan is outside"),
         ({"target_faces": 0}, "target_faces 0 is below 1"),
+        ({"max_error": 0.0}, "max_error 0 is not above 0"),
+        ({"max_error": float("inf")}, "max_error inf is not"),
     ],
 )
 def test_a_goal_outside_its_limits_is_refused_with_its_value(goals, words):
