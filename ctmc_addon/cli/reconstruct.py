@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import readers
-from ..core import CtmcError, Reconstruction, ReconstructionSettings, Step, Steps, Volume, reconstruct_steps
+from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, reconstruct_steps
 from ..core.errors import LabelError
 from ..core.output import require_writable, write_json
 from ..core.pipeline import Stage
@@ -90,8 +90,6 @@ def run(chosen: argparse.Namespace) -> None:
         require_writable(chosen.figure, (".png",)) if chosen.figure else None,
         chosen.space,
     )
-    if len(set(outputs.names)) < len(outputs.names):
-        raise CtmcError(f"the outputs {', '.join(outputs.names)} need different names")
     work = Work()
     with Progress() as progress:
         volume = progress.drive(within(volume_steps(chosen, settings, work), 0.0, 0.3))
