@@ -222,6 +222,24 @@ def test_the_rotation_test_runs_and_puts_everything_back(desk):
     assert desk.ask("answer = all(not o.hide_viewport for o in bpy.data.objects)")
 
 
+def test_switched_off_and_on_it_draws_once_more_and_then_no_more(desk):
+    module = "bl_ext.user_default.ctmc"
+    handlers = desk.ask(f"""
+import addon_utils
+drawn = []
+for _ in range(3):
+    addon_utils.disable("{module}")
+    drawn.append(len(ours("ui.viewport")._handlers))
+    addon_utils.enable("{module}")
+    drawn.append(len(ours("ui.viewport")._handlers))
+addon_utils.disable("{module}")
+answer = [*drawn, len(ours("ui.viewport")._handlers)]
+""")
+    assert handlers == [0, 2, 0, 2, 0, 2, 0]
+    desk.look("14-switched-off")
+    assert desk.ask("answer = hasattr(bpy.types.Scene, 'ctmc_view')") is False
+
+
 def test_it_quits_in_peace(desk):
     status = desk.close()
     log = (desk.pictures / "blender.log").read_text(encoding="utf-8", errors="replace")
