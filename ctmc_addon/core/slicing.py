@@ -98,11 +98,14 @@ def picture(
     np.nan_to_num(grey, copy=False, nan=0.0)
     np.clip(grey, 0.0, 1.0, out=grey)
     colours = np.ones((*values.shape, 4), np.float32)
-    colours[..., :3] = grey[..., None]
-    if labels or threshold is not None:
-        inside = np.isin(values, labels) if labels else values >= threshold
-        tint = np.array(TINT, np.float32) * np.float32(TINT_SHARE)
-        colours[inside, :3] = grey[inside][:, None] * np.float32(1 - TINT_SHARE) + tint
+    if not labels and threshold is None:
+        colours[..., :3] = grey[..., None]
+        return colours
+    inside = np.isin(values, labels) if labels else values >= threshold
+    share = inside * np.float32(TINT_SHARE)
+    grey *= 1 - share
+    for channel, tint in enumerate(TINT):
+        colours[..., channel] = grey + share * np.float32(tint)
     return colours
 
 
