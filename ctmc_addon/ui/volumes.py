@@ -48,6 +48,11 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     scene.ctmc.volume_path = stored_path(loaded.path)
     scene.ctmc.volume_fingerprint = loaded.survey.fingerprint
     _loaded[loaded.survey.fingerprint] = loaded
+    let_go()
+
+
+def let_go(*_: Any) -> None:
+    """Let the volumes go that no scene refers to, after another was loaded or another file opened."""
     used = {one.ctmc.volume_fingerprint for one in bpy.data.scenes}
     for stale in set(_loaded) - used:
         del _loaded[stale]
@@ -90,9 +95,11 @@ def stored_path(path: Path) -> str:
 
 
 def register() -> None:
-    """Nothing to register."""
+    """Look for volumes to let go after another file was opened."""
+    bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(let_go))
 
 
 def unregister() -> None:
     """Let every volume go."""
+    bpy.app.handlers.load_post.remove(let_go)
     _loaded.clear()

@@ -64,6 +64,12 @@ def test_a_volume_no_scene_refers_to_is_let_go(scene, ball_file, tmp_path):
     assert len(volumes._loaded) == 1
 
 
+def test_a_volume_of_another_file_is_let_go(scene, ball_file):
+    load(ball_file)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert not volumes._loaded
+
+
 def test_mistakes_are_one_sentence_and_change_nothing(scene, ball_file, tmp_path):
     with pytest.raises(RuntimeError, match="Load a CT first"):
         bpy.ops.ctmc.reconstruct()
