@@ -24,6 +24,7 @@ from .volume import Volume
 FIRST_PACE = 8e-8  # seconds a voxel, before anything has been measured: slow on purpose
 FINER = 12.0  # how many times the budget a refined surface may take; it can be stopped at any step
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
+CAUTION = 0.7  # of the budget is aimed at: the last surface may have been an easy one
 FEWEST = 8  # samples along an axis
 Stride = tuple[int, int, int]
 
@@ -66,7 +67,7 @@ class Preview:
 
     def follow(self, settings: ReconstructionSettings) -> Shown | None:
         """The finest surface that stays within the budget; None where there is none at these settings."""
-        return finish(self.refine_steps(settings, self.budget))
+        return finish(self.refine_steps(settings, self.budget * CAUTION))
 
     def refine_steps(self, settings: ReconstructionSettings, seconds: float | None = None) -> Steps[Shown | None]:
         """The finest surface within `seconds` (by default `FINER` budgets), as steps."""
