@@ -36,7 +36,7 @@ def test_faces_point_outwards_in_the_patient(ball):
 def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
     clock = iter(np.arange(0, 1000, 0.5))
     monkeypatch.setattr(preview.time, "perf_counter", lambda: next(clock))  # every surface takes half a second
-    quick = Preview(ball[0], 0.1)
+    quick = Preview(ball[0], 0.3)
     monkeypatch.setattr(preview, "FIRST_PACE", 0.0)
     settings = ReconstructionSettings(threshold=100.0)
     assert quick.follow(settings).stride == (1, 1, 1)
