@@ -10,7 +10,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -320,9 +320,9 @@ class CollapsingMesh:
         for _ in self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0))):
             pass
 
-    def holds(self) -> bool:
-        """Whether the bound on the error, if there is one, is kept everywhere."""
-        return self.bound is None or self.bound.holds(self.positions, self.faces)
+    def holds(self) -> Generator[None, None, bool]:
+        """Whether the bound on the error, if there is one, is kept everywhere; yields now and then."""
+        return self.bound is None or (yield from self.bound.holds(self.positions, self.faces))
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""

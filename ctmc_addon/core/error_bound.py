@@ -10,7 +10,7 @@ and faces, is too far from the original.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,11 +30,11 @@ Flags = NDArray[np.bool_]
 
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
 MOST_PARTS = 15  # that a side is cut into for samples
-SAMPLE = 8  # of so many vertices one is looked at first: most refusals need no more
+SAMPLE = 8  # of so many samples one is looked at first: most refusals need no more
 
 
 class ErrorBound:
-    """The vertices of the original, and the face where each is at home.
+    """Samples of the original, and the face where each is at home.
 
     Parameters
     ----------
@@ -165,14 +165,19 @@ class ErrorBound:
             ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
         return refused
 
-    def holds(self, positions: Floats, faces: Ints) -> bool:
-        """Whether the whole bound is kept between the samples too, at points twice as dense, both ways."""
+    def holds(self, positions: Floats, faces: Ints) -> Generator[None, None, bool]:
+        """Whether the whole bound is kept between the samples too, at points twice as dense, both ways.
+
+        Yields now and then.
+        """
         surface = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
         corners = [np.take(positions, corner, axis=1) for corner in faces]
         for tree, other in ((self.tree, corners), (surface, self.original)):
             places, _ = _spread(other, self.gap / 2)
-            if np.isinf(tree.distances(places.T, self.whole_limit)).any():
-                return False
+            for start in range(0, places.shape[1], 16 * BLOCK):
+                yield
+                if np.isinf(tree.distances(places[:, start : start + 16 * BLOCK].T, self.whole_limit)).any():
+                    return False
         return True
 
     def accept(self, face_left: Places) -> None:

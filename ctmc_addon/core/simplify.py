@@ -80,7 +80,7 @@ def simplify_steps(
             for _ in work.collapse(-(-(work.face_count - target) // 2)):
                 yield Step(fraction, "Simplifying")
             fraction = max(fraction, (start - work.face_count) / (start - target))
-        if work.holds():
+        if (yield from _checking(work, fraction)):
             break
         held *= HELD
     message = f"{work.face_count} triangles"
@@ -88,6 +88,16 @@ def simplify_steps(
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
     yield Step(1.0, message)
     return work.mesh()
+
+
+def _checking(work: CollapsingMesh, fraction: float) -> Steps[bool]:
+    check = work.holds()
+    while True:
+        try:
+            next(check)
+        except StopIteration as end:
+            return bool(end.value)
+        yield Step(fraction, "Checking the error")
 
 
 def _target(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:
