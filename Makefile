@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments figures clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -42,6 +42,9 @@ accuracy: setup  ## how near area, volume and normals come to closed forms: the 
 
 experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/experiments.md; ARGS="--cases phantom-29"
 	@$(python) tools/make_experiments.py $(ARGS)
+
+figures: setup  ## the pictures of docs/figures.md, by the commands on that page
+	@$(python) tools/make_figures.py $(ARGS)
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches
 	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache

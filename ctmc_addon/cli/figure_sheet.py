@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import SettingsError
 from ..core.progress import within
 from .blender import load_scene, quiet
 from .experiment_voxels import sides_of
@@ -57,7 +59,9 @@ def run(chosen: argparse.Namespace) -> None:
         *(tuple(dict.fromkeys(axis)) for axis in (chosen.strides, chosen.alphas, chosen.levels))
     )
     comparison.variants(settings)  # checks the limits of all before the work
-    page, look = page_of(chosen), look_of(chosen, False, "")
+    if chosen.columns is not None and chosen.columns < 1:
+        raise SettingsError(f"columns must be 1 or more, not {chosen.columns}")
+    page, look = page_of(chosen), replace(look_of(chosen, False, ""), columns=chosen.columns)
     scene.require_png(Path(chosen.output))
     scene.require_engine(chosen.engine, chosen.deviation)
     target = output_file(chosen.output)

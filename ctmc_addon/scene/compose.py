@@ -283,9 +283,9 @@ def write(stage: Stage, cells: Sequence[Cell], look: Look, board: Board) -> None
     layout = stage.layout
     assert layout is not None
     down = LEADING * board.font_mm
-    for which, cell in enumerate(cells):
+    for which, text in enumerate(layout.texts):
         x, y = layout.caption_at(which)
-        for at, line in enumerate(cell.lines):
+        for at, line in enumerate(text):
             board.text(line, x, y - at * down, "CENTER")
     for at, line in enumerate(layout.caption):
         board.text(line, layout.margin, layout.caption_top - CAP * board.font_mm - at * down)

@@ -20,6 +20,7 @@ ROW_GAP_MM = 4.0
 FOOTER_GAP_MM = 2.0
 ROOM = 1.04  # around what a cell shows
 HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
+MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
 SMALLEST_MM = 8.0  # a picture
 
 
@@ -31,6 +32,7 @@ class Layout:
     unit: float
     margin: float
     pictures: tuple[Box, ...]
+    texts: tuple[tuple[str, ...], ...]  # lines under every picture
     captions_top: float  # below a picture, to the top of its caption's first capital
     cap_mm: float
     footer_bottom: float
@@ -73,7 +75,8 @@ def laid_out(
     inner = page.width_mm - 2 * MARGIN_MM
     width = (inner - (columns - 1) * GAP_MM) / columns
     font, cap = page.font_mm, CAP * page.font_mm
-    lines = max(len(cell.lines) for cell in cells)
+    texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
+    lines = max(len(text) for text in texts)
     captions = (2.0 + cap + (lines - 1) * LEADING * font + 0.3 * font) if lines else 0.0
     caption = tuple(board.lines_of(look.caption, inner)) if look.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
@@ -89,10 +92,13 @@ def laid_out(
         low, high = HEIGHTS
         height = width * min(max(extent[1] / extent[0], low), high)
         total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
+        if total > MOST_HEIGHT_MM:
+            height = max(height - (total - MOST_HEIGHT_MM) / rows, min(height, width * low))
+            total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
     else:
         total = page.height_mm
         height = (total - below - MARGIN_MM - (rows - 1) * ROW_GAP_MM) / rows - captions
-    widest = max((board.width_of(line) for cell in cells for line in cell.lines), default=0.0)
+    widest = max((board.width_of(line) for text in texts for line in text), default=0.0)
     if min(width, height) < SMALLEST_MM or widest > width + GAP_MM:
         need = max(SMALLEST_MM, widest) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
         raise SettingsError(
@@ -110,6 +116,7 @@ def laid_out(
         unit=ROOM * max(extent[0] / width, extent[1] / height),
         margin=MARGIN_MM,
         pictures=tuple(pictures),
+        texts=texts,
         captions_top=2.0,
         cap_mm=cap,
         footer_bottom=MARGIN_MM + caption_mm + (FOOTER_GAP_MM if caption and footer else 0.0),

@@ -115,10 +115,15 @@ class Compared:
     @property
     def lines(self) -> tuple[str, ...]:
         """The caption."""
-        error = f"error {self.mean_mm:.3g} mm, at most {self.max_mm:.2g} mm" if self.max_mm > 0 else "error 0 mm"
+        error = "error 0 mm"
+        if self.max_mm > 0:
+            error = f"error {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.2g}{NO_BREAK}mm"
+        title = self.title
+        for unit in (" × ", " px", " %"):
+            title = title.replace(unit, unit.replace(" ", NO_BREAK))
         return (
-            f"({self.letter}) {self.title}",
-            f"{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f} s",
+            f"({self.letter}) {title}",
+            f"{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f}{NO_BREAK}s",
             error,
         )
 

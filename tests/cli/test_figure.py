@@ -68,6 +68,7 @@ def test_a_turntable_becomes_a_film(ctmc, ct, tmp_path):
         (("figure", "-o", "a.png", "--label", 9), "9"),
         (("figure", "sheet", "-o", "a.png"), "give one or two"),
         (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
+        (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "columns must be 1 or more"),
         (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
         (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
         (("figure", "turntable", "-o", "a.gif"), ".gif is no film"),

@@ -46,9 +46,9 @@ def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path)
     assert (cells[0].mean_mm, cells[0].max_mm) == (0.0, 0.0)
     assert 0 < cells[1].mean_mm < cells[2].mean_mm < cells[2].max_mm < 2.0
     assert all(one.seconds > 0 for one in cells)
-    assert cells[1].lines[0] == "(b) voxel sides 2 × 2 px"
+    assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) voxel sides 2 × 2 px"
     assert cells[1].lines[1].startswith(f"{faces[1]:,} triangles, ")
-    assert cells[1].lines[2].startswith(f"error {cells[1].mean_mm:.3g} mm")
+    assert cells[1].lines[2].startswith(f"error {cells[1].mean_mm:.3g}\N{NO-BREAK SPACE}mm")
     assert len(bpy.data.scenes) == 1
     assert not bpy.data.objects
 

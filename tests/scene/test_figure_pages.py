@@ -118,6 +118,24 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
             assert right < x0 or left > x1 or top < y0 or bottom > y1, "letters overlap"
 
 
+def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
+    stage = staged(
+        [Cell((Shown(thing),), ("(a) voxel sides 2 × 2 px, 50 % simplified",))] * 3, Page(90.0, 72.0), Look()
+    )
+    texts = stage.layout.texts
+    stage.take_down()
+    assert texts == (("(a) voxel sides 2 × 2", "px, 50 % simplified"),) * 3
+
+
+def test_a_tall_sheet_ends_with_the_page(thing):
+    thing.rotation_euler = (np.pi / 2, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    stage = staged([Cell((Shown(thing),))] * 9, Page(170.0, 72.0), Look(columns=2))
+    height = stage.layout.height_mm
+    stage.take_down()
+    assert height == pytest.approx(230.0)
+
+
 def bpy_vector(corner):
     from mathutils import Vector
 
