@@ -14,6 +14,8 @@ import bpy
 
 from ..core import Step, Steps
 from ..core.errors import OutputError
+from ..core.progress import within
+from .bands import render_steps
 from .blocks import remove_blocks
 from .compose import NAME as STAGE
 from .compose import Cell, Look, Stage, mean_edge, staged
@@ -60,10 +62,9 @@ def figure_steps(
         if blend is not None:
             yield Step(0.1, f"Writing {Path(blend).name}")
             write_stage(stage, Path(blend))
-        yield Step(0.2, f"Rendering {target.name}")
         with written_whole(target) as beside:
             require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
-            render_stage(stage, beside)
+            yield from within(render_steps(stage.scene, beside, target.name), 0.2, 1.0)
             beside.write_bytes(finished_png(beside.read_bytes(), target.name, page.dpi))
         yield Step(1.0, f"{target.name} written")
         return stage.size
@@ -96,15 +97,6 @@ def write_stage(stage: Stage, path: Path) -> None:
         vertices = sum(len(copy.data.vertices) for copies in stage.copies for copy in copies)
         require_room(beside, 500_000 + 120 * vertices)
         bpy.data.libraries.write(str(beside), {stage.scene}, path_remap="RELATIVE_ALL")
-
-
-def render_stage(stage: Stage, path: Path) -> None:
-    """Render the figure's scene to a file."""
-    stage.scene.render.filepath = str(path.resolve())
-    try:
-        bpy.ops.render.render(write_still=True, scene=stage.scene.name)
-    except RuntimeError as error:  # how Blender's operators report what they could not do
-        raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error
 
 
 def render_figure(

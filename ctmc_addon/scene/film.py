@@ -25,9 +25,10 @@ from ..core.output import made_folder, refused, write_json
 from ..core.version import VERSION
 from . import meshes
 from .annotations import PIVOT
+from .bands import render_to
 from .compose import Cell, Look, Stage, middle_of, seen_points, staged
 from .encode import encode, require_film
-from .figures import render_stage, require_own_blend, write_stage
+from .figures import require_own_blend, write_stage
 from .outputs import require_room, written_whole
 from .page import Page, finished_png
 
@@ -181,7 +182,7 @@ def frames_steps(stage: Stage, pivot: bpy.types.Object, folder: Path, page: Page
         target = folder / FRAME.format(at + 1)
         with written_whole(target) as beside:
             require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
-            render_stage(stage, beside)
+            render_to(stage.scene, beside)
             beside.write_bytes(finished_png(beside.read_bytes(), target.name, page.dpi))
     return len(missing)
 

@@ -118,7 +118,7 @@ def white_world() -> bpy.types.World:
     mix = tree.nodes.new("ShaderNodeMixShader")
     path = tree.nodes.new("ShaderNodeLightPath")
     tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, strength in ((1, 0.55), (2, 1.02)):  # a little over white, or noise would leave it at 254 of 255
+    for slot, strength in ((1, 0.55), (2, 1.0)):
         background = tree.nodes.new("ShaderNodeBackground")
         background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
         background.inputs["Strength"].default_value = strength
@@ -141,6 +141,7 @@ def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
     scene.view_settings.view_transform = "Standard"
     render.resolution_x, render.resolution_y = size
     render.resolution_percentage = 100
+    render.dither_intensity = 0.0  # white stays white
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode = "RGB"
     render.filepath = "//"

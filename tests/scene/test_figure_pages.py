@@ -12,7 +12,7 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.core import finish  # noqa: E402
 from ctmc_addon.core.errors import OutputError, SettingsError  # noqa: E402
-from ctmc_addon.scene import Cell, Look, Page, Shown, add_reconstruction, figure_steps, gpu_drawing  # noqa: E402
+from ctmc_addon.scene import Cell, Look, Page, Shown, add_reconstruction, bands, figure_steps, gpu_drawing  # noqa: E402
 from ctmc_addon.scene.annotations import round_length  # noqa: E402
 from ctmc_addon.scene.compose import staged  # noqa: E402
 from ctmc_addon.scene.page import finished_png  # noqa: E402
@@ -282,6 +282,19 @@ def test_workbench_draws_edges_too(thing, tmp_path):
 def test_the_background_is_white_to_the_last_pixel(thing, tmp_path):
     render([thing], tmp_path / "a.png", Page(40.0, 72.0), orientation=False, scale_bar=False)
     assert (pixels(tmp_path / "a.png")[:3] == 1).all()
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_a_picture_in_bands_is_the_picture(thing, tmp_path, monkeypatch, transparent):
+    page = Page(40.0, 72.0, transparent=transparent)
+    render([thing], tmp_path / "whole.png", page)
+    monkeypatch.setattr(bands, "BAND_PIXELS", 1500)
+    messages = []
+    steps = figure_steps([Cell((Shown(thing),))], tmp_path / "bands.png", page)
+    finish(steps, lambda step: messages.append(step.message))
+    assert sum(message.startswith("Rendering") for message in messages) > 4
+    assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "bands.png")).max() <= 1 / 255
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.parametrize(
