@@ -39,7 +39,7 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")
     group.add_argument("--height-mm", type=float, metavar="MM", help="default: what the surface needs")
     group.add_argument("--dpi", type=float, default=dpi, metavar="N", help=f"pixels to the inch (default {dpi:g})")
-    group.add_argument("--font-pt", type=float, default=8.0, metavar="PT", help="size of the letters (default 8)")
+    group.add_argument("--font-pt", type=float, default=8.0, metavar="PT", help="letters (default 8; turntables 12)")
     group.add_argument("--transparent", action="store_true", help="no background instead of a white one")
     group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="camera, from the front to the left")
     group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="camera, upwards (default 20)")

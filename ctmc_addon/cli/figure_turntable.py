@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
     again.add_argument("--resume", action="store_true", help="go on where this turntable was stopped")
     again.add_argument("--overwrite", action="store_true", help="replace an older turntable")
     add_blend(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, font_pt=12.0)
 
 
 def run(chosen: argparse.Namespace) -> None:
