@@ -30,6 +30,8 @@ Flags = NDArray[np.bool_]
 
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
 MOST_PARTS = 15  # that a side is cut into for samples
+STEEP = 0.5  # how fast a distance grows along a face: the sine of 30 degrees
+CUTS, CUTS_OF_ORIGINAL = 4, 1  # quarterings of a face; the original's faces are small already
 SAMPLE = 8  # of so many samples one is looked at first: most refusals need no more
 
 
@@ -166,18 +168,27 @@ class ErrorBound:
         return refused
 
     def holds(self, positions: Floats, faces: Ints) -> Generator[None, None, bool]:
-        """Whether the whole bound is kept between the samples too, at points twice as dense, both ways.
+        """Whether the whole bound is kept between the samples too, both ways. Yields now and then.
 
-        Yields now and then.
+        Every face is cut in four, and its pieces again up to `CUTS` times, wherever a piece could swing out beyond
+        the bound between its middle and its corners, if it stands no steeper than `STEEP` against the other surface.
         """
         surface = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
         corners = [np.take(positions, corner, axis=1) for corner in faces]
-        for tree, other in ((self.tree, corners), (surface, self.original)):
-            places, _ = _spread(other, self.gap / 2)
-            for start in range(0, places.shape[1], 16 * BLOCK):
-                yield
-                if np.isinf(tree.distances(places[:, start : start + 16 * BLOCK].T, self.whole_limit)).any():
-                    return False
+        for tree, pieces, cuts in ((self.tree, corners, CUTS), (surface, self.original, CUTS_OF_ORIGINAL)):
+            for _ in range(cuts + 1):
+                smaller = []
+                for start in range(0, pieces[0].shape[1], 16 * BLOCK):
+                    yield
+                    some = [corner[:, start : start + 16 * BLOCK] for corner in pieces]
+                    middle = (some[0] + some[1] + some[2]) / np.float32(3.0)
+                    away = tree.distances(middle.T, self.whole_limit)
+                    if np.isinf(away).any():
+                        return False
+                    radius = np.sqrt(np.max([dot(corner - middle, corner - middle) for corner in some], axis=0))
+                    doubtful = away + STEEP * radius > self.whole_limit
+                    smaller.append(_quartered([corner[:, doubtful] for corner in some]))
+                pieces = [np.concatenate(parts, axis=1) for parts in zip(*smaller, strict=True)]
         return True
 
     def accept(self, face_left: Places) -> None:
@@ -212,6 +223,13 @@ def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
     if not places:
         return np.empty((3, 0), np.float32), np.empty(0, np.int64)
     return np.concatenate(places, axis=1), np.concatenate(owners)
+
+
+def _quartered(corners: list[Floats]) -> list[Floats]:
+    """Every triangle's three corner pieces and its middle piece."""
+    a, b, c = corners
+    ab, bc, ca = ((one + other) * np.float32(0.5) for one, other in ((a, b), (b, c), (c, a)))
+    return [np.concatenate(parts, axis=1) for parts in ((a, ab, ca, ab), (ab, b, bc, bc), (ca, bc, c, ca))]
 
 
 def _runs(owner: Places, count: int) -> tuple[Places, Places]:

@@ -15,7 +15,7 @@ from .errors import SettingsError
 from .mesh import TriangleMesh
 from .progress import Step, Steps, finish
 
-HELD = 0.85  # of max_error is what samples are held to at first; less where that proves too much between them
+HELD = 0.75  # of max_error is what samples are held to at first; less where that proves too much between them
 
 
 def simplify(
@@ -82,7 +82,7 @@ def simplify_steps(
             fraction = max(fraction, (start - work.face_count) / (start - target))
         if (yield from _checking(work, fraction)):
             break
-        held *= HELD
+        held *= 0.85
     message = f"{work.face_count} triangles"
     if max_error is None and work.face_count > target:
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"

@@ -24,9 +24,9 @@ def parsed(line):
 def test_every_setting_has_its_flag_with_text_and_limits():
     flags = {name: flag_of(name, about) for name, about in described().items()}
     assert set(flags.values()) == {
-        "--threshold", "--label", "--stride", "--alpha", "--topology", "--soften", "--close-border", "--region", "--region-unit",
-        "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles", "--max-error",
-        "--nan-as",
+        "--threshold", "--label", "--stride", "--alpha", "--topology", "--soften", "--close-border", "--region",
+        "--region-unit", "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles",
+        "--max-error", "--nan-as",
     }  # fmt: skip
     parser = argparse.ArgumentParser()
     add_settings(parser)
