@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from .field import field_steps, region_box
 from .marching_cubes import extract_steps
+from .memory import require
 from .mesh import Surface, TriangleMesh, vertex_normals
 from .parts import keep_parts
 from .progress import Step, Steps, finish, within
 from .sampling import make_grid
 from .settings import ReconstructionSettings
-from .simplify import simplify_steps
+from .simplify import memory_needed, simplify_steps
 from .version import VERSION
 from .volume import Volume, determinant, normals_to_ras, to_ras_mm
 
@@ -133,7 +134,7 @@ def reconstruct_steps(
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels."""
     full = yield from within(full_steps(volume, settings, threads, memory_limit), 0.0, 0.65)
-    result = yield from within(simplified_steps(full, settings), 0.65, 1.0)
+    result = yield from within(simplified_steps(full, settings, memory_limit), 0.65, 1.0)
     yield Step(1.0, "Surface ready")
     return result
 
@@ -180,10 +181,18 @@ def full_steps(
     )
 
 
-def simplified_steps(full: Reconstruction, settings: ReconstructionSettings) -> Steps[Reconstruction]:
+def simplified_steps(
+    full: Reconstruction, settings: ReconstructionSettings, memory_limit: int | None = None
+) -> Steps[Reconstruction]:
     """What `full_steps` found, taken to the goal of `settings`; their other fields are those it was found with."""
     stages, mesh, surface, notes = list(full.stages), full.mesh, full.surface, full.notes
     if settings.simplifies and settings.simplifier == "builtin":
+        require(
+            memory_needed(full.full_faces, settings.max_error_mm),
+            f"simplifying {full.full_faces} triangles",
+            "use a larger stride or a region",
+            memory_limit,
+        )
         goal = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
         mesh = yield from _timed(stages, "Simplifying", goal)
         surface = None

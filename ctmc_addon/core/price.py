@@ -20,14 +20,13 @@ from .pipeline import Reconstruction
 from .progress import Step, Steps, finish, within
 from .sampling import Grid, make_grid
 from .settings import ReconstructionSettings
-from .simplify import simplify
+from .simplify import memory_needed, simplify
 from .volume import Volume
 
 # Bytes: positions at both ends of alpha and normals are 36 a vertex, triangles 12; Blender keeps about as much again
 # with keys, edges and corners; the built-in simplifier its edges, quadrics and costs.
 VERTEX_BYTES, FACE_BYTES, ACTIVE_BYTES = 36, 12, 40
 BLENDER_VERTEX_BYTES, BLENDER_FACE_BYTES = 60, 52
-SIMPLIFY_FACE_BYTES = 260
 WIDEST = 16
 BALL = 112  # samples along an axis of the ball that a fresh process is measured on
 
@@ -230,7 +229,7 @@ def memory_of(counts: Counts, settings: ReconstructionSettings, made: Field, vol
     builtin = settings.simplifies and settings.simplifier == "builtin"
     left = goal_faces(counts.faces, settings) if builtin else counts.faces
     blender = (BLENDER_FACE_BYTES + BLENDER_VERTEX_BYTES // 2) * left
-    return softened + surface + max(SIMPLIFY_FACE_BYTES * counts.faces if builtin else 0, blender)
+    return softened + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
 
 
 def remedy_steps(prepared: Prepared, made: Field, settings: ReconstructionSettings, price: Price) -> Steps[str]:

@@ -246,6 +246,8 @@ def test_work_that_would_not_fit_is_refused_before_it_starts():
         reconstruct(volume, ReconstructionSettings(threshold=0.0), memory_limit=1000)
     with pytest.raises(MemoryLimitError, match="softening"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, soften_mm=1), memory_limit=1000)
+    with pytest.raises(MemoryLimitError, match=r"simplifying \d+ triangles"):
+        reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.5), memory_limit=300_000)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
