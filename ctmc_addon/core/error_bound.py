@@ -31,7 +31,7 @@ Flags = NDArray[np.bool_]
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
 MOST_PARTS = 15  # that a side is cut into for samples
 STEEP = 0.5  # how fast a distance grows along a face: the sine of 30 degrees
-CUTS, CUTS_OF_ORIGINAL = 4, 1  # quarterings of a face; the original's faces are small already
+CUTS, CUTS_OF_ORIGINAL = 5, 1  # quarterings of a face; the original's faces are small already
 SAMPLE = 8  # of so many samples one is looked at first: most refusals need no more
 
 
