@@ -299,4 +299,8 @@ def test_mesh_normals_are_the_meshs_own():
 
 
 def test_every_error_is_the_projects_own():
-    assert issubclass(ThresholdError, CtmcError)
+    from ctmc_addon.core import errors
+
+    named = [one for name, one in vars(errors).items() if name.endswith("Error")]
+    assert len(named) > 5
+    assert all(issubclass(one, CtmcError) for one in named)
