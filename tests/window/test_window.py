@@ -169,7 +169,7 @@ answer = [round(x + reach * (u - x) / length), round(y + reach * (v - y) / lengt
     desk.ask("bpy.context.scene.ctmc.use_region = False")
 
 
-def test_reconstruct_makes_one_object_in_one_undo_step(desk):
+def test_reconstruct_makes_one_object_and_one_mesh(desk):
     desk.ask(FROM_THE_FRONT)
     press(desk, "Reconstruct Surface", "reconstruct")
     desk.wait("len(bpy.data.objects) == 1")
