@@ -29,16 +29,12 @@ def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab
 
 def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
     """Grey values at the eight corners of some voxels, (n, 8); outside samples of a closed border repeat theirs."""
-    samples = [sample.astype(np.intp) for sample in slab.samples(slab.place.take(voxels))]
-    ends = [
-        (along.index.take(at), along.index.take(at + 1))
-        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
-    ]
-    values = np.empty((len(voxels), 8))
-    for corner in range(8):
-        x, y, z = (ends[axis][corner >> axis & 1] for axis in range(3))
-        values[:, corner] = sampler.take(sampler.place(x, y, z))
-    return values
+    x, y, z = (
+        along.index.take(np.stack([at, at + 1]))  # (2, n)
+        for along, at in zip((grid.x, grid.y, grid.z), slab.samples(slab.place.take(voxels)), strict=True)
+    )
+    place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
+    return sampler.take(place).astype(np.float64).reshape(8, -1).T
 
 
 def fill_inner(
@@ -50,51 +46,47 @@ def fill_inner(
     directions: NDArray[np.float32] | None,
 ) -> None:
     """Fill in the vertices inside the slab's voxels, and as normals the trilinear interpolant's own gradient."""
-    row = slab.row[slab.inner].astype(np.intp)
-    values = corner_values(slab, slab.inner, grid, sampler)
+    count = slab.tables.own_count.take(slab.row.take(slab.inner))
+    at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
+    voxel = slab.inner.take(at)
+    row, values = slab.row.take(voxel), corner_values(slab, voxel, grid, sampler)
+    samples = np.stack(slab.samples(slab.place.take(voxel)), axis=1)  # (vertices, 3)
+    begin, end = np.empty_like(samples, np.float32), np.empty_like(samples, np.float32)
+    for axis, along in enumerate((grid.x, grid.y, grid.z)):
+        begin[:, axis], end[:, axis] = along.position.take(samples[:, axis]), along.position.take(samples[:, axis] + 1)
+    side = end - begin
+
     share = crossings(values, threshold)
-    exists = np.arange(3) < tables().own_count[row][:, None]  # (voxels, 3)
-    samples = slab.samples(slab.place.take(slab.inner))
-    ends = [
-        (along.position[at], along.position[at + 1])
-        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
-    ]
-
-    def placed(points: NDArray[np.float64]) -> NDArray[np.float32]:
-        moved = [begin[:, None] + points[:, :, axis] * (end - begin)[:, None] for axis, (begin, end) in enumerate(ends)]
-        return np.stack(moved, axis=2)[exists].astype(np.float32)
-
-    at_linear = own_points(row, share)  # (voxels, 3, 3)
-    linear = placed(at_linear)
-    middle = placed(own_points(row, np.full_like(share, 0.5)))
+    points = own_points(row, number, share)
+    linear = (begin + points * side).astype(np.float32)
+    middle = (begin + own_points(row, number, np.full_like(share, 0.5)) * side).astype(np.float32)
     for alpha, position in targets:
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
     if directions is not None:
-        sides = np.stack([end - begin for begin, end in ends], axis=1).astype(np.float64)
-        directions[:] = _outward(values, at_linear, sides)[exists]
+        directions[:] = _outward(values, points, side)
 
 
 def _outward(
-    values: NDArray[np.float64], points: NDArray[np.float64], sides: NDArray[np.float64]
+    values: NDArray[np.float64], points: NDArray[np.float64], side: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Unit vectors against the trilinear interpolant's gradient, (n, 3, 3); zero where it vanishes or is unknown.
+    """Unit vectors against the trilinear interpolant's gradient, (n, 3); zero where it vanishes or is unknown.
 
     Parameters
     ----------
     values : (n, 8)
-    points : (n, 3, 3)
-        Three places in each voxel's unit cube.
-    sides : (n, 3)
+    points : (n, 3)
+        A place in each voxel's unit cube.
+    side : (n, 3)
         Sides of the voxels, in voxel indices.
     """
-    gradient = np.zeros_like(points)
+    weight = np.stack([1.0 - points.T, points.T])  # of the low and the high corners along x, y, z: (2, 3, n)
+    gradient = np.zeros((3, len(points)))
     for corner in range(8):
-        weights = [points[:, :, axis] if corner >> axis & 1 else 1.0 - points[:, :, axis] for axis in range(3)]
-        for axis in range(3):
-            sign = 1.0 if corner >> axis & 1 else -1.0
-            across = weights[(axis + 1) % 3] * weights[(axis + 2) % 3]
-            gradient[:, :, axis] += sign * across * values[:, corner, None]
-    gradient /= sides[:, None, :]
-    length = np.sqrt((gradient[..., 0] ** 2 + gradient[..., 1] ** 2) + gradient[..., 2] ** 2)
+        high = np.array([corner >> axis & 1 for axis in range(3)])
+        weights = weight[high, range(3)]  # (3, n)
+        across = weights[[1, 2, 0]] * weights[[2, 0, 1]]
+        gradient += np.where(high, 1.0, -1.0)[:, None] * across * values[:, corner]
+    gradient /= side.T
+    length = np.sqrt((gradient[0] ** 2 + gradient[1] ** 2) + gradient[2] ** 2)
     known = (length > 0) & np.isfinite(length)  # unknown where a corner is NaN or infinite
-    return np.where(known[..., None], gradient * (-1.0 / np.where(known, length, 1.0))[..., None], 0.0)
+    return np.where(known, gradient * (-1.0 / np.where(known, length, 1.0)), 0.0).T

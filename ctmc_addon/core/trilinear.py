@@ -52,10 +52,11 @@ class Tables(TriangleTables):
         The share that each edge's vertex has in the place of each own vertex, of which there are 0, 1 or 3.
     own_offset : (rows, 3, 3) float64
         Place of each own vertex if all edges' vertices stood at their edges' low corners.
-    row_of : (256, 64, 9) int16
-        Row of a case, a bit for each face whose inside corners are joined, and 1 + the number of its tunnel.
-    may_tunnel : (256,) bool
-        Whether a case has a surface with a tunnel.
+    row_of : (256 * 64, 9) int16
+        Row of 64 times a case with a bit for each face whose inside corners are joined, and 1 + the number of its
+        tunnel.
+    may_tunnel : (256 * 64,) bool
+        Whether there is a surface with a tunnel.
     """
 
     own_weights: NDArray[np.float64]
@@ -68,16 +69,16 @@ class Tables(TriangleTables):
 def tables() -> Tables:
     """The rows, made on first use."""
     rows: list[Piece] = [(case_triangles(case), ()) for case in range(256)]
-    row_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(256, 64, 9)
+    row_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(-1, 9)
     for case in np.flatnonzero(NEEDS).tolist():
         faces = ambiguous_faces(case)
         for decisions in range(1 << len(faces)):
             joined = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
             if joined:
-                row_of[case, joined] = len(rows)
+                row_of[case << 6 | joined] = len(rows)
                 rows.append(surface(case, joined))
             for number, rims in tunnels(case, joined):
-                row_of[case, joined, number + 1] = len(rows)
+                row_of[case << 6 | joined, number + 1] = len(rows)
                 rows.append(surface(case, joined, rims))
     count = np.array([len(triangles) for triangles, _ in rows], np.uint8)
     own_weights = np.zeros((len(rows), 3, 12))
@@ -99,7 +100,7 @@ def tables() -> Tables:
         own_weights=own_weights,
         own_offset=own_offset,
         row_of=row_of,
-        may_tunnel=(row_of[:, :, 1:] != np.arange(256)[:, None, None]).any(axis=(1, 2)),
+        may_tunnel=(row_of[:, 1:] != row_of[:, :1]).any(axis=1),
     )
 
 
@@ -129,49 +130,62 @@ def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint
     >>> tables().own_count[resolve(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
     [0, 3]
     """
-    inside = INSIDE[case].T
-    apart = np.abs(values - threshold).T
-    difference = np.where(inside, apart, -apart)  # (8, n)
+    apart = np.abs(values.T - threshold)  # (8, n)
+    inside = INSIDE.T.take(case, axis=1)
+    difference = np.where(inside, apart, -apart)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        joined = _joined_faces(difference, inside, case)
-        tunnel = _tunnel(difference, inside, joined)
-    return tables().row_of[case, joined, tunnel].astype(np.intp)
+        decided = case.astype(np.intp) << 6 | _joined_faces(difference, inside, case)
+        row = tables().row_of[:, 0].take(decided).astype(np.intp)
+        lifted = difference + TIE * apart.max(axis=0)
+        some, z = _turns(lifted)
+        may = tables().may_tunnel.take(decided.take(some))
+        some, z = some[may], z[may]
+        joined = decided.take(some) & 63
+        tunnel = _tunnel(lifted.take(some, axis=1), z, inside.take(some, axis=1), joined)
+    row[some] = tables().row_of[decided[some], tunnel]
+    return row
 
 
 def _joined_faces(
     difference: NDArray[np.float64], inside: NDArray[np.bool_], case: NDArray[np.uint8]
-) -> NDArray[np.intp]:
+) -> NDArray[np.uint8]:
     """A bit for each ambiguous face whose inside corners are joined."""
-    joined = np.zeros(len(case), np.intp)
-    for number, (a, b, c, d) in enumerate(FACES):
-        one, other = difference[a] * difference[c], difference[b] * difference[d]
-        join = np.where(inside[a], one >= other, other >= one) & AMBIGUOUS[case, number]
-        joined |= join.astype(np.intp) << number
-    return joined
+    a, b, c, d = AROUND.T
+    one, other = difference[a] * difference[c], difference[b] * difference[d]  # (6, n)
+    join = np.where(inside[a], one >= other, other >= one)
+    join &= AMBIGUOUS.T.take(case, axis=1)
+    return np.packbits(join, axis=0, bitorder="little")[0]
 
 
-def _tunnel(difference: NDArray[np.float64], inside: NDArray[np.bool_], joined: NDArray[np.intp]) -> NDArray[np.intp]:
-    """1 + the number of the tunnel in `TUNNELS`, 0 where there is none."""
-    lifted = difference + TIE * np.abs(difference).max(axis=0)
-    low = [lifted[corner] for corner in SQUARE]
-    high = [lifted[corner | 4] for corner in SQUARE]
+def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Voxels in which the quadratic turns, and where: only there can a tunnel be."""
+    low, high = difference[list(SQUARE)], difference[[corner | 4 for corner in SQUARE]]
     # With a, b, c, d around a slice, a c - b d is positive where a and c are joined: start + slope z + bend z z.
     start = low[0] * low[2] - low[1] * low[3]
     slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
     bend = (high[0] * high[2] - high[1] * high[3]) - start - slope
-    z = -slope / (2 * bend)  # where it turns
+    z = -slope / (2 * bend)
+    some = np.flatnonzero((z > 0) & (z < 1))
+    return some, z[some]
+
+
+def _tunnel(
+    difference: NDArray[np.float64], z: NDArray[np.float64], inside: NDArray[np.bool_], joined: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """1 + the number of the tunnel in `TUNNELS`, 0 where there is none at the height z where the quadratic turns."""
+    low = [difference[corner] for corner in SQUARE]
+    high = [difference[corner | 4] for corner in SQUARE]
     at = [one + (other - one) * z for one, other in zip(low, high, strict=True)]
     sides = [value >= 0 for value in at]
     turned = at[0] * at[2] - at[1] * at[3]
     joined_here = np.where(sides[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
     joined_below, joined_above = _joined_around(z, low, high, sides, joined)
-    found = (z > 0) & (z < 1) & (sides[0] == sides[2]) & (sides[1] == sides[3]) & (sides[0] != sides[1])
+    found = (sides[0] == sides[2]) & (sides[1] == sides[3]) & (sides[0] != sides[1])
     found &= (joined_below == joined_above) & (joined_here != joined_below)
-    joins_first = turned > 0
     # A corner of each joined edge: the end that is on the edge's side.
     ends = [(inside[corner] != side).astype(np.intp) for corner, side in zip(SQUARE, sides, strict=True)]
     first, second = 2 * ends[0] + ends[2], 4 + 2 * ends[1] + ends[3]
-    return np.where(found, 1 + np.where(joins_first, first, second), 0)
+    return np.where(found, 1 + np.where(turned > 0, first, second), 0)
 
 
 def _joined_around(
@@ -206,17 +220,19 @@ def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float
     return np.where(crossed, np.clip(share, NEAREST, 1 - NEAREST), 0.5)
 
 
-def own_points(row: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places (x, y, z) of the voxels' own vertices, (n, 3, 3), in the voxel's unit cube; unused ones are 0.
+def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places (x, y, z) of voxels' own vertices, (n, 3), in the voxel's unit cube.
 
     Parameters
     ----------
     row : (n,) intp
+    number : (n,) intp
+        Which of the voxel's own vertices: below `own_count`.
     share : (n, 12) float64
         Where the vertices stand on the voxel's edges: `crossings`, or 0.5 for the midpoints.
     """
-    weights = tables().own_weights[row]  # (n, 3, 12)
-    points = tables().own_offset[row]  # (n, 3, 3)
-    for edge in range(12):
-        points[:, :, edge // 4] += weights[:, :, edge] * share[:, edge, None]
+    moved = (tables().own_weights[row, number] * share).reshape(-1, 3, 4)  # an axis has four edges
+    points = tables().own_offset[row, number]
+    for edge in range(4):
+        points += moved[:, :, edge]
     return points

@@ -147,12 +147,12 @@ def test_own_vertices_are_inside_the_voxel_and_apart():
     rows = resolve(values, 0.0, cases_of(values))
     count = tables().own_count[rows]
     assert set(count.tolist()) == {0, 1, 3}
+    voxel, number = np.nonzero(np.arange(3) < count[:, None])
     for share in (crossings(values, 0.0), np.full((len(values), 12), 0.5)):
-        places = own_points(rows, share)
-        used = places[np.arange(3) < count[:, None]]
-        assert used.min() > 0
-        assert used.max() < 1
-        waist = places[count == 3]
+        places = own_points(rows[voxel], number, share[voxel])
+        assert places.min() > 0
+        assert places.max() < 1
+        waist = places[count[voxel] == 3].reshape(-1, 3, 3)
         assert np.abs(waist - np.roll(waist, 1, axis=1)).max(axis=2).min() > 0.01
 
 
@@ -208,7 +208,8 @@ def test_no_triangles_of_a_voxel_with_own_vertices_cross(alpha):
     places = np.zeros((len(rows), 15, 3))
     places[:, :12] = CORNERS[[low for low, _ in EDGES]]
     places[:, np.arange(12), np.arange(12) // 4] = share
-    places[:, 12:] = own_points(rows, share)
+    for number in range(3):
+        places[:, OWN + number] = own_points(rows, np.full(len(rows), number), share)
     assert len(set(rows.tolist())) > 200
     assert not [row for row in set(rows.tolist()) if crossing(places[rows == row], row_triangles(row)).any()]
 
