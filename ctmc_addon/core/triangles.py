@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .active import Slab
-from .cases import EDGES, TriangleTables
+from .cases import CLASSIC, EDGES, TriangleTables
 
 MAP_SAMPLES = 1 << 18  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
 MAP_SHARE = 8  # or as many for each vertex: where the surface is dense, more layers at once save time
 FEW_VOXELS = 1000  # of as many triangles: below it the calls cost more than the work
+MOST = int(CLASSIC.triangle_count.max())  # triangles of a voxel, but for some ambiguous ones
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -24,6 +25,8 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     """
     layer = slab.rows * slab.pitch
     places, vertices = _numbered_edges(slab, following, first_vertex)
+    own = slab.tables.own_count.take(slab.row.take(slab.inner))
+    first_own = np.cumsum(own, dtype=np.int32) - own + np.int32(first_vertex + sum(map(len, slab.owned)))
     count = slab.tables.triangle_count.take(slab.row)
     count *= slab.whole
     height = max(1, max(MAP_SAMPLES, MAP_SHARE * slab.vertices) // layer)
@@ -38,13 +41,16 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
         base = slab.place[voxels] - np.int32(first * layer)
         part = out[start : start + int(count[voxels].sum(dtype=np.int64))]
         start += len(part)
-        _gather(slab.tables, vertex_of, base, slab.row[voxels], count[voxels], (1, slab.pitch, layer), part)
+        inner = slice(*np.searchsorted(slab.inner, (voxels.start, voxels.stop)))
+        own_vertices = slab.inner[inner] - voxels.start, first_own[inner]
+        steps = (1, slab.pitch, layer)
+        _gather(slab.tables, vertex_of, base, slab.row[voxels], count[voxels], own_vertices, steps, part)
 
 
 def _numbered_edges(
     slab: Slab, following: Slab | None, first_vertex: int
 ) -> tuple[list[NDArray[np.intp]], list[NDArray[np.int32]]]:
-    """Place and vertex number of the crossed edges along x, y, z, then of the voxels' first, second... own vertices."""
+    """Place and vertex number of the crossed edges along x, y and z."""
     places, vertices = [], []
     vertex, next_vertex = first_vertex, first_vertex + slab.vertices
     for axis in range(3):
@@ -61,12 +67,6 @@ def _numbered_edges(
             next_vertex += len(following.owned[axis])
         places.append(np.concatenate(place))
         vertices.append(np.concatenate(number))
-    own = slab.tables.own_count.take(slab.row.take(slab.inner))
-    first_own = vertex + np.cumsum(own, dtype=np.int32) - own
-    for number_in_voxel in range(int(own.max(initial=0))):
-        has = own > number_in_voxel
-        places.append(slab.place.take(slab.inner[has]).astype(np.intp))
-        vertices.append((first_own[has] + number_in_voxel).astype(np.int32))
     return places, vertices
 
 
@@ -76,6 +76,7 @@ def _gather(
     base: NDArray[np.int32],
     row: NDArray[np.int16],
     count: NDArray[np.uint8],
+    own_vertices: tuple[NDArray[np.intp], NDArray[np.int32]],
     steps: tuple[int, int, int],
     out: NDArray[np.int32],
 ) -> None:
@@ -85,13 +86,13 @@ def _gather(
         edge // 4 * size + sum(steps[axis] for axis in range(3) if low >> axis & 1)
         for edge, (low, _) in enumerate(EDGES)
     ]
-    offset_of_edge = np.array(along_edges + [kind * size for kind in range(3, 6)], np.intp)
+    offset_of_edge = np.array(along_edges + [0, 0, 0], np.intp)  # own vertices come last
     offsets = offset_of_edge[tables.triangle_edges].reshape(-1)
     numbers = vertex_of.reshape(-1)
     by_count = np.argsort(count, kind="stable")
     ends = np.cumsum(np.bincount(count))
     start = 0
-    for triangles in range(1, len(ends)):
+    for triangles in range(1, min(len(ends), MOST + 1)):
         voxels = by_count[ends[triangles - 1] : ends[triangles]]
         at_voxel = base.take(voxels).astype(np.intp)
         first = tables.first_triangle.take(row.take(voxels)) * 3
@@ -105,3 +106,15 @@ def _gather(
             at = offsets[corner:].take(first)
             at += at_voxel
             part[:, corner] = numbers.take(at, mode="clip")
+    voxels = by_count[ends[min(len(ends) - 1, MOST)] :]
+    if not len(voxels):
+        return
+    some = count.take(voxels).astype(np.intp)
+    at = np.repeat(np.arange(len(voxels)), some)
+    triangle = np.arange(len(at)) + (tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)).take(at)
+    edges = tables.triangle_edges.take(triangle, axis=0)  # (triangles, 3)
+    part = out[start:]
+    part[:] = numbers.take(offset_of_edge.take(edges) + base.take(voxels).take(at)[:, None], mode="clip")
+    own, corner = np.nonzero(edges >= len(EDGES))
+    inner, first_own = own_vertices
+    part[own, corner] = first_own[np.searchsorted(inner, voxels[at[own]])] + (edges[own, corner] - len(EDGES))
