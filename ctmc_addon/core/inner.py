@@ -16,6 +16,9 @@ from .normals import Sampler
 from .sampling import Grid
 from .trilinear import NEEDS, crossings, own_points, resolve, tables
 
+HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
+"""(8, 3) whether a corner is the high one along x, y, z."""
+
 
 def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
     """The slab with the row of the trilinear interpolant's surface for every ambiguous voxel."""
@@ -80,12 +83,12 @@ def _outward(
         Sides of the voxels, in voxel indices.
     """
     weight = np.stack([1.0 - points.T, points.T])  # of the low and the high corners along x, y, z: (2, 3, n)
+    weights = weight[HIGH, np.arange(3)]  # (8, 3, n)
+    slopes = np.where(HIGH, 1.0, -1.0)[:, :, None] * (weights[:, [1, 2, 0]] * weights[:, [2, 0, 1]])
+    slopes *= values.T[:, None]
     gradient = np.zeros((3, len(points)))
-    for corner in range(8):
-        high = np.array([corner >> axis & 1 for axis in range(3)])
-        weights = weight[high, range(3)]  # (3, n)
-        across = weights[[1, 2, 0]] * weights[[2, 0, 1]]
-        gradient += np.where(high, 1.0, -1.0)[:, None] * across * values[:, corner]
+    for slope in slopes:
+        gradient += slope
     gradient /= side.T
     length = np.sqrt((gradient[0] ** 2 + gradient[1] ** 2) + gradient[2] ** 2)
     known = (length > 0) & np.isfinite(length)  # unknown where a corner is NaN or infinite

@@ -86,7 +86,7 @@ def _gather(
         edge // 4 * size + sum(steps[axis] for axis in range(3) if low >> axis & 1)
         for edge, (low, _) in enumerate(EDGES)
     ]
-    offset_of_edge = np.array(along_edges + [0, 0, 0], np.intp)  # own vertices come last
+    offset_of_edge = np.array([*along_edges, 0, 0, 0], np.intp)  # own vertices come last
     offsets = offset_of_edge[tables.triangle_edges].reshape(-1)
     numbers = vertex_of.reshape(-1)
     by_count = np.argsort(count, kind="stable")
@@ -110,11 +110,12 @@ def _gather(
     if not len(voxels):
         return
     some = count.take(voxels).astype(np.intp)
-    at = np.repeat(np.arange(len(voxels)), some)
-    triangle = np.arange(len(at)) + (tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)).take(at)
+    of = np.repeat(np.arange(len(voxels)), some)
+    first = tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)
+    triangle = np.arange(len(of)) + first.take(of)
     edges = tables.triangle_edges.take(triangle, axis=0)  # (triangles, 3)
-    part = out[start:]
-    part[:] = numbers.take(offset_of_edge.take(edges) + base.take(voxels).take(at)[:, None], mode="clip")
+    last = out[start:]
+    last[:] = numbers.take(offset_of_edge.take(edges) + base.take(voxels).take(of)[:, None], mode="clip")
     own, corner = np.nonzero(edges >= len(EDGES))
     inner, first_own = own_vertices
-    part[own, corner] = first_own[np.searchsorted(inner, voxels[at[own]])] + (edges[own, corner] - len(EDGES))
+    last[own, corner] = first_own[np.searchsorted(inner, voxels[of[own]])] + (edges[own, corner] - len(EDGES))

@@ -34,6 +34,14 @@ AMBIGUOUS = (
 )
 """(256, 6) whether a face's corners are inside and outside in turn."""
 
+FIRST_INSIDE, FIRST_OUTSIDE = (
+    np.ascontiguousarray((AMBIGUOUS & (INSIDE[:, AROUND[:, 0]] == side)).T) for side in (True, False)
+)
+"""(6, 256) of these the faces whose first corner is inside, and outside."""
+
+SIDE = np.ascontiguousarray(np.where(INSIDE, 1.0, -1.0).T)
+"""(8, 256) 1 for inside corners, -1 for outside ones."""
+
 NEEDS = AMBIGUOUS.any(axis=1)
 """(256,) whether a case has more than one surface: an ambiguous face, or two opposite corners alone."""
 for corner in range(4):
@@ -130,30 +138,26 @@ def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint
     >>> tables().own_count[resolve(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
     [0, 3]
     """
-    apart = np.abs(values.T - threshold)  # (8, n)
-    inside = INSIDE.T.take(case, axis=1)
-    difference = np.where(inside, apart, -apart)
+    apart = np.abs(values.T - threshold)
+    difference = SIDE.take(case, axis=1) * apart  # (8, n)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        decided = case.astype(np.intp) << 6 | _joined_faces(difference, inside, case)
+        decided = case.astype(np.intp) << 6 | _joined_faces(difference, case)
         row = tables().row_of[:, 0].take(decided).astype(np.intp)
         lifted = difference + TIE * apart.max(axis=0)
         some, z = _turns(lifted)
         may = tables().may_tunnel.take(decided.take(some))
         some, z = some[may], z[may]
-        joined = decided.take(some) & 63
-        tunnel = _tunnel(lifted.take(some, axis=1), z, inside.take(some, axis=1), joined)
-    row[some] = tables().row_of[decided[some], tunnel]
+        tunnel = _tunnel(lifted.take(some, axis=1), z, decided.take(some))
+    row[some] = tables().row_of[decided.take(some), tunnel]
     return row
 
 
-def _joined_faces(
-    difference: NDArray[np.float64], inside: NDArray[np.bool_], case: NDArray[np.uint8]
-) -> NDArray[np.uint8]:
+def _joined_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """A bit for each ambiguous face whose inside corners are joined."""
     a, b, c, d = AROUND.T
     one, other = difference[a] * difference[c], difference[b] * difference[d]  # (6, n)
-    join = np.where(inside[a], one >= other, other >= one)
-    join &= AMBIGUOUS.T.take(case, axis=1)
+    join = (one >= other) & FIRST_INSIDE.take(case, axis=1)
+    join |= (other >= one) & FIRST_OUTSIDE.take(case, axis=1)
     return np.packbits(join, axis=0, bitorder="little")[0]
 
 
@@ -169,43 +173,39 @@ def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[n
     return some, z[some]
 
 
-def _tunnel(
-    difference: NDArray[np.float64], z: NDArray[np.float64], inside: NDArray[np.bool_], joined: NDArray[np.intp]
-) -> NDArray[np.intp]:
+def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
     """1 + the number of the tunnel in `TUNNELS`, 0 where there is none at the height z where the quadratic turns."""
-    low = [difference[corner] for corner in SQUARE]
-    high = [difference[corner | 4] for corner in SQUARE]
-    at = [one + (other - one) * z for one, other in zip(low, high, strict=True)]
-    sides = [value >= 0 for value in at]
+    low, high = difference[list(SQUARE)], difference[[corner | 4 for corner in SQUARE]]
+    at = low + (high - low) * z  # (4, n)
+    side = at >= 0
     turned = at[0] * at[2] - at[1] * at[3]
-    joined_here = np.where(sides[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
-    joined_below, joined_above = _joined_around(z, low, high, sides, joined)
-    found = (sides[0] == sides[2]) & (sides[1] == sides[3]) & (sides[0] != sides[1])
+    joined_here = np.where(side[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
+    joined_below, joined_above = _joined_around(z, low, high, side, decided)
+    found = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1])
     found &= (joined_below == joined_above) & (joined_here != joined_below)
     # A corner of each joined edge: the end that is on the edge's side.
-    ends = [(inside[corner] != side).astype(np.intp) for corner, side in zip(SQUARE, sides, strict=True)]
-    first, second = 2 * ends[0] + ends[2], 4 + 2 * ends[1] + ends[3]
+    end = (INSIDE.T[list(SQUARE)].take(decided >> 6, axis=1) != side).astype(np.intp)
+    first, second = 2 * end[0] + end[2], 4 + 2 * end[1] + end[3]
     return np.where(found, 1 + np.where(turned > 0, first, second), 0)
 
 
 def _joined_around(
     z: NDArray[np.float64],
-    low: list[NDArray[np.float64]],
-    high: list[NDArray[np.float64]],
-    sides: list[NDArray[np.bool_]],
-    joined: NDArray[np.intp],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    side: NDArray[np.bool_],
+    decided: NDArray[np.intp],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether the inside edges are joined where slices cease to be ambiguous, below and above z.
 
     That is at a face of the voxel, or where an edge changes sides, which joins the other two.
     """
-    joined_below, joined_above = joined >> 4 & 1 != 0, joined >> 5 & 1 != 0
-    below, above = np.full(len(z), -np.inf), np.full(len(z), np.inf)
-    for one, other, side in zip(low, high, sides, strict=True):
-        zero = np.where((one >= 0) != (other >= 0), one / (one - other), np.nan)
-        lower, upper = (zero < z) & (zero > below), (zero > z) & (zero < above)
-        below, above = np.where(lower, zero, below), np.where(upper, zero, above)
-        joined_below, joined_above = np.where(lower, ~side, joined_below), np.where(upper, ~side, joined_above)
+    zero = np.where((low >= 0) != (high >= 0), low / (low - high), np.nan)
+    below, above = np.where(zero < z, zero, -np.inf), np.where(zero > z, zero, np.inf)
+    each = np.arange(len(z))
+    last, first = below.argmax(axis=0), above.argmin(axis=0)
+    joined_below = np.where(np.isinf(below[last, each]), decided >> 4 & 1 != 0, ~side[last, each])
+    joined_above = np.where(np.isinf(above[first, each]), decided >> 5 & 1 != 0, ~side[first, each])
     return joined_below, joined_above
 
 
