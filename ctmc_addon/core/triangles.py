@@ -106,9 +106,9 @@ def _gather(
             at = offsets[corner:].take(first)
             at += at_voxel
             part[:, corner] = numbers.take(at, mode="clip")
-    voxels = by_count[ends[min(len(ends) - 1, MOST)] :]
-    if not len(voxels):
+    if len(ends) <= MOST + 1:
         return
+    voxels = by_count[ends[MOST] :]
     some = count.take(voxels).astype(np.intp)
     of = np.repeat(np.arange(len(voxels)), some)
     first = tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)
