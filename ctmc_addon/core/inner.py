@@ -62,7 +62,7 @@ def fill_inner(
     share = crossings(values, threshold)
     points = own_points(row, number, share)
     linear = (begin + points * side).astype(np.float32)
-    middle = (begin + own_points(row, number, np.full_like(share, 0.5)) * side).astype(np.float32)
+    middle = (begin + own_points(row, number, np.full((1, 12), 0.5)) * side).astype(np.float32)
     for alpha, position in targets:
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
     if directions is not None:

@@ -29,12 +29,22 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     first_own = np.cumsum(own, dtype=np.int32) - own + np.int32(first_vertex + sum(map(len, slab.owned)))
     count = slab.tables.triangle_count.take(slab.row)
     count *= slab.whole
-    height = max(1, max(MAP_SAMPLES, MAP_SHARE * slab.vertices) // layer)
+    height = min(slab.high - slab.low, max(1, max(MAP_SAMPLES, MAP_SHARE * slab.vertices) // layer))
+    vertex_of = np.empty((3, (height + 1) * layer), np.int32)
+    steps = (1, slab.pitch, layer)
+    offset_of_edge = np.array(
+        [
+            edge // 4 * vertex_of.shape[1] + sum(steps[axis] for axis in range(3) if low >> axis & 1)
+            for edge, (low, _) in enumerate(EDGES)
+        ]
+        + [0, 0, 0],  # own vertices come last
+        np.intp,
+    )
+    offsets = offset_of_edge.take(slab.tables.triangle_edges)
     start = 0
     for first in range(0, slab.high - slab.low, height):
         last = min(first + height, slab.high - slab.low)
-        vertex_of = np.empty((len(places), (last - first + 1) * layer), np.int32)
-        for kind in range(len(places)):
+        for kind in range(3):
             known = slice(*np.searchsorted(places[kind], (first * layer, (last + 1) * layer)))
             vertex_of[kind, places[kind][known] - first * layer] = vertices[kind][known]
         voxels = slice(*np.searchsorted(slab.place, (first * layer, last * layer)))
@@ -43,8 +53,7 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
         start += len(part)
         inner = slice(*np.searchsorted(slab.inner, (voxels.start, voxels.stop)))
         own_vertices = slab.inner[inner] - voxels.start, first_own[inner]
-        steps = (1, slab.pitch, layer)
-        _gather(slab.tables, vertex_of, base, slab.row[voxels], count[voxels], own_vertices, steps, part)
+        _gather(slab.tables, offsets, vertex_of.ravel(), base, slab.row[voxels], count[voxels], own_vertices, part)
 
 
 def _numbered_edges(
@@ -72,23 +81,16 @@ def _numbered_edges(
 
 def _gather(
     tables: TriangleTables,
-    vertex_of: NDArray[np.int32],
+    offsets: NDArray[np.intp],
+    numbers: NDArray[np.int32],
     base: NDArray[np.int32],
     row: NDArray[np.int16],
     count: NDArray[np.uint8],
     own_vertices: tuple[NDArray[np.intp], NDArray[np.int32]],
-    steps: tuple[int, int, int],
     out: NDArray[np.int32],
 ) -> None:
     """Write the voxels' triangles, those of voxels with one triangle first, then those with two, and so on."""
-    size = vertex_of.shape[1]
-    along_edges = [
-        edge // 4 * size + sum(steps[axis] for axis in range(3) if low >> axis & 1)
-        for edge, (low, _) in enumerate(EDGES)
-    ]
-    offset_of_edge = np.array([*along_edges, 0, 0, 0], np.intp)  # own vertices come last
-    offsets = offset_of_edge[tables.triangle_edges].reshape(-1)
-    numbers = vertex_of.reshape(-1)
+    every = offsets.reshape(-1)
     by_count = np.argsort(count, kind="stable")
     ends = np.cumsum(np.bincount(count))
     start = 0
@@ -100,10 +102,10 @@ def _gather(
         start += triangles * len(voxels)
         if len(voxels) < FEW_VOXELS:
             corners = first[:, None] + np.arange(3 * triangles)
-            part[:] = numbers.take(offsets[corners] + at_voxel[:, None], mode="clip")
+            part[:] = numbers.take(every[corners] + at_voxel[:, None], mode="clip")
             continue
         for corner in range(3 * triangles):
-            at = offsets[corner:].take(first)
+            at = every[corner:].take(first)
             at += at_voxel
             part[:, corner] = numbers.take(at, mode="clip")
     if len(ends) <= MOST + 1:
@@ -113,9 +115,9 @@ def _gather(
     of = np.repeat(np.arange(len(voxels)), some)
     first = tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)
     triangle = np.arange(len(of)) + first.take(of)
-    edges = tables.triangle_edges.take(triangle, axis=0)  # (triangles, 3)
     last = out[start:]
-    last[:] = numbers.take(offset_of_edge.take(edges) + base.take(voxels).take(of)[:, None], mode="clip")
-    own, corner = np.nonzero(edges >= len(EDGES))
+    last[:] = numbers.take(offsets.take(triangle, axis=0) + base.take(voxels).take(of)[:, None], mode="clip")
+    edges = tables.triangle_edges.take(triangle, axis=0)  # (triangles, 3)
+    own, which = np.nonzero(edges >= len(EDGES))
     inner, first_own = own_vertices
-    last[own, corner] = first_own[np.searchsorted(inner, voxels[of[own]])] + (edges[own, corner] - len(EDGES))
+    last[own, which] = first_own[np.searchsorted(inner, voxels[of[own]])] + (edges[own, which] - len(EDGES))

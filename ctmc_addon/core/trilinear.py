@@ -214,10 +214,10 @@ def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float
 
     Edges that are not crossed, and those of a closed border, have 0.5.
     """
-    low, high = (values[:, list(ends)] for ends in zip(*EDGES, strict=True))
+    low, high = (values.T[list(ends)] for ends in zip(*EDGES, strict=True))  # (12, n)
     crossed = (low >= threshold) != (high >= threshold)
     share = (threshold - low) / np.where(crossed, high - low, 1.0)
-    return np.where(crossed, np.clip(share, NEAREST, 1 - NEAREST), 0.5)
+    return np.where(crossed, np.clip(share, NEAREST, 1 - NEAREST), 0.5).T
 
 
 def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -228,10 +228,10 @@ def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[n
     row : (n,) intp
     number : (n,) intp
         Which of the voxel's own vertices: below `own_count`.
-    share : (n, 12) float64
+    share : (n or 1, 12) float64
         Where the vertices stand on the voxel's edges: `crossings`, or 0.5 for the midpoints.
     """
-    moved = (tables().own_weights[row, number] * share).reshape(-1, 3, 4)  # an axis has four edges
+    moved = tables().own_weights[row, number].reshape(-1, 3, 4) * share.reshape(-1, 3, 4)  # an axis has four edges
     points = tables().own_offset[row, number]
     for edge in range(4):
         points += moved[:, :, edge]
