@@ -33,7 +33,7 @@ def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab
 def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
     """Grey values at the eight corners of some voxels, (n, 8); outside samples of a closed border repeat theirs."""
     x, y, z = (
-        along.index.take(np.stack([at, at + 1]))  # (2, n)
+        np.stack([along.index[:-1], along.index[1:]]).take(at, axis=1)  # (2, n)
         for along, at in zip((grid.x, grid.y, grid.z), slab.samples(slab.place.take(voxels)), strict=True)
     )
     place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)

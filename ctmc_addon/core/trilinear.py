@@ -39,6 +39,8 @@ FIRST_INSIDE, FIRST_OUTSIDE = (
 )
 """(6, 256) of these the faces whose first corner is inside, and outside."""
 
+FACE_BITS = np.array([1 << face for face in range(6)], np.uint8)[:, None]
+
 SIDE = np.ascontiguousarray(np.where(INSIDE, 1.0, -1.0).T)
 """(8, 256) 1 for inside corners, -1 for outside ones."""
 
@@ -158,7 +160,7 @@ def _joined_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> N
     one, other = difference[a] * difference[c], difference[b] * difference[d]  # (6, n)
     join = (one >= other) & FIRST_INSIDE.take(case, axis=1)
     join |= (other >= one) & FIRST_OUTSIDE.take(case, axis=1)
-    return np.packbits(join, axis=0, bitorder="little")[0]
+    return np.bitwise_or.reduce(join * FACE_BITS, axis=0)
 
 
 def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
