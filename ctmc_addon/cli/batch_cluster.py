@@ -6,6 +6,7 @@ worker that was lost to another one.
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import logging
 import re
@@ -38,12 +39,23 @@ class Cluster:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
         start = time.perf_counter()
         try:
+            asyncio.run(asyncio.wait_for(self.greet(), PATIENCE))
             self.client: Any = self.distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        except MemoryError as error:  # letters of another protocol, taken for a length
+            raise CtmcError(
+                f"what answers at {address} is no scheduler; check the port, 8786 if it was started without one "
+                "(8787 is its web page)"
+            ) from error
         except (OSError, ValueError) as error:
             raise CtmcError(
                 f"the scheduler {address} did not answer, tried for {time.perf_counter() - start:.0f} s; "
                 "check its address, and that it runs"
             ) from error
+
+    async def greet(self) -> None:
+        """Exchange greetings once: a client would wait without end for one that takes calls and says nothing."""
+        line = await self.distributed.comm.connect(self.address, timeout=PATIENCE)
+        await line.close()
 
     def close(self) -> None:
         """End the connection; the cluster goes on."""

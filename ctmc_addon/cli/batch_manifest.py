@@ -122,10 +122,10 @@ def parse_of(name: str, about: Setting) -> Parse:
     if about.type is bool:
         return switch
     if name == "label":
-        return lambda cell: [int(word) for word in words_of(cell)]
+        return lambda cell: [number(word, int) for word in words_of(cell)]
     if about.size > 1:
         return lambda cell: numbers(cell, about.type, about.size)
-    return about.type
+    return str if about.type is str else lambda cell: number(cell, about.type)
 
 
 def switch(cell: str) -> bool:
@@ -143,11 +143,19 @@ def numbers(cell: str, kind: type = float, size: int = 3) -> tuple[Any, ...]:
     >>> numbers("2 2 1", int), numbers("0.5")
     ((2, 2, 1), (0.5, 0.5, 0.5))
     """
-    many = tuple(kind(word) for word in words_of(cell))
+    many = tuple(number(word, kind) for word in words_of(cell))
     many = many * 3 if len(many) == 1 and size == 3 else many
     if len(many) != size:
         raise ValueError(f"write {size} numbers with spaces between them")
     return many
+
+
+def number(word: str, kind: type) -> Any:
+    """A number, whole where `kind` is int."""
+    try:
+        return kind(word)
+    except ValueError as error:
+        raise ValueError("write a whole number" if kind is int else "write a number") from error
 
 
 def words_of(cell: str) -> list[str]:

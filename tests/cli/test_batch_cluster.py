@@ -4,6 +4,8 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +80,31 @@ def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_pat
         port = taken.getsockname()[1]
     sentence = refused("batch", tmp_path, "-o", tmp_path / "out", "--scheduler", f"tcp://127.0.0.1:{port}")
     assert f"the scheduler tcp://127.0.0.1:{port} did not answer, tried for " in sentence
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("reply", "words"),
+    [
+        (b"", "did not answer, tried for "),  # a scheduler that hangs
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "is no scheduler; check the port"),  # its web page
+    ],
+)
+def test_what_takes_the_call_and_is_no_scheduler_is_given_up(refused, tmp_path, monkeypatch, reply, words):
+    monkeypatch.setattr(batch_cluster, "PATIENCE", 1.0)
+    np.save(tmp_path / "a.npy", np.zeros((3, 3, 3), np.uint8))
+    with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as lines:
+
+        def answer():
+            line = lines.enter_context(server.accept()[0])
+            line.sendall(reply)
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        port = server.getsockname()[1]
+        sentence = refused("batch", tmp_path, "-o", tmp_path / "out", "--scheduler", f"tcp://127.0.0.1:{port}")
+        thread.join(timeout=10)
+    assert f"tcp://127.0.0.1:{port} {words}" in sentence
     assert not (tmp_path / "out").exists()
 
 
