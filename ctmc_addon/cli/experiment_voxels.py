@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import gc
-import re
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, finish, reconstruct_steps
+from ..core.captions import side_of
 from ..core.errors import SettingsError
 from ..core.output import made_folder
 from ..core.progress import within
@@ -66,11 +66,10 @@ def sides_of(word: str) -> tuple[int, int]:
     >>> sides_of("2"), sides_of("2x1")
     ((2, 2), (2, 1))
     """
-    match = re.fullmatch(r"(-?\d+)(?:x(\d+))?", word)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{word!r} is no voxel side; write 2, or 2x1 for x and y apart")
-    x = int(match[1])
-    return (x, x if match[2] is None else int(match[2]))
+    try:
+        return side_of(word)
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def run(chosen: argparse.Namespace) -> None:

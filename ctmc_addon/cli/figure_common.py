@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import Reconstruction, ReconstructionSettings, Steps, Volume, reconstruct_steps
+from ..core.captions import figure_caption
 from ..core.errors import OutputError, SettingsError
 from ..core.output import made_folder
 from ..core.progress import within
@@ -61,8 +62,6 @@ def page_of(chosen: argparse.Namespace) -> Any:
 
 def look_of(chosen: argparse.Namespace, several: bool, caption: str) -> Any:
     """The look that was asked for; `caption` where none was."""
-    if not -90 <= chosen.elevation <= 90:
-        raise SettingsError(f"the camera's elevation must be from -90 to 90 degrees, not {chosen.elevation:g}")
     return load_scene().Look(
         style=chosen.style or ("clinical" if several else "paper"),
         engine=chosen.engine,
@@ -141,17 +140,8 @@ def objects_of(results: Sequence[Reconstruction]) -> Iterator[tuple[Any, list[An
 def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:
     """What is shown, in a line."""
     triangles = sum(len(result.mesh.faces) for result in results)
-    settings = results[0].settings
-    if len(results) > 1:
-        what = ""
-    elif settings.label is not None:
-        what = f"{names[0] if names else f'Label {settings.label}'}, "
-    else:
-        what = f"{names[0] if names else 'Surface'} at {results[0].threshold:.4g}, "
-    sides = " × ".join(str(side) for side in settings.stride) + " px"
-    alpha = f", alpha {settings.alpha:g}" if settings.alpha_matters else ""
-    text = f"{what}voxel sides {sides}{alpha}, {triangles:,} triangles"
-    return text[0].upper() + text[1:]
+    name = names[0] if names else ""
+    return figure_caption([result.settings for result in results], results[0].threshold, triangles, name)
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
@@ -213,8 +203,9 @@ def shown_of(chosen: argparse.Namespace, things: Sequence[Any], results: Sequenc
     unknown = [label for label in chosen.see_through or () if label not in labels]
     if unknown:
         raise SettingsError(f"label {unknown[0]} is to be seen through and is not shown; the labels are {labels}")
+    meshes = [result.mesh for result in results]
     clear = chosen.see_through or [
-        label for label, result in zip(labels, results, strict=True) if scene.holds_others(result, results)
+        label for label, mesh in zip(labels, meshes, strict=True) if scene.holds_others(mesh, meshes)
     ]
     return [
         scene.Shown(

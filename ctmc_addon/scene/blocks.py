@@ -23,3 +23,14 @@ def home_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
         bpy.types.Material: bpy.data.materials,
     }
     return next(home for kind, home in homes.items() if isinstance(block, kind))
+
+
+def render_results() -> frozenset[str]:
+    """Names of the images that Blender keeps its last render in."""
+    return frozenset(image.name for image in bpy.data.images if image.type == "RENDER_RESULT")
+
+
+def remove_render_results(but: frozenset[str]) -> None:
+    """Remove those images, but the ones of these names, which were there before."""
+    for name in render_results() - but:
+        bpy.data.images.remove(bpy.data.images[name])

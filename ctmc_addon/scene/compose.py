@@ -13,9 +13,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import MeshError
+from ..core.errors import MeshError, SettingsError
 from . import meshes
 from .annotations import CAP, LEADING, Board, legend, orientation_marker, round_length, scale_bar
+from .blocks import remove_render_results, render_results
 from .evaluate import evaluated_copy, scale_of
 from .heat import HEAT, Heat, colour_bar, heat_material
 from .layout import Layout, laid_out
@@ -30,6 +31,8 @@ EDGE_SHARE = 0.08  # of a triangle's side: finer meshes get finer lines, or noth
 REACH_MM = 4.0
 COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
 NAME = "CTMC Figure"
+ELEVATIONS = (-90.0, 90.0)  # degrees
+OPACITY, OPACITIES = 0.3, (0.02, 1.0)  # of a surface that is seen through
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,11 @@ class Look:
         Cells side by side.
     heat : Heat or None
         Colours for the attribute of distances that the surfaces carry, in place of the style's.
+
+    Raises
+    ------
+    SettingsError
+        If the camera would stand head down.
     """
 
     style: str = "paper"
@@ -94,6 +102,10 @@ class Look:
     columns: int | None = None
     heat: Heat | None = None
 
+    def __post_init__(self) -> None:
+        if not ELEVATIONS[0] <= self.elevation <= ELEVATIONS[1]:
+            raise SettingsError(f"the camera's elevation must be from -90 to 90 degrees, not {self.elevation:g}")
+
 
 @dataclass
 class Stage:
@@ -106,14 +118,17 @@ class Stage:
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
     made: list[bpy.types.ID] = field(default_factory=list)
     fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
+    renders: frozenset[str] = field(default_factory=render_results)
 
     def take_down(self) -> None:
         """Remove everything that was made."""
+        self.scene.render.use_persistent_data = False  # or the engine keeps what it has of the scene
         bpy.data.batch_remove([*self.made, self.scene])
         self.made = []
         # Blender brings its own letters with the first text, and leaves them.
         left = [font for font in bpy.data.fonts if font.name not in self.fonts and not font.users]
         bpy.data.batch_remove(left)
+        remove_render_results(self.renders)
 
 
 def staged(
@@ -318,7 +333,12 @@ def colour_of(shown: Shown, copy: bpy.types.Object, style: Style) -> Colour:
         return shown.colour
     if style.face is not None:
         return style.face
-    materials = [material for material in copy.data.materials if material is not None]
+    return material_colour(copy)
+
+
+def material_colour(thing: bpy.types.Object) -> Colour:
+    """The colour of an object's first material; that of bone if it has none."""
+    materials = [material for material in thing.data.materials if material is not None]
     if not materials:
         return BONE
     red, green, blue, _ = materials[0].diffuse_color

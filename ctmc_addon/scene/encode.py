@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 
 from ..core.errors import OutputError
+from .blocks import remove_render_results, render_results
 from .outputs import written_whole
 from .stage import set_render
 
@@ -54,7 +55,7 @@ def encode(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, int]) 
         If Blender cannot write it.
     """
     scene = bpy.data.scenes.new("CTMC Film")
-    folder = frames[0].parent / ".film"
+    folder, renders = frames[0].parent / ".film", render_results()
     try:
         set_up(scene, frames, path.suffix.lower(), fps, size)
         shutil.rmtree(folder, ignore_errors=True)
@@ -71,6 +72,7 @@ def encode(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, int]) 
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         bpy.data.scenes.remove(scene)
+        remove_render_results(renders)
 
 
 def set_up(scene: bpy.types.Scene, frames: Sequence[Path], suffix: str, fps: int, size: tuple[int, int]) -> None:

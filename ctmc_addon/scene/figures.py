@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import bpy
@@ -40,6 +41,8 @@ def figure_steps(
 ) -> Steps[tuple[int, int]]:
     """Render cells to a PNG on a page, and write the .blend that made it; returns the picture's size in pixels.
 
+    Both files or none: work that is stopped leaves neither.
+
     Parameters
     ----------
     blend : path, optional
@@ -59,10 +62,11 @@ def figure_steps(
     yield Step(0.0, "Setting up the figure")
     stage = staged(cells, page, look, scene)
     try:
-        if blend is not None:
-            yield Step(0.1, f"Writing {Path(blend).name}")
-            write_stage(stage, Path(blend))
-        with written_whole(target) as beside:
+        with ExitStack() as files:
+            if blend is not None:
+                yield Step(0.1, f"Writing {Path(blend).name}")
+                write_stage(stage, files.enter_context(written_whole(Path(blend))))
+            beside = files.enter_context(written_whole(target))
             require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
             yield from within(render_steps(stage.scene, beside, target.name), 0.2, 1.0)
             beside.write_bytes(finished_png(beside.read_bytes(), target.name, page.dpi))
@@ -84,19 +88,18 @@ def require_own_blend(path: Path) -> None:
         try:
             with bpy.data.libraries.load(str(path)) as (there, _):
                 own = any(name.startswith(STAGE) for name in there.scenes)
-        except OSError:
+        except (OSError, ValueError):  # no .blend, or the one that is open
             own = False
         if not own:
             raise OutputError(f"{path.name} is there already and is no figure's; move it, or give another name")
 
 
 def write_stage(stage: Stage, path: Path) -> None:
-    """Write the figure's scene to a .blend."""
+    """Write the figure's scene to a .blend that is there and empty."""
     stage.scene.render.filepath = "//"
-    with written_whole(path) as beside:
-        vertices = sum(len(copy.data.vertices) for copies in stage.copies for copy in copies)
-        require_room(beside, 500_000 + 120 * vertices)
-        bpy.data.libraries.write(str(beside), {stage.scene}, path_remap="RELATIVE_ALL")
+    vertices = sum(len(copy.data.vertices) for copies in stage.copies for copy in copies)
+    require_room(path, 500_000 + 120 * vertices)
+    bpy.data.libraries.write(str(path), {stage.scene}, path_remap="RELATIVE_ALL")
 
 
 def render_figure(

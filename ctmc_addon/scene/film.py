@@ -34,6 +34,7 @@ from .page import Page, finished_png
 
 NOTE = "turntable.json"
 FRAME = "frame_{:05d}.png"
+SECONDS, FPS, REVOLUTIONS = 3600.0, (1, 120), 100  # at most, from and to, at most
 FRAMES_FOLDER = ".frames"  # beside a film, until it is done
 
 
@@ -61,14 +62,14 @@ class Turn:
     revolutions: int = 1
 
     def __post_init__(self) -> None:
-        if not 1 <= self.fps <= 120:
-            raise SettingsError(f"a turntable has from 1 to 120 frames a second, not {self.fps:g}")
-        if self.revolutions == 0 or abs(self.revolutions) > 100:
-            raise SettingsError(f"revolutions must be from 1 to 100, or negative, not {self.revolutions}")
-        if not 0 < self.seconds <= 3600 or self.frames < 2 * abs(self.revolutions) + 1:
+        if not FPS[0] <= self.fps <= FPS[1]:
+            raise SettingsError(f"a turntable has from {FPS[0]} to {FPS[1]} frames a second, not {self.fps:g}")
+        if self.revolutions == 0 or abs(self.revolutions) > REVOLUTIONS:
+            raise SettingsError(f"revolutions must be from 1 to {REVOLUTIONS}, or negative, not {self.revolutions}")
+        if not 0 < self.seconds <= SECONDS or self.frames < 2 * abs(self.revolutions) + 1:
             raise SettingsError(
                 f"{self.seconds:g} s at {self.fps} frames a second are too few or too many frames for "
-                f"{abs(self.revolutions)} revolutions; take up to 3600 s and at least 3 frames a revolution"
+                f"{abs(self.revolutions)} revolutions; take up to {SECONDS:g} s and at least 3 frames a revolution"
             )
 
     @property
@@ -122,7 +123,8 @@ def turntable_steps(
         require_same(folder, note, overwrite)
         write_json(folder / NOTE, note)
         if blend is not None:
-            write_stage(stage, Path(blend))
+            with written_whole(Path(blend)) as beside:
+                write_stage(stage, beside)
         rendered = yield from frames_steps(stage, pivot, folder, page, turn)
     finally:
         stage.take_down()
@@ -247,7 +249,7 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
     if names and NOTE not in names:
         raise OutputError(f"{folder.name} holds {names[0]} and no turntable; choose another folder")
     if names and not resume and not overwrite:
-        raise OutputError(f"{folder.name} is not empty; --resume goes on with it, --overwrite begins anew")
+        raise OutputError(f"{folder.name} is not empty; go on with it (--resume), or begin anew (--overwrite)")
 
 
 def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
@@ -260,4 +262,6 @@ def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
     except ValueError:
         before = {}
     if before is not None and before != json.loads(json.dumps(note)):
-        raise OutputError(f"{folder.name} holds the frames of another turntable; --overwrite replaces them")
+        raise OutputError(
+            f"{folder.name} holds the frames of another turntable; overwrite them (--overwrite), or take another name"
+        )

@@ -15,6 +15,7 @@ from ..core.errors import OutputError, SettingsError
 MM_PER_INCH = 25.4
 WIDTHS_MM = (20.0, 400.0)
 DPIS = (36.0, 600.0)
+FONTS_PT = (4.0, 24.0)
 PIXELS = 80_000_000  # what Cycles can hold on a usual machine
 POINT_MM = MM_PER_INCH / 72
 
@@ -59,8 +60,8 @@ class Page:
                 raise SettingsError(f"a figure's {name} must be from {limits(WIDTHS_MM)} mm, not {side:g}")
         if not DPIS[0] <= self.dpi <= DPIS[1]:
             raise SettingsError(f"a figure's resolution must be from {limits(DPIS)} dpi, not {self.dpi:g}")
-        if not 4 <= self.font_pt <= 24:
-            raise SettingsError(f"a figure's letters must be from 4 to 24 points, not {self.font_pt:g}")
+        if not FONTS_PT[0] <= self.font_pt <= FONTS_PT[1]:
+            raise SettingsError(f"a figure's letters must be from {limits(FONTS_PT)} points, not {self.font_pt:g}")
 
     @property
     def font_mm(self) -> float:
@@ -89,6 +90,10 @@ class Page:
                 f"{width} x {height} pixels are more than {PIXELS // 10**6} million; choose a smaller width or dpi"
             )
         return width, height
+
+
+# Where each kind starts from: a column of a journal, two columns, a film.
+PAGES = {"figure": Page(), "sheet": Page(170.0), "turntable": Page(120.0, 150.0, font_pt=12.0)}
 
 
 def limits(pair: tuple[float, float]) -> str:

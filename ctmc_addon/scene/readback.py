@@ -5,6 +5,9 @@ The inverse of `surfaces.add_reconstruction`, up to float32: vertices come back 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 from ..core import Reconstruction, Surface, TriangleMesh
 from . import meshes
 from .alpha import has_alpha
+from .evaluate import evaluated_object
 from .placement import Placement
 from .surfaces import KEY, mixed_positions, placement_of, remembered, settings_of
 
@@ -52,6 +56,33 @@ def own_mesh(thing: bpy.types.Object) -> TriangleMesh:
     """The object's own triangles at its present alpha, before any modifier, RAS+ mm."""
     mesh = thing.data
     return TriangleMesh(to_mm(placement_of(thing), mixed_positions(mesh)), meshes.read_triangles(mesh))
+
+
+def as_shown(thing: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Reconstruction:
+    """The surface as its object shows it, modifiers included, where the patient has it: RAS+ mm, however it was moved.
+
+    Its settings have no goal of simplification: what that took away is gone.
+
+    Raises
+    ------
+    MeshError
+        If the object was not made here, or Blender does not evaluate it.
+    """
+    settings, placement, known = settings_of(thing), placement_of(thing), remembered(thing)
+    shown = evaluated_object(thing, scene)[0].data
+    goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
+    return Reconstruction(
+        mesh=TriangleMesh(to_mm(placement, meshes.read_positions(shown)), meshes.read_triangles(shown)),
+        surface=None,
+        settings=replace(settings, **goals),
+        threshold=known["threshold"],
+        full_faces=known["full_faces"],
+        voxels_visited=known["voxels_visited"],
+        stages=(),
+        spacing_mm=tuple(known["spacing_mm"]),
+        notes=tuple(known["notes"]),
+        name=known["name"],
+    )
 
 
 def to_mm(placement: Placement, local: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ a little from the left and from above, the head upwards.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -80,6 +81,20 @@ def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
     right = (-math.cos(turn), -math.sin(turn), 0.0)
     up = np.cross(back, right)
     return np.array([right, up, back]).T
+
+
+def angles_of(backward: Sequence[float]) -> tuple[float, float]:
+    """Azimuth and elevation of a camera whose backward axis is this, degrees; the inverse of `view_axes`.
+
+    Examples
+    --------
+    >>> angles_of((0.0, 1.0, 0.0)), angles_of((-1.0, 0.0, 0.0)), angles_of((0.0, 0.0, 1.0))
+    ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0))
+    """
+    x, y, z = backward
+    across = math.hypot(x, y)
+    azimuth = math.degrees(math.atan2(-x, y)) if across > 1e-6 else 0.0
+    return azimuth + 0.0, math.degrees(math.atan2(z, across))
 
 
 def rotation(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -> Any:

@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, reconstruct_steps
+from ..core import Reconstruction, ReconstructionSettings, Step, Steps, TriangleMesh, Volume, reconstruct_steps
 from ..core.errors import SettingsError
 from ..core.progress import within
 from .annotations import NO_BREAK
@@ -158,7 +158,7 @@ def sheet_steps(
     if comparison.alphas and not settings.alpha_matters:
         raise SettingsError(
             "alpha moves vertices between grey values, and a bare label has none: "
-            "give --threshold T, or --label N with --soften MM"
+            "choose a threshold, or soften the label (--threshold T, or --label N with --soften MM)"
         )
     variants = comparison.variants(settings)
     reference = yield from within(reference_steps(volume, settings, bool(comparison.alphas), threads), 0.0, 0.1)
@@ -218,7 +218,9 @@ def deviation_figure_steps(
 def require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
     """Raise `SettingsError` for a simplifier that works in Blender, or a colour bar that ends nowhere."""
     if settings.simplifies and settings.simplifier == "decimate":
-        raise SettingsError("distances are measured with the built-in simplifier; leave --simplifier decimate out")
+        raise SettingsError(
+            "distances are measured with the built-in simplifier; choose that one (leave --simplifier decimate out)"
+        )
     if limit_mm is not None and not 0 < limit_mm <= 1000:
         raise SettingsError(f"the colour bar must end between 0 and 1000 mm, not at {limit_mm:g}")
 
@@ -265,10 +267,10 @@ def shown_steps(
         bpy.data.batch_remove([*made, home])
 
 
-def holds_others(result: Reconstruction, every: Sequence[Reconstruction]) -> bool:
+def holds_others(mesh: TriangleMesh, every: Sequence[TriangleMesh]) -> bool:
     """Whether the box around a surface holds those of all the others, and there are others."""
-    low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
-    others = [other.mesh.vertices for other in every if other is not result]
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    others = [other.vertices for other in every if other is not mesh]
     return bool(others) and all(
         (low <= points.min(axis=0)).all() and (points.max(axis=0) <= high).all() for points in others
     )

@@ -19,6 +19,9 @@ def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
     from . import (
         export,
+        figure,
+        figure_panel,
+        figure_properties,
         jobs,
         live,
         load,
@@ -48,6 +51,7 @@ def modules() -> tuple[Any, ...]:
         volumes,
         properties,
         view_properties,
+        figure_properties,
         jobs,
         live,
         load,
@@ -57,10 +61,12 @@ def modules() -> tuple[Any, ...]:
         rotation_test,
         results,
         export,
+        figure,
         presets,
         panels,
         slice,
         region,
         sub_panels,
+        figure_panel,
         viewport,
     )

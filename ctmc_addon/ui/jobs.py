@@ -16,12 +16,15 @@ import bpy
 
 from ..core import CtmcError, Step, Steps, finish
 from . import session
+from .marks import TAB
 from .translations import say
 
 Conclusion = Callable[[], str]
 """Writes to the scene at the job's last moment and returns what to report."""
 
 TICK = 0.04  # seconds of work between two looks at the events
+# While a job keeps things of its own in the file, only these events get past it: looking round changes nothing there.
+LOOKING = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
 START = Step(0.0, "Starting")
 PAUSE = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
 NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
@@ -37,6 +40,7 @@ class Job:
     timer: Any = None
     step: Step = field(default=START)
     stopped: bool = False
+    locks: bool = False
     workspaces: set[str] = field(default_factory=set)
 
     def advance(self, seconds: float = TICK) -> Conclusion | None:
@@ -62,6 +66,12 @@ _running: list[Job] = []
 def running() -> Job | None:
     """The job that is under way, if there is one."""
     return _running[0] if _running else None
+
+
+def locked() -> bool:
+    """Whether the job under way keeps things of its own in the file, which undo and saving must not see."""
+    job = running()
+    return job is not None and job.locks
 
 
 def start(job: Job, context: bpy.types.Context) -> None:
@@ -104,6 +114,31 @@ def stop_running(*_: Any) -> None:
         stop(job)
 
 
+def stop_locked(*_: Any) -> None:
+    """End a job whose things stand in the file: another window undoes, or saves."""
+    if locked():
+        stop_running()
+
+
+def harmless(context: bpy.types.Context, event: Any) -> bool:
+    """Whether an event changes nothing in the file: looking round, or a click in the tab, where Cancel is."""
+    if event.type.startswith(("TIMER", "WINDOW")):
+        return True
+    if event.type in LOOKING:
+        return not (event.ctrl or event.alt)
+    if event.type != "LEFTMOUSE":
+        return False
+    return any(
+        region.type == "UI"
+        and getattr(region, "active_panel_category", TAB) == TAB
+        and 0 <= event.mouse_x - region.x < region.width
+        and 0 <= event.mouse_y - region.y < region.height
+        for area in context.screen.areas
+        if area.type == "VIEW_3D"
+        for region in area.regions
+    )
+
+
 def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
     """Say what went wrong, at the bottom and in the panel, where it stays."""
     sentence = say(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
@@ -120,6 +155,8 @@ class LongOperator:
 
     windowed = False
     """Whether a person started it in a window."""
+    locks = False
+    """Whether it keeps things of its own in the file between two steps, so that nothing else may happen there."""
 
     def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
         """Read the context once, and return the work."""
@@ -151,7 +188,7 @@ class LongOperator:
             return {"CANCELLED"}
         scene = context.scene.session_uid
         try:
-            self.job = Job(self.bl_label, self.plan(context), scene)
+            self.job = Job(self.bl_label, self.plan(context), scene, locks=self.locks)
         except (CtmcError, MemoryError) as error:
             return refuse(self, scene, error)
         start(self.job, context)
@@ -168,7 +205,7 @@ class LongOperator:
             self.report({"INFO"}, say("Cancelled"))
             return {"CANCELLED"}
         if event.type != "TIMER":
-            return {"PASS_THROUGH"}
+            return {"PASS_THROUGH"} if not job.locks or harmless(context, event) else {"RUNNING_MODAL"}
         going = False
         try:
             conclusion = job.advance()
@@ -226,14 +263,23 @@ def idle(operator: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
+def moments() -> tuple[Any, ...]:
+    """When the file is written, or another state of it comes back."""
+    return bpy.app.handlers.undo_pre, bpy.app.handlers.redo_pre, bpy.app.handlers.save_pre
+
+
 def register() -> None:
     """Register Cancel, and end a job before another file is loaded."""
     _register()
     bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(stop_running))
+    for moment in moments():
+        moment.append(bpy.app.handlers.persistent(stop_locked))
 
 
 def unregister() -> None:
     """End the job under way and take everything away."""
     stop_running()
     bpy.app.handlers.load_pre.remove(stop_running)
+    for moment in moments():
+        moment.remove(stop_locked)
     _unregister()

@@ -9,7 +9,7 @@ import bpy
 from ..core.settings import described
 from ..core.words import in_lines
 from . import jobs
-from .marks import OURS
+from .marks import OURS, TAB
 from .properties import optional, switch
 from .translations import say
 
@@ -22,7 +22,7 @@ class SidePanel:
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
-    bl_category = "CTMC"
+    bl_category = TAB
     bl_translation_context = OURS
 
 
@@ -33,8 +33,10 @@ class SubPanel(SidePanel):
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
 
 
-def prepare(layout: Any) -> None:
-    """Labels on the left, values on the right, no dots for keyframes."""
+def prepare(layout: Any, lock: bool = True) -> None:
+    """Labels on the left, values on the right, no dots for keyframes; grey while a job locks the file, unless told."""
+    if lock:
+        layout.enabled = not jobs.locked()
     layout.use_property_split = True
     layout.use_property_decorate = False
 

@@ -10,6 +10,8 @@ from typing import Any
 
 OURS = "CTMC"
 """The context that our words are translated in; here, where properties may see it."""
+TAB = "CTMC"
+"""The tab in the sidebar."""
 Listener = Callable[[Any, str], None]
 _listeners: list[Listener] = []
 

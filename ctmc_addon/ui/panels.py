@@ -25,18 +25,19 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         """Presets beside the title, as everywhere in Blender."""
+        self.layout.enabled = not jobs.locked()
         bpy.types.CTMC_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Show what is needed for every surface."""
-        layout, scene = self.layout, context.scene
+        layout, settings = self.layout.column(), context.scene.ctmc
+        prepare(self.layout, lock=False)
         prepare(layout)
         draw_load(layout, context)
-        settings = scene.ctmc
         draw_surface(layout, context, settings)
         draw_voxels(layout, context, settings)
         draw_simplify(layout, settings)
-        draw_reconstruct(layout, context, settings)
+        draw_reconstruct(self.layout, context, settings)
 
 
 def draw_load(layout: Any, context: bpy.types.Context) -> None:
@@ -280,6 +281,7 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
         if updates:
             row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
     row = layout.row(align=True)
+    row.enabled = not jobs.locked()
     row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")

@@ -106,10 +106,15 @@ def optional(name: str) -> bool:
     return getattr(DEFAULTS, name) is None
 
 
-def as_typed(value: Any, about: Setting) -> Any:
+def as_written(number: float) -> float:
     """The number as it was typed: Blender keeps 0.9 in float32, which read back would be 0.89999998."""
+    return float(str(np.float32(number)))
+
+
+def as_typed(value: Any, about: Setting) -> Any:
+    """The setting's number or numbers as they were typed."""
     if about.type is float:
-        typed = [float(str(np.float32(one))) for one in np.atleast_1d(np.asarray(value, np.float32))]
+        typed = [as_written(one) for one in np.atleast_1d(value)]
         return typed if about.size > 1 else typed[0]
     return tuple(value) if about.size > 1 else value
 

@@ -15,7 +15,7 @@ from mathutils import Matrix, Vector
 
 from ..core import Volume
 from ..core.boxes import region_corners, region_directions, region_limits, region_moved, region_shift, region_with
-from . import volumes
+from . import jobs, volumes
 from .layout import SubPanel, prepare
 from .preferences import machine
 
@@ -176,6 +176,7 @@ class CTMC_PT_region(SubPanel, bpy.types.Panel):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         """The switch stands beside the title."""
+        self.layout.enabled = not jobs.locked()
         self.layout.prop(context.scene.ctmc, "use_region", text="")
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -6,7 +6,7 @@ import bpy
 from bpy.props import FloatProperty, IntProperty
 
 from ..core.slicing import slice_middle, slice_place
-from . import volumes
+from . import jobs, volumes
 from .layout import SidePanel, prepare
 from .translations import say
 from .view_properties import choose
@@ -69,6 +69,7 @@ class CTMC_PT_slice(SidePanel, bpy.types.Panel):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         """The switch stands beside the title."""
+        self.layout.enabled = not jobs.locked()
         self.layout.prop(context.scene.ctmc_view, "show_slice", text="")
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -160,6 +160,7 @@ def test_the_outermost_of_several_holds_the_others(ball, torus):
     from dataclasses import replace
 
     large = replace(large, mesh=scaled)
+    small, large = small.mesh, large.mesh
     assert holds_others(large, [small, large])
     assert not holds_others(small, [small, large])
     assert not holds_others(small, [small])

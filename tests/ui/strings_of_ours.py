@@ -9,13 +9,19 @@ from pathlib import Path
 
 import bpy
 
-from ctmc_addon.ui import preferences, properties, view_properties
+from ctmc_addon.ui import figure_properties, preferences, properties, view_properties
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ctmc_addon"
 # Calls that show their first argument, or the argument of this name.
 SHOWN_FIRST = {"say", "poll_message_set"}
 SHOWN_NAMED = {"text", "heading"}
-GROUPS = (properties.CTMCSettings, properties.CTMCLabel, view_properties.CTMCView, preferences.CTMCPreferences)
+GROUPS = (
+    properties.CTMCSettings,
+    properties.CTMCLabel,
+    view_properties.CTMCView,
+    figure_properties.CTMCFigure,
+    preferences.CTMCPreferences,
+)
 
 
 def our_types() -> Iterator[type]:

@@ -193,3 +193,38 @@ def test_without_a_window_it_is_all_done_at_once(scene):
     assert operator.invoke(bpy.context, MOUSE) == {"FINISHED"}
     assert work.done
     assert operator.reports == [({"INFO"}, "done")]
+
+
+def test_a_locking_job_lets_only_looking_round_and_its_own_tab_through(context):
+    tab = SimpleNamespace(type="UI", active_panel_category="CTMC", x=1000, y=20, width=200, height=500)
+    view = SimpleNamespace(type="WINDOW", x=0, y=20, width=1000, height=500)
+    context.screen = SimpleNamespace(areas=[SimpleNamespace(type="VIEW_3D", regions=[view, tab])])
+    operator = Operator(Work(9).steps())
+    operator.locks = True
+    assert operator.invoke(context, MOUSE) == {"RUNNING_MODAL"}
+    assert jobs.locked()
+
+    def event(kind, x=0, y=0, ctrl=False):
+        return SimpleNamespace(type=kind, value="PRESS", mouse_x=x, mouse_y=y, ctrl=ctrl, alt=False)
+
+    past = {"PASS_THROUGH"}
+    assert operator.modal(context, event("WHEELUPMOUSE")) == past
+    assert operator.modal(context, event("LEFTMOUSE", 1100, 300)) == past
+    for kept in (event("Z", ctrl=True), event("LEFTMOUSE", 500, 300), event("WHEELUPMOUSE", ctrl=True), event("S")):
+        assert operator.modal(context, kept) == {"RUNNING_MODAL"}
+    tab.active_panel_category = "Item"
+    assert operator.modal(context, event("LEFTMOUSE", 1100, 300)) == {"RUNNING_MODAL"}
+    assert operator.modal(context, ESC) == {"CANCELLED"}
+    assert not jobs.locked()
+
+
+def test_saving_ends_a_job_that_keeps_things_in_the_file_and_no_other(context, tmp_path):
+    for locks in (True, False):
+        work = Work(9)
+        operator = Operator(work.steps())
+        operator.locks = locks
+        operator.invoke(context, MOUSE)
+        operator.modal(context, TIMER)
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+        assert work.closed == locks
+        assert operator.modal(context, ESC) == {"CANCELLED"}

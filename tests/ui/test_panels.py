@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.settings import described  # noqa: E402
-from ctmc_addon.ui import panels, region, sub_panels  # noqa: E402
+from ctmc_addon.ui import figure_panel, panels, region, sub_panels  # noqa: E402
 
 
 class Layout:
@@ -54,6 +54,7 @@ PANELS = (
     sub_panels.CTMC_PT_normals,
     sub_panels.CTMC_PT_rotation,
     sub_panels.CTMC_PT_results,
+    figure_panel.CTMC_PT_figure,
 )
 
 
