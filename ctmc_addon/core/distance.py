@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .errors import MeshError
 from .mesh import TriangleMesh
+from .progress import Pauses, finish
 from .quadrics import cross, dot
 
 Doubles = NDArray[np.float64]
@@ -54,17 +55,33 @@ def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
 
 
 class TriangleTree:
-    """The triangles of a mesh, ready for many questions about distance."""
+    """The triangles of a mesh, ready for many questions about distance; without a mesh, to be prepared in steps."""
 
-    def __init__(self, mesh: TriangleMesh) -> None:
+    def __init__(self, mesh: TriangleMesh | None = None) -> None:
+        if mesh is not None:
+            finish(self.prepare(mesh))
+
+    def prepare(self, mesh: TriangleMesh) -> Pauses[None]:
+        """Take in a mesh; yields now and then."""
         if not len(mesh.faces):
             raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
+        yield
         corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
+        yield
         middle = corners.sum(axis=1) / 3.0
-        corners = corners[np.argsort(_morton(middle), kind="stable")]
+        yield
+        code = yield from _morton(middle)
+        yield
+        order = np.argsort(code, kind="stable")
+        yield
+        corners = corners[order]
+        yield
         self.corners = np.ascontiguousarray(corners.transpose(1, 2, 0))  # (corner, axis, F)
         # Levels of (low, high) from single triangles up to one box, (3, boxes) each.
-        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        yield
+        low = self.corners.min(axis=0)
+        yield
+        high = self.corners.max(axis=0)
         self.levels = [(low, high)]
         while low.shape[1] > 1:
             starts = np.arange(0, low.shape[1], BRANCH)
@@ -77,7 +94,7 @@ class TriangleTree:
         places = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3).T)  # (3, n)
         out = np.empty(places.shape[1])
         # Neighbours in space go down the same branches.
-        order = np.argsort(_morton(places.T), kind="stable")
+        order = np.argsort(finish(_morton(places.T)), kind="stable")
         for start in range(0, len(order), BLOCK):
             block = order[start : start + BLOCK]
             out[block] = np.sqrt(self._squared(places[:, block], limit * limit))
@@ -147,13 +164,15 @@ def _starts(sorted_numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
 
 
-def _morton(points: NDArray[Any]) -> NDArray[np.uint64]:
+def _morton(points: NDArray[Any]) -> Pauses[NDArray[np.uint64]]:
     """Place of every point (n, 3) on a curve through space that keeps neighbours together (Morton 1966)."""
     low = points.min(axis=0) if len(points) else np.zeros(3)
     extent = float((points - low).max()) if len(points) else 0.0
+    yield
     cells = ((points - low) * (0x1FFFFF / (extent or 1.0))).astype(np.uint64)
     code = np.zeros(len(points), np.uint64)
     for axis in range(3):
+        yield
         bits = cells[:, axis]
         # Two free bits between every two of the 21.
         for shift, mask in (

@@ -5,12 +5,14 @@ collapses those that may. Edges keep their cost from round to round until one of
 no list is ever sorted again: a collapse of ab removes the triangles abc and abd, and there the edges
 ac and bc become one.
 
+On millions of triangles a round takes a second. What takes long is a generator that yields now and then, so that the
+work can be left there; what it returns is its result.
+
 Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et al. 1999.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +20,8 @@ from numpy.typing import NDArray
 
 from .error_bound import ErrorBound
 from .mesh import TriangleMesh
-from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, vertex_quadrics
+from .progress import Pauses
+from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, quadrics_rows
 
 Ints = NDArray[np.int32]
 Places = NDArray[np.int64]
@@ -27,6 +30,7 @@ Flags = NDArray[np.bool_]
 
 SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 PASSES = 2  # of picking edges whose triangles do not meet
+SHELF = 1 << 19  # corners whose edges are sorted together
 BLOCK = 8192  # edges whose costs are worked out together: what fits the cache
 FEW = 0.05  # of the edges tried could collapse: the round was poor
 POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
@@ -101,14 +105,8 @@ class CollapsingMesh:
         self.positions = np.ascontiguousarray(vertices.T) * self.scale
         self.normals = None if mesh.normals is None else np.ascontiguousarray(mesh.normals.T)
         self.faces = np.ascontiguousarray(mesh.faces.T)
-        self.edges, self.face_edges = _edges(self.faces, len(vertices))
-        self.fixed = _fixed(self.faces, self.edges, self.face_edges, len(vertices))
-        self.quadrics = vertex_quadrics(self.positions, self.faces)
-        self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
-        self.bound = None
-        if max_error is not None:
-            limit = max_error * float(self.scale)
-            self.bound = ErrorBound(self.positions, self.faces, self.edges, self.face_edges, limit, held)
+        self.limit, self.held = None if max_error is None else max_error * float(self.scale), held
+        self.bound: ErrorBound | None = None
         self.accepted = 1.0  # share of the edges tried in the last round that could collapse
         self.poor_rounds = 0  # in a row, with hardly a collapse
         self.collapsed = 0  # since refused edges were last given another chance
@@ -118,8 +116,20 @@ class CollapsingMesh:
         """Number of faces left."""
         return self.faces.shape[1]
 
-    def price(self, edges: Places | None = None) -> Iterator[None]:
-        """Work out the cost of these edges, or of all; yields now and then."""
+    def prepare(self) -> Pauses[None]:
+        """Find the edges and what they cost: before anything else."""
+        vertex_count = self.positions.shape[1]
+        self.edges, self.face_edges = yield from _edges(self.faces, vertex_count)
+        self.fixed = yield from _fixed(self.faces, self.edges, self.face_edges, vertex_count)
+        self.quadrics = yield from quadrics_rows(self.positions, self.faces)
+        self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
+        if self.limit is not None:
+            self.bound = ErrorBound(self.limit, self.held)
+            yield from self.bound.prepare(self.positions, self.faces, self.edges, self.face_edges)
+        yield from self.price()
+
+    def price(self, edges: Places | None = None) -> Pauses[None]:
+        """Work out the cost of these edges, or of all."""
         edges = np.arange(len(self.cost)) if edges is None else edges
         for number, start in enumerate(range(0, len(edges), BLOCK)):
             block = edges[start : start + BLOCK]
@@ -128,7 +138,7 @@ class CollapsingMesh:
             cost = error(quadric, step)
             cost[self.fixed[first] & self.fixed[second]] = np.inf
             self.cost[block] = cost
-            if number % 64 == 63:
+            if number % 16 == 15:
                 yield
 
     def merged(self, first: Ints, second: Ints) -> tuple[EdgeQuadric, Floats, Floats]:
@@ -145,31 +155,30 @@ class CollapsingMesh:
                 np.copyto(target, place, where=fixed)
         return quadric, step, target
 
-    def can_collapse(self) -> bool:
+    def can_collapse(self) -> Pauses[bool]:
         """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
         if self.poor_rounds < POOR_ROUNDS and np.isfinite(self.cost).any():
             return True
         if self.collapsed <= len(self.cost) // 1000:
             return False
         self.poor_rounds = self.collapsed = 0
-        for _ in self.price():
-            pass
+        yield from self.price()
         return bool(np.isfinite(self.cost).any())
 
-    def collapse(self, budget: int) -> Iterator[None]:
-        """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way.
-
-        Yields now and then, so that a round on millions of triangles can be left.
-        """
+    def collapse(self, budget: int) -> Pauses[None]:
+        """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
         count = int(min(SHARE * len(self.cost), 8 * budget) / self.accepted)
-        collapses = self.collapses(self.apart(self.cheapest(min(count, len(self.cost) - 1))))
+        candidates = self.cheapest(min(count, len(self.cost) - 1))
+        yield
+        edges = yield from self.apart(candidates)
+        collapses = self.collapses(edges)
         yield
         tried = len(collapses.edges)
         checks = [self.unlinked, self.turned]
         if self.bound is not None:
             checks.append(self.too_far)
         for check in checks:
-            refused = check(collapses)
+            refused = yield from check(collapses)
             self.cost[collapses.edges[refused]] = np.inf
             collapses = collapses.only(~refused)
             yield
@@ -181,7 +190,7 @@ class CollapsingMesh:
             cheapest[np.argsort(self.cost[collapses.edges], kind="stable")[:budget]] = True
             collapses = collapses.only(cheapest)
         if left:
-            self.merge(collapses)
+            yield from self.merge(collapses)
 
     def cheapest(self, count: int) -> Places:
         """The `count` cheapest edges and those that cost the same as the last of them."""
@@ -190,7 +199,7 @@ class CollapsingMesh:
             return np.flatnonzero(self.cost <= limit)
         return np.flatnonzero(np.isfinite(self.cost))
 
-    def apart(self, candidates: Places) -> Places:
+    def apart(self, candidates: Places) -> Pauses[Places]:
         """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
         candidates = candidates[np.argsort(_shuffled(candidates))]
         first, second = self.edges
@@ -209,6 +218,7 @@ class CollapsingMesh:
             lost[np.compress(beside_second > beside_first, second)] = True
             won = (best[a] == rank) & (best[b] == rank) & ~(lost[a] | lost[b])
             chosen.append(candidates[won])
+            yield
 
             near = np.zeros(len(free), bool)
             near[a[won]] = near[b[won]] = True
@@ -216,6 +226,7 @@ class CollapsingMesh:
             free[np.compress(np.take(near, second), first)] = False
             free[np.compress(np.take(near, first), second)] = False
             candidates = candidates[free[a] & free[b]]
+            yield
         return np.concatenate(chosen)
 
     def collapses(self, edges: Places) -> Collapses:
@@ -232,7 +243,7 @@ class CollapsingMesh:
         a, b, c = np.take(owners, star, axis=1) >= 0
         return Collapses(edges, *ends, target, star, highest[star], (a & (b | c)) | (b & c))
 
-    def unlinked(self, collapses: Collapses) -> Flags:
+    def unlinked(self, collapses: Collapses) -> Pauses[Flags]:
         """Which collapses fail the link condition: the ends must share two neighbours, no more.
 
         And neither of the two may have only one neighbour beside them, or a tetrahedron would fold flat.
@@ -246,6 +257,7 @@ class CollapsingMesh:
         for inside, outside, end in ((owner_first, owner_second, second), (owner_second, owner_first, first)):
             across = np.flatnonzero((inside >= 0) & (inside != outside))
             pairs.append(inside[across].astype(np.int64) * len(owner) + end[across])
+            yield
         keys = np.sort(np.concatenate(pairs))
         shared, neighbour = np.divmod(keys[1:][keys[1:] == keys[:-1]], len(owner))
         refused = np.bincount(shared, minlength=count) != 2
@@ -253,13 +265,14 @@ class CollapsingMesh:
         refused[shared[(neighbours[neighbour] == 3) & ~self.fixed[neighbour]]] = True
         return refused
 
-    def turned(self, collapses: Collapses) -> Flags:
+    def turned(self, collapses: Collapses) -> Pauses[Flags]:
         """Which collapses turn a face too far, or leave it without area."""
         corners = np.take(self.faces, collapses.faces[~collapses.gone], axis=1)
         normals = []
         for positions in (self.positions, collapses.moved(self.positions)):
             a, b, c = (np.take(positions, corner, axis=1) for corner in corners)
             normals.append(cross(b - a, c - a))
+            yield
         before, after = normals
         straight, size = dot(before, after), dot(after, after)
         bad = (straight < 0) | (straight * straight < TURN * TURN * dot(before, before) * size) | (size == 0)
@@ -267,12 +280,14 @@ class CollapsingMesh:
         refused[collapses.owner[~collapses.gone][bad]] = True
         return refused
 
-    def too_far(self, collapses: Collapses) -> Flags:
+    def too_far(self, collapses: Collapses) -> Pauses[Flags]:
         """Which collapses take the surface too far from the original."""
         assert self.bound is not None
-        return self.bound.exceeded(collapses, self.faces, collapses.moved(self.positions))
+        moved = collapses.moved(self.positions)
+        yield
+        return (yield from self.bound.exceeded(collapses, self.faces, moved))
 
-    def merge(self, collapses: Collapses) -> None:
+    def merge(self, collapses: Collapses) -> Pauses[None]:
         """Do it."""
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
         self.collapsed += len(keep)
@@ -293,6 +308,8 @@ class CollapsingMesh:
         edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
         edge_number[lost] = edge_number[stays]
 
+        yield
+
         face_left = np.ones(self.face_count, bool)
         face_left[gone] = False
         face_left = np.flatnonzero(face_left)
@@ -303,25 +320,28 @@ class CollapsingMesh:
         vertex_number[vertex_left] = np.arange(len(vertex_left), dtype=np.int32)
         vertex_number[drop] = vertex_number[keep]
 
+        yield
+
         if self.bound is not None:
             self.bound.accept(face_left)
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
+        yield
         self.edges = np.take(vertex_number, np.take(self.edges, edge_left, axis=1))
         self.cost = self.cost[edge_left]
         self.positions = np.take(self.positions, vertex_left, axis=1)
         self.fixed = self.fixed[vertex_left]
         if self.normals is not None:
             self.normals = np.take(self.normals, vertex_left, axis=1)
-        self.quadrics = vertex_quadrics(self.positions, self.faces)
+        yield
+        self.quadrics = yield from quadrics_rows(self.positions, self.faces)
 
         changed = np.zeros(len(vertex_left), bool)
         changed[vertex_number[keep]] = True
-        for _ in self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0))):
-            pass
+        yield from self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
 
-    def holds(self) -> Generator[None, None, bool]:
-        """Whether the bound on the error, if there is one, is kept everywhere; yields now and then."""
+    def holds(self) -> Pauses[bool]:
+        """Whether the bound on the error, if there is one, is kept everywhere."""
         return self.bound is None or (yield from self.bound.holds(self.positions, self.faces))
 
     def mesh(self) -> TriangleMesh:
@@ -339,24 +359,34 @@ class CollapsingMesh:
         return TriangleMesh(vertices, np.ascontiguousarray(number[self.faces].T), normals)
 
 
-def _edges(faces: Ints, vertex_count: int) -> tuple[Ints, Ints]:
-    """Every edge once, (2, E), and the edges of every face, (3, F)."""
-    start, end = faces, faces[[1, 2, 0]]
-    keys = np.minimum(start, end).astype(np.int64) * vertex_count + np.maximum(start, end)
-    keys = keys.ravel()
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    new = np.ones(len(keys), bool)
-    new[1:] = keys[1:] != keys[:-1]
-    face_edges = np.empty(len(keys), np.int32)
-    face_edges[order] = np.cumsum(new, dtype=np.int32) - np.int32(1)
-    edges = np.array(np.divmod(keys[new], vertex_count), np.int32)
-    return edges, face_edges.reshape(faces.shape)
+def _edges(faces: Ints, vertex_count: int) -> Pauses[tuple[Ints, Ints]]:
+    """Every edge once, (2, E), in the order of their ends, and the edges of every face, (3, F)."""
+    start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
+    yield
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    yield
+    face_edges = np.empty(len(low), np.int32)
+    # A shelf of edges for each run of lower vertices, so that nothing large is sorted at once.
+    run = max(1, vertex_count * SHELF // max(1, len(low)))
+    edges, count = [np.empty((2, 0), np.int32)], 0
+    for first in range(0, vertex_count, run):
+        corners = np.flatnonzero((low >= first) & (low < first + run))
+        keys = low[corners].astype(np.int64) * vertex_count + high[corners]
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        new = np.ones(len(keys), bool)
+        new[1:] = keys[1:] != keys[:-1]
+        face_edges[corners[order]] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
+        edges.append(np.array(np.divmod(keys[new], vertex_count), np.int32))
+        count += edges[-1].shape[1]
+        yield
+    return np.concatenate(edges, axis=1), face_edges.reshape(faces.shape)
 
 
-def _fixed(faces: Ints, edges: Ints, face_edges: Ints, vertex_count: int) -> Flags:
+def _fixed(faces: Ints, edges: Ints, face_edges: Ints, vertex_count: int) -> Pauses[Flags]:
     """Vertices that must stay: those on a border, and those of faces at an edge with other than two faces."""
     faces_at = np.bincount(face_edges.ravel(), minlength=edges.shape[1])
+    yield
     fixed = np.zeros(vertex_count, bool)
     fixed[edges[:, faces_at == 1]] = True
     odd = (faces_at > 2) | (edges[0] == edges[1])

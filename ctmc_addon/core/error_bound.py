@@ -10,7 +10,7 @@ and faces, is too far from the original.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .distance import TriangleTree, squared_distances
 from .mesh import TriangleMesh
+from .progress import Pauses
 from .quadrics import dot
 
 if TYPE_CHECKING:
@@ -40,27 +41,31 @@ class ErrorBound:
 
     Parameters
     ----------
-    positions, faces, edges, face_edges : (3, P), (3, F), (2, E), (3, F)
-        The original, which is also the surface as it is at first.
     limit : float
         In the unit of the positions.
     held : float
         Share of the limit that samples are held to: between them a surface swings out a little farther.
     """
 
-    def __init__(
-        self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints, limit: float, held: float
-    ) -> None:
+    def __init__(self, limit: float, held: float) -> None:
         self.whole_limit = limit
         self.limit = held * limit
         self.limit_squared = np.float32(self.limit * self.limit)
+        self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
+
+    def prepare(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints) -> Pauses[None]:
+        """Take in the original, (3, P), (3, F), (2, E), (3, F), which is also the surface at first."""
         vertex_count, face_count = positions.shape[1], faces.shape[1]
         ends = [np.take(positions, end, axis=1) for end in edges]
+        yield
         along = ends[1] - ends[0]
-        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), limit)
+        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), self.whole_limit)
+        yield
         on_edges, edge_of = _spread(ends, self.gap)
+        yield
         self.original = [np.take(positions, corner, axis=1) for corner in faces]
         in_faces, face_of = _spread(self.original, self.gap)
+        yield
         self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
 
         face_at = np.tile(np.arange(face_count), 3)
@@ -68,11 +73,12 @@ class ErrorBound:
         face_at_vertex[faces.ravel()] = face_at
         face_at_edge[face_edges.ravel()] = face_at
         self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
+        yield
         self.corners = [np.take(corner, face_of, axis=1) for corner in self.original]
-        self.tree = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
-        self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
+        yield
+        self.tree = yield from tree_of(positions, faces)
 
-    def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Flags:
+    def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Pauses[Flags]:
         """Which of the n collapses take the surface too far from the original, (n,) bool.
 
         Parameters
@@ -90,6 +96,7 @@ class ErrorBound:
         collapse = collapse_at[self.home[moving]].astype(np.int64)
         order = np.argsort(collapse, kind="stable")
         moving, collapse = moving[order], collapse[order]
+        yield
 
         left = np.flatnonzero(~collapses.gone)
         left = left[np.argsort(collapses.owner[left], kind="stable")]
@@ -100,10 +107,12 @@ class ErrorBound:
         exceeded = np.zeros(count, bool)
         near = np.empty(len(moving), np.int64)
         for step in (SAMPLE, 1):
+            yield
             rest = np.arange(0, len(moving), step)
             rest = rest[~exceeded[collapse[rest]]]
             own = collapse[rest]
             places = np.take(self.samples, moving[rest], axis=1)
+            yield
             near[rest], squared = _near_face(
                 places, moved, corners, middles, first[own], faces_of[own], self.limit_squared
             )
@@ -111,7 +120,8 @@ class ErrorBound:
 
         chosen = ~exceeded[collapse]
         moving, collapse, near = moving[chosen], collapse[chosen], near[chosen]
-        refused = self._away_from_original(collapses, owner, corners, moved, moving, near, exceeded)
+        yield
+        refused = yield from self._away_from_original(collapses, owner, corners, moved, moving, near, exceeded)
         chosen = ~refused[collapse]
         self.moving, self.new_home = moving[chosen], star[near[chosen]]
         return refused
@@ -125,7 +135,7 @@ class ErrorBound:
         moving: Places,
         near: Places,
         refused: Flags,
-    ) -> Flags:
+    ) -> Pauses[Flags]:
         """Which collapses are refused or put a vertex, or a point of a spoke or face, too far from the original."""
         count = len(refused)
         hub = np.zeros(moved.shape[1], bool)
@@ -137,8 +147,10 @@ class ErrorBound:
         on_spokes, spoke = _spread([a, b], self.gap)
         in_faces, face = _spread([a, b, c], self.gap)
         places = np.concatenate([a, on_spokes, in_faces], axis=1)
+        yield
         face_of = column[np.concatenate([each, spoke, face])]
         of = owner[face_of]
+        yield
 
         # Mostly the original's face of the nearest sample at home in the same face will do.
         inner = moving - (self.samples.shape[1] - self.corners[0].shape[1])
@@ -148,11 +160,13 @@ class ErrorBound:
         squared = np.full(len(of), np.inf)
         some = np.flatnonzero(near_to[face_of])
         samples = np.take(self.samples, moving[inside], axis=1)
+        yield
         nearest = _nearest_point(places[:, some], samples, first[face_of[some]], near_to[face_of[some]])
         nearest = inner[inside][nearest]
         squared[some] = squared_distances(
             places[:, some], *(np.take(corner, nearest, axis=1) for corner in self.corners)
         )
+        yield
 
         # For the others the tree is asked, first for the farthest of each collapse: mostly that decides it.
         refused = refused.copy()
@@ -165,15 +179,16 @@ class ErrorBound:
             away = np.isinf(self.tree.distances(places[:, ask].T, self.limit))
             refused[of[ask[away]]] = True
             ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
+            yield
         return refused
 
-    def holds(self, positions: Floats, faces: Ints) -> Generator[None, None, bool]:
+    def holds(self, positions: Floats, faces: Ints) -> Pauses[bool]:
         """Whether the whole bound is kept between the samples too, both ways. Yields now and then.
 
         Every face is cut in four, and its pieces again up to `CUTS` times, wherever a piece could swing out beyond
         the bound between its middle and its corners, if it stands no steeper than `STEEP` against the other surface.
         """
-        surface = TriangleTree(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+        surface = yield from tree_of(positions, faces)
         corners = [np.take(positions, corner, axis=1) for corner in faces]
         for tree, pieces, cuts in ((self.tree, corners, CUTS), (surface, self.original, CUTS_OF_ORIGINAL)):
             for _ in range(cuts + 1):
@@ -197,6 +212,13 @@ class ErrorBound:
         number = np.zeros(max(int(self.home.max()), int(face_left.max())) + 1, np.int64)
         number[face_left] = np.arange(len(face_left))
         self.home = np.where(self.home < 0, -1, number[self.home])
+
+
+def tree_of(positions: Floats, faces: Ints) -> Pauses[TriangleTree]:
+    """The tree of triangles given as columns."""
+    tree = TriangleTree()
+    yield from tree.prepare(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+    return tree
 
 
 def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:

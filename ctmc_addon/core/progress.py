@@ -2,6 +2,8 @@
 
 Whoever drives the generator decides what a step means: a panel redraws, a command line prints,
 `finish` drains. Closing the generator cancels the work.
+
+A window shall draw and answer between two steps, so on millions of triangles they are about 0.1 s apart at most.
 """
 
 from __future__ import annotations
@@ -20,9 +22,11 @@ class Step(NamedTuple):
 
 
 Steps = Generator[Step, None, T]
+Pauses = Generator[None, None, T]
+"""Work that can be left now and then, and does not know how far it is: `said` makes steps of it."""
 
 
-def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
+def finish(steps: Steps[T] | Pauses[T], report: Callable[[Step], None] | None = None) -> T:
     """Drive `steps` to the end, hand each to `report`, and return the result.
 
     Examples
@@ -39,8 +43,28 @@ def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
         except StopIteration as end:
             result: T = end.value
             return result
-        if report is not None:
+        if report is not None and step is not None:
             report(step)
+
+
+def said(pauses: Pauses[T], fraction: float, message: str) -> Steps[T]:
+    """The same step at every pause.
+
+    Examples
+    --------
+    >>> def work():
+    ...     yield
+    ...     return 42
+    >>> [step.message for step in said(work(), 0.5, "Half")]
+    ['Half']
+    """
+    while True:
+        try:
+            next(pauses)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        yield Step(fraction, message)
 
 
 def within(steps: Steps[T], low: float, high: float) -> Steps[T]:

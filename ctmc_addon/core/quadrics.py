@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .progress import Pauses
+
 Floats = NDArray[np.float32]
 
 # A share of the trace added to A's diagonal: on flat ground, where the planes leave the point free to
@@ -25,12 +27,15 @@ Floats = NDArray[np.float32]
 DAMPING = np.float32(1e-6)
 
 
-def vertex_quadrics(positions: Floats, faces: NDArray[np.int32]) -> Floats:
-    """Quadric of every vertex, (6, V) float32, from positions (3, V) and faces (3, F)."""
+def quadrics_rows(positions: Floats, faces: NDArray[np.int32]) -> Pauses[Floats]:
+    """Quadric of every vertex, (6, V) float32, from positions (3, V) and faces (3, F); yields now and then."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
+    yield
     normal = cross(b - a, c - a)
+    yield
     length = np.sqrt(dot(normal, normal))
     length[length == 0] = 1.0  # a face without area has no plane, and weighs nothing
+    yield
     weighted = normal / (np.float32(6.0) * length)  # by twice the normal: a third of the area
 
     corners = faces.astype(np.intp)
@@ -38,6 +43,7 @@ def vertex_quadrics(positions: Floats, faces: NDArray[np.int32]) -> Floats:
     rows = iter(quadrics)
     for i in range(3):
         for j in range(i, 3):
+            yield
             share = (weighted[i] * normal[j]).astype(np.float64)
             total = np.zeros(positions.shape[1])
             for corner in corners:  # bincount adds in the order of the faces: the same bits everywhere

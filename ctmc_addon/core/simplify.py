@@ -13,9 +13,10 @@ import math
 from .edge_collapse import CollapsingMesh
 from .errors import SettingsError
 from .mesh import TriangleMesh
-from .progress import Step, Steps, finish
+from .progress import Step, Steps, finish, said
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 260, 800  # of memory for each triangle at the start, without and with a maximum error
+SIMPLIFYING = "Simplifying"
 HELD = 0.75  # of max_error is what samples are held to at first; less where that proves too much between them
 
 
@@ -73,15 +74,14 @@ def simplify_steps(
         return mesh
     fraction, held = 0.0, HELD
     while True:
-        yield Step(fraction, "Simplifying")
+        yield Step(fraction, SIMPLIFYING)
         work = CollapsingMesh(mesh, max_error, held)
-        for _ in work.price():
-            yield Step(fraction, "Simplifying")
-        while work.face_count > target and work.can_collapse():
-            for _ in work.collapse(-(-(work.face_count - target) // 2)):
-                yield Step(fraction, "Simplifying")
+        yield from said(work.prepare(), fraction, SIMPLIFYING)
+        while work.face_count > target and (yield from said(work.can_collapse(), fraction, SIMPLIFYING)):
+            budget = -(-(work.face_count - target) // 2)
+            yield from said(work.collapse(budget), fraction, SIMPLIFYING)
             fraction = max(fraction, (start - work.face_count) / (start - target))
-        if (yield from _checking(work, fraction)):
+        if (yield from said(work.holds(), fraction, "Checking the error")):
             break
         held *= 0.85
     message = f"{work.face_count} triangles"
@@ -94,16 +94,6 @@ def simplify_steps(
 def memory_needed(face_count: int, max_error: float | None) -> int:
     """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumours, rounded up."""
     return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
-
-
-def _checking(work: CollapsingMesh, fraction: float) -> Steps[bool]:
-    check = work.holds()
-    while True:
-        try:
-            next(check)
-        except StopIteration as end:
-            return bool(end.value)
-        yield Step(fraction, "Checking the error")
 
 
 def _target(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core.quadrics import DAMPING, best_step, cross, dot, edge_quadric, error, vertex_quadrics
+from ctmc_addon.core.progress import finish
+from ctmc_addon.core.quadrics import DAMPING, best_step, cross, dot, edge_quadric, error, quadrics_rows
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def error_by_planes(positions, faces, vertex, point):
 
 
 def quadric_of_edge(positions, faces, first, second):
-    quadrics = vertex_quadrics(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T))
+    quadrics = finish(quadrics_rows(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
     half = (positions[second] - positions[first])[:, None] / np.float32(2)
     return edge_quadric(quadrics[:, [first]], quadrics[:, [second]], half)
 
