@@ -11,7 +11,7 @@ import bpy
 from ..core import Step, Steps
 from ..core.errors import OutputError
 
-BAND_PIXELS = 1_000_000
+BAND_PIXELS = 100_000  # so few that Esc is soon heard; the pixels are those of one go
 
 
 def bands_of(size: tuple[int, int]) -> list[tuple[int, int]]:
@@ -19,8 +19,8 @@ def bands_of(size: tuple[int, int]) -> list[tuple[int, int]]:
 
     Examples
     --------
-    >>> bands_of((1000, 800)), bands_of((2000, 1000))
-    ([(0, 800)], [(0, 500), (500, 1000)])
+    >>> bands_of((400, 200)), bands_of((500, 400))
+    ([(0, 200)], [(0, 200), (200, 400)])
     """
     width, height = size
     count = max(1, math.ceil(width * height / BAND_PIXELS))

@@ -100,8 +100,8 @@ def draw_look(layout: Any, context: bpy.types.Context, chosen: Any) -> None:
     column = layout.column(heading=say("Show"), heading_ctxt=OURS)
     column.prop(chosen, "scale_bar")
     column.prop(chosen, "orientation")
-    column.prop(chosen, "write_blend")
     draw_switched(layout, chosen, "caption")
+    layout.prop(chosen, "write_blend")
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_figure,))

@@ -46,7 +46,7 @@ def page_properties() -> dict[str, Any]:
     for kind, page in PAGES.items():
         found[f"{kind}_width_mm"] = FloatProperty(
             **CONTEXT,
-            name="Width",
+            name="Width [mm]",
             description="Width as printed [mm]. A column of most journals is 85, two are 170",
             default=page.width_mm,
             min=WIDTHS_MM[0],
@@ -55,7 +55,7 @@ def page_properties() -> dict[str, Any]:
         )
         found[f"{kind}_dpi"] = FloatProperty(
             **CONTEXT,
-            name="Resolution",
+            name="Resolution [dpi]",
             description="Pixels to the inch [dpi]. Larger = sharper, and longer to render",
             default=page.dpi,
             min=DPIS[0],
@@ -187,7 +187,7 @@ def turntable_properties() -> dict[str, Any]:
         ),
         "seconds": FloatProperty(
             **CONTEXT,
-            name="Seconds",
+            name="Length [s]",
             description="Length of the loop [s]. Larger = slower, and longer to render",
             default=turn.seconds,
             min=0.1,

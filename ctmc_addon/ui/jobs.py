@@ -44,14 +44,17 @@ class Job:
     workspaces: set[str] = field(default_factory=set)
 
     def advance(self, seconds: float = TICK) -> Conclusion | None:
-        """Work for about so long; the conclusion, once there is nothing more to do."""
-        end = time.perf_counter() + seconds
+        """Work for about so long; the conclusion, once there is nothing more to do.
+
+        What comes next is shown before it begins: it may take long.
+        """
+        end, shown = time.perf_counter() + seconds, self.step.message
         while True:
             try:
                 self.step = next(self.steps)
             except StopIteration as done:
                 return done.value
-            if time.perf_counter() >= end:
+            if time.perf_counter() >= end or self.step.message != shown:
                 return None
 
     @property

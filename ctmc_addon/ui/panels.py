@@ -280,8 +280,9 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
         row.operator("ctmc.reconstruct", text=text, icon="FILE_REFRESH" if updates else "MESH_ICOSPHERE")
         if updates:
             row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
+    layout = layout.column()
+    layout.enabled = not jobs.locked()
     row = layout.row(align=True)
-    row.enabled = not jobs.locked()
     row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
