@@ -29,11 +29,20 @@ def worker_count(threads: int | None) -> int:
 
 
 def in_batches(
-    work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str, batches: int = 16
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    threads: int,
+    message: str,
+    batches: int = 16,
+    at_once: int | None = None,
 ) -> Steps[list[Result]]:
-    """Do `work` for every item; a step after each of about so many batches, the results in the items' order."""
+    """Do `work` for every item; a step after each of about so many batches, the results in the items' order.
+
+    `at_once` gives the items in a batch themselves. The error of the earliest item is raised, whichever
+    thread met one first.
+    """
     done: list[Result] = []
-    at_once = max(4 * threads, -(-len(items) // batches))
+    at_once = at_once or max(4 * threads, -(-len(items) // batches))
     while len(done) < len(items):
         batch = items[len(done) : len(done) + at_once]
         if threads == 1 or len(batch) == 1:

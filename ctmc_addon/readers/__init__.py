@@ -12,6 +12,7 @@ from pathlib import Path
 from ..core.errors import ReadError
 from ..core.progress import Step, Steps, finish, within
 from ..core.volume import Volume
+from ..core.workers import worker_count
 from . import dicom, nifti, nrrd, stacks, tiff
 from .paths import (
     DICOM_SUFFIXES,
@@ -65,7 +66,7 @@ def read_volume(
     flip : str
         Index axes to mirror in place, such as 'xz'.
     threads : int, optional
-        Threads that decode; by default one for each processor, at most 4.
+        Threads that decode PNG, JPEG, BMP and TIFF slices; by default one for each processor, at most 8.
 
     Returns
     -------
@@ -77,7 +78,7 @@ def read_volume(
     ReadError
         If there is no readable volume at `path`.
     SettingsError
-        If spacing or flip are outside their limits.
+        If spacing, flip or threads are outside their limits.
     MemoryLimitError
         If the volume would not fit; said before it is read.
     """
@@ -93,11 +94,11 @@ def read_volume_steps(
     threads: int | None = None,
 ) -> Steps[Volume]:
     """`read_volume` as steps; closing the generator cancels, and no thread is left between steps."""
-    sides, axes = checked_spacing(spacing), checked_flip(flip)
+    sides, axes, workers = checked_spacing(spacing), checked_flip(flip), worker_count(threads)
     place = existing(path)
     yield Step(0.0, f"Looking at {place.name}")
     try:
-        reading, name = yield from within(_reading_steps(place, sides, series, strict, threads), 0.0, 0.9)
+        reading, name = yield from within(_reading_steps(place, sides, series, strict, workers), 0.0, 0.9)
     except OSError as error:
         raise unreadable(place, error) from error
     return (yield from within(volume_steps(reading, name, sides, axes), 0.9, 1.0))
@@ -118,6 +119,8 @@ def list_series_steps(path: PathLike) -> Steps[tuple[Series, ...]]:
         kind = file_format(place)
         if kind == "dicom":
             return (yield from dicom.describe_steps(place))
+        if kind == "nifti":
+            yield from nifti.library_steps()
         describe = {"nifti": nifti.describe, "nrrd": nrrd.describe, "npy": stacks.describe_npy}.get(kind)
         if describe is not None:
             return (describe(place),)
@@ -131,21 +134,23 @@ def _reading_steps(
     spacing: tuple[float, float, float] | None,
     series: str | int | None,
     strict: bool,
-    threads: int | None,
+    threads: int,
 ) -> Steps[tuple[Reading, str]]:
     """What the format's reader found, and the volume's name."""
-    if place.is_dir():
-        if folder_format(place) == "images":
-            return (yield from stacks.folder_steps(place, threads)), stem(place)
-        return (yield from dicom.read_steps(place, series, strict, threads, spacing)), stem(place)
-    kind = file_format(place)
+    kind = folder_format(place) if place.is_dir() else file_format(place)
     if kind == "dicom":
-        reading = yield from dicom.read_steps(place, series, strict, threads, spacing)
+        reading = yield from dicom.read_steps(place, series, strict, spacing)
         return reading, stem(dicom.named_after(place))
+    if series is not None and str(series).strip():
+        raise ReadError(f"{place.name} has no series, as only DICOM has; leave out the series '{series}'")
+    if kind == "images":
+        return (yield from stacks.folder_steps(place, threads)), stem(place)
     if kind == "image":
         reading = yield from stacks.folder_steps(place.parent, threads)
         note = f"{place.name} is one slice: its folder was read, {len(reading.values)} slices"
         return with_notes(reading, note), stem(place.absolute().parent)
+    if kind == "nifti":
+        yield from nifti.library_steps()
     readers = {"nifti": nifti.read_steps, "nrrd": nrrd.read_steps, "npy": stacks.npy_steps, "tiff": tiff.tiff_steps}
     return (yield from readers[kind](place)), stem(place)
 

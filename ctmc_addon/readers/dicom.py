@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,19 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from ..core.progress import Step, Steps, finish, within
-from .headers import WHAT, Broken, ImageFile, has_preamble, looks_like_dataset, read_header
+from ..core.progress import Step, Steps, within
+from ..core.workers import in_batches
+from .headers import (
+    WHAT,
+    Broken,
+    ImageFile,
+    has_preamble,
+    looks_like_dataset,
+    read_by_pydicom,
+    read_header,
+    read_plain,
+)
+from .libraries import imported_steps, quiet, quietly
 from .multiframe import FrameGeometry
 from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
 from .pixels import DoesNotFit, SliceRead, check_codec, fill_slice, output_type, padding_mark
-from .pool import mapped, pool_size
 from .reading import Reading, Series
 from .slices import Stack, stack_up
 from .values import require_memory
 
 SCAN_SHARE = 0.3  # of the progress goes to headers
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
-SLOW_BATCH, FAST_BATCH = 2, 8  # slices a thread decodes between two steps: compressed, or as they are
 MOST_LISTED = 12  # series in one note
 
 
@@ -74,7 +82,6 @@ def read_steps(
     path: Path,
     series: str | int | None,
     strict: bool,
-    threads: int | None,
     spacing: tuple[float, float, float] | None,
 ) -> Steps[Reading]:
     """Read the series of a folder with the most slices, or the one `series` names, or a file's own."""
@@ -86,21 +93,26 @@ def read_steps(
     if found.strays:
         notes.append(f"{found.strays} file{'s' * (found.strays > 1)} named like DICOM left out, being something else")
     for image in {one.image.pixels.syntax: one.image for one in slices}.values():
-        check_codec(image)
+        if image.pixels.compressed:
+            yield from imported_steps("pydicom", "pydicom", WHAT)
+            check_codec(image)
     first = slices[0].geometry
-    pixel_spacing = first.spacing
+    pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or min(pixel_spacing) <= 0:
+        unusable = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
         if spacing is None:
-            said = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
-            raise ReadError(f"the series has {said}, and it must be above 0 mm; give the spacing x, y, z in mm")
+            raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
         pixel_spacing = (spacing[1], spacing[0])
     positions = np.array([one.geometry.position for one in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
     stack = stack_up(positions, orientation, pixel_spacing, [one.name for one in slices], strict)
     ordered = [slices[at] for at in stack.order]
-    values, padding_notes = yield from within(values_steps(ordered, stack, threads), SCAN_SHARE, 1.0)
+    values, padding_notes = yield from within(values_steps(ordered, stack), SCAN_SHARE, 1.0)
     kind = "HU" if all(one.image.hounsfield for one in ordered) else "grey value"
-    return Reading(values, stack.affine, (*notes, *meaning(ordered), *stack.notes, *padding_notes), kind, what=WHAT)
+    notes += [*meaning(ordered), *stack.notes, *padding_notes]
+    gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
+    own_spacing = f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
+    return Reading(values, stack.affine, tuple(notes), kind, what=WHAT, own_spacing=own_spacing)
 
 
 def describe_steps(path: Path) -> Steps[tuple[Series, ...]]:
@@ -112,7 +124,7 @@ def describe_steps(path: Path) -> Steps[tuple[Series, ...]]:
 def find_steps(path: Path) -> Steps[Found]:
     """Headers of every DICOM image in the folder, or of the file's series in its folder."""
     if path.is_file() and path.name.upper() != "DICOMDIR":
-        own = read_header(path)
+        own = next(iter((yield from headers_steps([path]))), None)
         if own is None or (isinstance(own, Broken) and own.stray):
             raise ReadError(f"{path.name} is no DICOM image; choose a CT slice or its folder")
         if isinstance(own, Broken):
@@ -135,8 +147,15 @@ def named_after(path: Path) -> Path:
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
-    found = yield from mapped(read_header, files, "Reading headers", threads=1, batch=16)
-    return [one for one in found if one is not None]
+    found: list[ImageFile | Broken | None] = []
+    found += yield from within(in_batches(read_plain, files, 1, "Reading headers", at_once=16), 0.0, 0.1)
+    others = [at for at, image in enumerate(found) if image is None]
+    if any(may_be_dicom(files[at]) for at in others):
+        yield from imported_steps("pydicom", "pydicom", WHAT)
+    read = in_batches(read_by_pydicom, [files[at] for at in others], 1, "Reading headers", at_once=16)
+    for at, image in zip(others, (yield from within(read, 0.1, 1.0)), strict=True):
+        found[at] = image
+    return [image for image in found if image is not None]
 
 
 def sorted_out(headers: Sequence[ImageFile | Broken]) -> Found:
@@ -264,7 +283,7 @@ def meaning(slices: Sequence[Slice]) -> list[str]:
     return [] if all(one.image.hounsfield for one in slices) else ["the CT's values are not in HU (RescaleType)"]
 
 
-def values_steps(slices: list[Slice], stack: Stack, threads: int | None) -> Steps[tuple[NDArray[Any], list[str]]]:
+def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any], list[str]]]:
     """Decode the ordered slices into one array in the smallest type that holds them."""
     floating = any(one.image.pixels.floating for one in slices)
     shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
@@ -273,7 +292,7 @@ def values_steps(slices: list[Slice], stack: Stack, threads: int | None) -> Step
         values = np.empty(shape, dtype)
         decoding = resampled_steps if stack.resampled else decoded_steps
         try:
-            lowest, padded = yield from decoding(slices, stack, values, threads)
+            lowest, padded = yield from decoding(slices, stack, values)
         except DoesNotFit:
             del values
             continue
@@ -281,59 +300,48 @@ def values_steps(slices: list[Slice], stack: Stack, threads: int | None) -> Step
     raise AssertionError("float32 holds every value")
 
 
-def batch_size(slices: Sequence[Slice], threads: int | None) -> int:
-    """Slices between two steps: few where decoding is slow."""
-    return pool_size(threads) * (SLOW_BATCH if slices[0].image.pixels.start is None else FAST_BATCH)
+def batch_size(slices: Sequence[Slice]) -> int:
+    """Slices between two steps: one where it has to be decompressed, which takes 0.02 s and more.
+
+    They are read by one thread: plain pixels are there before a thread would be, and pylibjpeg's
+    decoders hold the interpreter while they work.
+    """
+    return 1 if slices[0].image.pixels.start is None else 8
 
 
-def decoded_steps(
-    slices: list[Slice], stack: Stack, values: NDArray[Any], threads: int | None
-) -> Steps[tuple[float, int]]:
+def decoded_steps(slices: list[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
     """Fill `values` slice by slice; the lowest real value and the number of padding pixels."""
-    work = list(zip(slices, (values[at] for at in range(len(values))), strict=True))
-    seen = yield from mapped(
-        lambda one: fill_slice(one[0].image, one[0].frame, one[1]),
-        work,
-        "Decoding slices",
-        threads,
-        batch_size(slices, threads),
-    )
+
+    def fill(at: int) -> SliceRead:
+        return fill_slice(slices[at].image, slices[at].frame, values[at])
+
+    decoding = in_batches(fill, range(len(values)), 1, "Decoding slices", at_once=batch_size(slices))
+    seen = yield from quietly(decoding)
     return min(one.lowest for one in seen), sum(one.padded for one in seen)
 
 
-def resampled_steps(
-    slices: list[Slice], stack: Stack, values: NDArray[Any], threads: int | None
-) -> Steps[tuple[float, int]]:
-    """Fill `values` by linear interpolation along the normal, holding a few slices at a time."""
-    lowest, padded, size = float("inf"), 0, batch_size(slices, threads)
-    held: dict[int, NDArray[Any]] = {}
+def resampled_steps(slices: list[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
+    """Fill `values` by linear interpolation along the normal, holding two slices at a time."""
+    lowest, padded = float("inf"), 0
+    low, high = np.empty((2, *values.shape[1:]), values.dtype)
     done = 0  # slices of the volume
-    for start in range(0, len(slices), size):
-        yield Step(start / len(slices), "Decoding and resampling slices")
-        some = range(start, min(start + size, len(slices)))
-        held.update({at: np.empty(values.shape[1:], values.dtype) for at in some})
-        seen = finish(mapped(partial(fill_held, slices, held), some, "", threads, size))  # one batch, so one step
-        lowest = min([lowest, *(one.lowest for one in seen)])
-        padded += sum(one.padded for one in seen)
-        last = some[-1]
-        while done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= last:
-            at, weight = int(stack.below[done]), float(stack.weight[done])
-            between(held[at], held.get(at + 1), weight, values[done])
+    for at, one in enumerate(slices):
+        low, high = high, low
+        with quiet():
+            seen = fill_slice(one.image, one.frame, high)
+        lowest, padded = min(lowest, seen.lowest), padded + seen.padded
+        while done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= at:
+            yield Step(done / len(values), "Decoding and resampling slices")
+            if stack.below[done] == at:
+                values[done] = high
+            else:
+                between(low, high, float(stack.weight[done]), values[done])
             done += 1
-        held = {last: held[last]}
     return lowest, padded
 
 
-def fill_held(slices: Sequence[Slice], held: dict[int, NDArray[Any]], at: int) -> SliceRead:
-    """Decode slice number `at` into its array in `held`."""
-    return fill_slice(slices[at].image, slices[at].frame, held[at])
-
-
-def between(low: NDArray[Any], high: NDArray[Any] | None, weight: float, out: NDArray[Any]) -> None:
+def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[Any]) -> None:
     """Linear mean of two slices, rounded where `out` is integer; beside padding the nearer slice alone."""
-    if weight == 0.0 or high is None:
-        out[...] = low
-        return
     mean = low.astype(np.float64) * (1.0 - weight) + high.astype(np.float64) * weight
     out[...] = np.rint(mean) if out.dtype.kind in "iu" else mean
     mark = padding_mark(out.dtype)

@@ -13,6 +13,7 @@ from typing import IO, Any, Literal, NamedTuple
 from .libraries import BROKEN, needed, quiet
 from .multiframe import FrameGeometry, frame_geometries
 from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
+from .plain_header import LONGEST, plain_header
 
 WHAT = "DICOM"
 TAGS = [
@@ -90,13 +91,39 @@ class Broken(NamedTuple):
 
 def read_header(path: Path) -> ImageFile | Broken | None:
     """The header of a DICOM image; None where the file is something else."""
-    if path.name.upper() == "DICOMDIR" or (suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES):
+    return read_plain(path) or read_by_pydicom(path)
+
+
+def read_plain(path: Path) -> ImageFile | None:
+    """The header of a plain CT slice, in a twentieth of pydicom's time; None where pydicom has to be asked."""
+    if may_be_another(path):
+        return None
+    with path.open("rb") as file:
+        try:
+            header = plain_header(file.read(LONGEST))
+            if header is None:
+                return None
+            file.seek(header.end)
+            image = _image(path, header, _pixels(header, file), str(header.get("SeriesInstanceUID", "")))
+        except (TypeError, ValueError):
+            return None
+    return image if isinstance(image, ImageFile) else None
+
+
+def read_by_pydicom(path: Path) -> ImageFile | Broken | None:
+    """The header of any DICOM image; None where the file is something else."""
+    if may_be_another(path):
         return None
     with path.open("rb") as file:
         preamble = has_preamble(file)
         if not preamble and not looks_like_dataset(file):
             return Broken(path, "", stray=True) if suffix(path) in DICOM_SUFFIXES else None
         return _parsed(path, file, preamble)
+
+
+def may_be_another(path: Path) -> bool:
+    """Whether the name says that a file is no DICOM image."""
+    return path.name.upper() == "DICOMDIR" or (suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES)
 
 
 def pydicom_errors() -> tuple[type[Exception], ...]:

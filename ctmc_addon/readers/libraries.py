@@ -5,13 +5,19 @@ from __future__ import annotations
 import importlib
 import logging
 import struct
+import sys
 import warnings
 import zlib
 from collections.abc import Iterator
+from concurrent import futures
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from ..core.errors import ReadError
+from ..core.progress import Step, Steps
+
+T = TypeVar("T")
+STEP_SECONDS = 0.03  # between two steps while a library is imported
 
 # What a parser raises when bytes are not what it expects. Only calls into a library stand under it.
 BROKEN = (
@@ -52,6 +58,20 @@ def needed(module: str, package: str, what: str) -> Any:
         raise ReadError(f"reading {what} needs the Python package {package}, which is missing; install it") from error
 
 
+def imported_steps(module: str, package: str, what: str) -> Steps[Any]:
+    """`needed` with steps: the first import of pydicom or nibabel takes up to half a second.
+
+    It runs in a thread, the only one that lives across steps; closing the generator waits for its end.
+    """
+    if module not in sys.modules:
+        with futures.ThreadPoolExecutor(1) as pool:
+            loading = pool.submit(needed, module, package, what)
+            while not futures.wait([loading], STEP_SECONDS).done:
+                yield Step(0.0, f"Loading {package}")
+            loading.result()
+    return needed(module, package, what)
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """Keep the libraries' warnings and log lines from the user; what matters is said in the notes.
@@ -68,6 +88,21 @@ def quiet() -> Iterator[None]:
         finally:
             for logger in talking:
                 logger.disabled = False
+
+
+def quietly(steps: Steps[T]) -> Steps[T]:
+    """The same steps, the libraries kept `quiet` while they work."""
+    try:
+        while True:
+            with quiet():
+                try:
+                    step = next(steps)
+                except StopIteration as end:
+                    result: T = end.value
+                    return result
+            yield step
+    finally:
+        steps.close()
 
 
 def reason(error: BaseException) -> str:

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Steps, within
-from .libraries import BROKEN, needed, quiet, reason
+from .libraries import BROKEN, imported_steps, needed, quiet, reason
 from .reading import Reading, Series
 from .streams import check_end, fill_steps, opened, skip
-from .values import PLANES, native, require_memory, scaled_whole_steps
+from .values import PLANES, native_steps, require_memory, scaled_whole_steps
 
 WHAT = "NIfTI"
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
+
+
+def library_steps() -> Steps[None]:
+    """Import nibabel, which brings much with it, so that reading begins at once."""
+    yield from imported_steps("nibabel.nifti1", "nibabel", WHAT)
 
 
 def read_steps(path: Path) -> Steps[Reading]:
@@ -51,10 +56,11 @@ def whole_steps(
 ) -> Steps[NDArray[Any]]:
     """Values as they stand in the file, or integers scaled to integers."""
     plain = (slope, intercept) == (1, 0)
-    require_memory(shape, dtype.itemsize if plain else max(4, dtype.itemsize), name)
+    scaled_bytes = 2 if dtype.itemsize == 1 and not plain else 0  # wider integers mostly stay in their place
+    require_memory(shape, dtype.itemsize + scaled_bytes, name)
     values = np.empty(shape, dtype)
     yield from within(fill_steps(values, stream, name), 0.0, 1.0 if plain else 0.8)
-    values = native(values)
+    values = yield from native_steps(values)
     return values if plain else (yield from within(scaled_whole_steps(values, slope, intercept), 0.8, 1.0))
 
 

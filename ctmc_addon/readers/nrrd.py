@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ReadError
-from ..core.progress import Steps, within
+from ..core.progress import Step, Steps, within
 from .libraries import BROKEN, needed, quiet, reason
 from .paths import natural
 from .reading import Reading, Series
 from .streams import check_end, fill_steps, skip, unpacked
-from .values import native, require_memory
+from .values import native_steps, require_memory
 
 WHAT = "NRRD"
 # Signs that turn a named space's axes to right, anterior, superior.
@@ -45,6 +45,7 @@ TYPES = {
     "f4": ("float",),
     "f8": ("double",),
 }
+WORDS_CHUNK = 2**18  # bytes of numbers in words, about 0.01 s
 TO_MM = {"mm": 1.0, "millimeter": 1.0, "um": 0.001, "µm": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
 
 
@@ -69,7 +70,8 @@ def read_steps(path: Path) -> Steps[Reading]:
             part = values_steps(values[number * share : (number + 1) * share], stream, header, file)
             yield from within(part, number / len(files), (number + 1) / len(files))
     affine, notes = placed(header, kept)
-    return Reading(native(values), affine, notes, "", label_names(header), WHAT)
+    values = yield from native_steps(values)
+    return Reading(values, affine, notes, "", label_names(header), WHAT)
 
 
 def describe(path: Path) -> Series:
@@ -177,15 +179,30 @@ def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, A
             yield from fill_steps(values, plain, path.name)
             check_end(plain, path.name)
     elif encoding in ("ascii", "text", "txt"):
-        words = stream.read().split()
-        if len(words) != values.size:
-            raise ReadError(f"{path.name} is truncated: {len(words)} of {values.size} values are there; copy it again")
-        try:
-            values.reshape(-1)[:] = np.array(words, dtype="S").astype(values.dtype)
-        except ValueError as error:
-            raise ReadError(f"{path.name} has a value that is no number ({reason(error)}); export it again") from error
+        yield from words_steps(values.reshape(-1), stream, path.name)
     else:
         raise ReadError(f"{path.name} is encoded as '{encoding}'; save it as raw or gzip")
+
+
+def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
+    """Fill `values` (n,) from numbers in words; too few, too many and other words are a `ReadError`."""
+    done, rest, more = 0, b"", True
+    while more:
+        yield Step(min(1.0, done / len(values)), f"Reading {name}")
+        piece = stream.read(WORDS_CHUNK)
+        more = bool(piece)
+        words = (rest + piece).split()
+        rest = words.pop() if words and more and not piece[-1:].isspace() else b""  # the next piece may go on with it
+        end = done + len(words)
+        if end < len(values) and not more:
+            raise ReadError(f"{name} is truncated: {end} of {len(values)} values are there; copy it again")
+        if end > len(values):
+            raise ReadError(f"{name} holds more than the {len(values)} values of its sizes; repair the header")
+        try:
+            values[done:end] = np.array(words, dtype="S").astype(values.dtype)
+        except ValueError as error:
+            raise ReadError(f"{name} has a value that is no number ({reason(error)}); export it again") from error
+        done = end
 
 
 def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:

@@ -29,9 +29,7 @@ class SliceRead(NamedTuple):
 
 
 def check_codec(image: ImageFile) -> None:
-    """Say which library is missing for the file's transfer syntax, before anything is decoded."""
-    if not image.pixels.compressed:
-        return
+    """Say which library is missing for a compressed file's transfer syntax, before anything is decoded."""
     pixels = needed("pydicom.pixels", "pydicom", WHAT)
     name = syntax_name(image.pixels.syntax)
     try:
@@ -54,27 +52,28 @@ def syntax_name(syntax: str) -> str:
         return str(needed("pydicom.uid", "pydicom", WHAT).UID(syntax).name)
 
 
-def stored_pixels(image: ImageFile, frame: int) -> NDArray[Any]:
-    """Pixels as stored, (rows, columns), unused high bits removed."""
+def stored_pixels(image: ImageFile, frame: int, out: NDArray[Any]) -> NDArray[Any]:
+    """Pixels as stored, (rows, columns), unused high bits removed; in the memory of `out` where they fit into it."""
     pixels = image.pixels
     if pixels.start is None or pixels.allocated not in (8, 16, 32):
         return _decoded(image, frame)
     dtype = np.dtype(f"{'>' if pixels.big_endian else '<'}{'i' if pixels.signed else 'u'}{pixels.allocated // 8}")
-    count = image.rows * image.columns
-    start = frame * count * dtype.itemsize
+    found = out.view(dtype) if out.dtype.itemsize == dtype.itemsize else np.empty(out.shape, dtype)
+    start = frame * found.nbytes
     with image.path.open("rb") as file:
         file.seek(pixels.start + start)
-        flat = np.fromfile(file, dtype, count)
-    if flat.size < count or pixels.size < start + count * dtype.itemsize:
-        there = min(start + flat.size * dtype.itemsize, pixels.size)
-        wanted = len(image.frames) * count * dtype.itemsize
+        there = file.readinto(found.reshape(-1).view(np.uint8).data)
+    if there < found.nbytes or pixels.size < start + found.nbytes:
+        there = min(start + there, pixels.size)
+        wanted = len(image.frames) * found.nbytes
         raise ReadError(f"{image.path.name} is truncated: {there} of {wanted} bytes of pixels; copy it again")
-    flat = flat.astype(dtype.newbyteorder("="), copy=False)
+    if not dtype.isnative:
+        found = found.byteswap(inplace=True).view(dtype.newbyteorder("="))
     shift = pixels.allocated - pixels.stored
     if shift > 0:  # PS3.5 8.1.1: bits above BitsStored may hold anything
-        np.left_shift(flat, shift, out=flat)
-        np.right_shift(flat, shift, out=flat)
-    return flat.reshape(image.rows, image.columns)
+        np.left_shift(found, shift, out=found)
+        np.right_shift(found, shift, out=found)
+    return found
 
 
 def _decoded(image: ImageFile, frame: int) -> NDArray[Any]:
@@ -113,7 +112,7 @@ def padding_mark(dtype: Any) -> Any:
 
 def fill_slice(image: ImageFile, frame: int, out: NDArray[Any]) -> SliceRead:
     """Decode and rescale one frame into `out` (rows, columns); padding becomes `padding_mark`."""
-    stored = stored_pixels(image, frame)
+    stored = stored_pixels(image, frame, out)
     geometry = image.frames[frame]
     padding: NDArray[np.bool_] | None = None
     real = stored
@@ -144,6 +143,8 @@ def _rescale(stored: NDArray[Any], slope: float, intercept: float, low: float, h
     limits = np.iinfo(out.dtype)
     if low < limits.min or high > limits.max:
         raise DoesNotFit
+    if (slope, intercept) == (1.0, 0.0) and np.may_share_memory(stored, out):
+        return
     if slope == 1.0 and stored.dtype.itemsize == out.dtype.itemsize:
         # Integers wrap: where the sum fits, so does the sum of wrapped terms.
         np.add(stored.view(out.dtype), np.array(int(intercept)).astype(out.dtype), out=out)

@@ -7,7 +7,7 @@ every format, so they are answered here. Affines map (x, y, z) = (column, row, s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -70,6 +70,8 @@ class Reading:
         Where the file has them.
     what : str
         The format in a word, for notes.
+    own_spacing : str
+        Words about the file's spacing, where the affine already holds what was asked for.
     """
 
     values: NDArray[Any]
@@ -78,6 +80,7 @@ class Reading:
     kind: str = ""
     label_names: Mapping[int, str] = field(default_factory=dict)
     what: str = ""
+    own_spacing: str = ""
 
 
 def volume_steps(reading: Reading, name: str, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
@@ -93,8 +96,8 @@ def volume_steps(reading: Reading, name: str, spacing: tuple[float, float, float
         if spacing is None:
             notes.append(f"{reading.what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
     elif spacing is not None:
-        affine, note = respaced(affine, spacing)
-        notes.append(note)
+        affine, own = respaced(affine, spacing)
+        notes.append(f"spacing {by(spacing)} mm as asked, {reading.own_spacing or own}")
     if flip:
         affine = flipped(affine, reading.values.shape[::-1], flip)
         notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
@@ -151,13 +154,17 @@ def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDAr
 
 
 def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Give the affine's columns the lengths `spacing`, and the note that says so."""
+    """The affine with columns of the lengths `spacing`, and words about those it had."""
     lengths = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
     out = affine.copy()
     # An axis without length is left alone: Volume refuses it as singular.
     out[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    old, new = (" x ".join(f"{value:.4g}" for value in three) for three in (lengths, spacing))
-    return out, f"spacing {new} mm as asked, in place of the file's own {old} mm"
+    return out, f"in place of the file's own {by(lengths)} mm"
+
+
+def by(lengths: Iterable[float]) -> str:
+    """Three lengths in words: '0.5 x 0.5 x 2'."""
+    return " x ".join(f"{length:.4g}" for length in lengths)
 
 
 def with_notes(reading: Reading, *notes: str) -> Reading:

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Steps, within
+from ..core.workers import in_batches
 from .images import Picture, grey_slice, picture
-from .libraries import BROKEN, quiet, reason
+from .libraries import BROKEN, quiet, quietly, reason
 from .paths import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
-from .pool import mapped, pool_size
 from .reading import Reading, Series
 from .streams import fill_steps
 from .tiff import describe_tiff, tiff_picture, tiff_slice, tiff_steps
-from .values import native, require_memory
+from .values import native_steps, require_memory
 
 SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif"}
 WORDS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF"}
@@ -51,10 +51,10 @@ def one_format(images: Sequence[Path]) -> tuple[list[Path], list[str]]:
     return kept, [f"{' and '.join(others)} beside the {len(kept)} {WORDS[best]} slices left out"] if others else []
 
 
-def folder_steps(folder: Path, threads: int | None) -> Steps[Reading]:
+def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
     """Read the slices of a folder, one image each."""
     images, notes = one_format(images_in(folder))
-    headers = yield from within(mapped(header_of, images, "Reading headers", threads, batch=64), 0.0, 0.2)
+    headers = yield from within(quietly(in_batches(header_of, images, threads, "Reading headers")), 0.0, 0.2)
     if len(headers) == 1:
         if headers[0].pages > 1:
             return (yield from tiff_steps(images[0]))
@@ -73,8 +73,8 @@ def folder_steps(folder: Path, threads: int | None) -> Steps[Reading]:
             )
         values[at] = found
 
-    batch = pool_size(threads) * 4
-    yield from within(mapped(fill, range(len(headers)), "Decoding slices", threads, batch), 0.2, 1.0)
+    decoding = in_batches(fill, range(len(headers)), threads, "Decoding slices", at_once=4 * threads)
+    yield from within(quietly(decoding), 0.2, 1.0)
     word = WORDS[SAME_FORMAT.get(suffix(images[0]), suffix(images[0]))]
     if word == "JPEG":
         notes.append("JPEG is lossy: the grey values are near the original ones, not equal to them")
@@ -123,7 +123,8 @@ def npy_steps(path: Path) -> Steps[Reading]:
         require_memory(shape, dtype.itemsize, path.name)
         values: NDArray[Any] = np.empty(shape, dtype, order="F" if fortran else "C")
         yield from fill_steps(values, stream, path.name)
-    return Reading(native(values), None, what="a NumPy file")
+    values = yield from native_steps(values)
+    return Reading(values, None, what="a NumPy file")
 
 
 def npy_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:

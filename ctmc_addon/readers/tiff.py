@@ -17,7 +17,7 @@ from .images import JPEG_NOISE, MODES, Picture, grey
 from .libraries import BROKEN, needed, quiet, reason
 from .reading import Reading, Series
 from .streams import fill_steps
-from .values import native, require_memory
+from .values import native_steps, require_memory
 
 WHAT = "TIFF"
 DAMAGE = (
@@ -109,7 +109,8 @@ def tiff_steps(path: Path) -> Steps[Reading]:
                 size = f"{found.shape}, and the first is {values.shape[1:]}"
                 raise ReadError(f"page {number + 1} of {path.name} is {size}; save it again")
             values[number] = found
-    return Reading(native(values), None, stack.notes, what=WHAT)
+    values = yield from native_steps(values)
+    return Reading(values, None, stack.notes, what=WHAT)
 
 
 def describe_tiff(path: Path) -> Series:

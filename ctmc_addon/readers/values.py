@@ -27,11 +27,15 @@ def require_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
     memory.require(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
 
 
-def native(values: NDArray[Any]) -> NDArray[Any]:
+def native_steps(values: NDArray[Any]) -> Steps[NDArray[Any]]:
     """The same values in the machine's byte order, swapped in place; later stages run faster."""
     if values.dtype.isnative:
         return values
-    return values.byteswap(inplace=True).view(values.dtype.newbyteorder("="))
+    planes = values if values.flags.c_contiguous else values.T
+    for at in range(0, len(planes), PLANES):
+        yield Step(at / len(planes), "Swapping bytes")
+        planes[at : at + PLANES].byteswap(inplace=True)
+    return values.view(values.dtype.newbyteorder("="))
 
 
 def scaled_whole_steps(values: NDArray[Any], slope: int, intercept: int) -> Steps[NDArray[Any]]:
@@ -39,8 +43,12 @@ def scaled_whole_steps(values: NDArray[Any], slope: int, intercept: int) -> Step
     low, high = yield from range_steps(values)
     ends = (int(low) * slope + intercept, int(high) * slope + intercept)
     dtype: Any = smallest_integer(min(ends), max(ends)) or np.float32
-    same_size = values.dtype.itemsize == np.dtype(dtype).itemsize
-    out = values.view(dtype) if same_size else np.empty(values.shape, dtype)
+    itemsize = np.dtype(dtype).itemsize
+    if itemsize == values.dtype.itemsize:
+        out = values.view(dtype)
+    else:
+        require_memory(values.shape, itemsize, "scaled values")  # beside those that were read
+        out = np.empty(values.shape, dtype)
     for at, (plane, target) in enumerate(zip(values, out, strict=True)):
         if at % PLANES == 0:
             yield Step(at / len(values), "Scaling values")

@@ -17,7 +17,7 @@ from .measuring import Session
 
 
 def measure(session: Session) -> None:
-    """The row of this part, with all threads and with one."""
+    """The row of this part."""
     folder = dicom_folder(session.scratch)
     _image, theirs = simple_itk(folder)
     assert np.array_equal(read_volume(folder).values, theirs), "the two readers do not agree"
@@ -25,11 +25,6 @@ def measure(session: Session) -> None:
         "reading a DICOM folder, 250 slices of 512 x 512",
         lambda: read_volume(folder),
         {"SimpleITK's series reader": (lambda: simple_itk(folder), 1.0)},
-    )
-    session.compare(
-        "the same, 1 thread",
-        lambda: read_volume(folder, threads=1),
-        {"SimpleITK's series reader": (lambda: simple_itk(folder), None)},
     )
 
 

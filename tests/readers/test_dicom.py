@@ -320,13 +320,16 @@ def test_a_missing_pixel_spacing_is_refused_unless_one_is_given(tmp_path, save_s
     save_stack(tmp_path, range(3), PixelSpacing=None)
     with pytest.raises(CtmcError, match=r"no PixelSpacing.*give the spacing"):
         read_volume(tmp_path)
-    assert read_volume(tmp_path, spacing=(0.7, 0.6, 2)).spacing == pytest.approx((0.7, 0.6, 2))
+    volume = read_volume(tmp_path, spacing=(0.7, 0.6, 2))
+    assert volume.spacing == pytest.approx((0.7, 0.6, 2))
+    assert said(volume, "0.7 x 0.6 x 2 mm as asked, where the series has no PixelSpacing and 1 mm between slices")
 
 
 def test_a_pixel_spacing_of_zero_is_refused(tmp_path, save_stack):
     save_stack(tmp_path, range(3), PixelSpacing=[0, 0])
     with pytest.raises(CtmcError, match=r"PixelSpacing of 0 mm.*above 0 mm"):
         read_volume(tmp_path)
+    assert said(read_volume(tmp_path, spacing=1), "1 x 1 x 1 mm as asked, where the series has a PixelSpacing of 0 mm")
 
 
 def test_slices_without_positions_are_refused(tmp_path, save_stack):

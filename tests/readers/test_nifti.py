@@ -224,3 +224,17 @@ def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, monke
     monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
     with pytest.raises(CtmcError, match=r"ct.nii \(5 x 6 x 7\) needs about.*memory"):
         read_volume(path)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "slope", "bytes_asked"), [("uint8", 2, [3, 2]), ("int16", 1, [2]), ("int16", 200, [2, 4])]
+)
+def test_scaled_values_ask_for_the_memory_that_they_take(tmp_path, monkeypatch, dtype, slope, bytes_asked):
+    path = tmp_path / "ct.nii"
+    saved(path, np.arange(100, 220).reshape(4, 5, 6).astype(dtype))
+    _raw_scale(path, slope, 100 * slope)
+    asked = []
+    monkeypatch.setattr("ctmc_addon.core.memory.require", lambda size, *_: asked.append(size / 120))
+    values = read_volume(path).values
+    assert asked == bytes_asked
+    np.testing.assert_array_equal(values.T, np.arange(100, 220).reshape(4, 5, 6) * slope + 100 * slope)

@@ -175,3 +175,17 @@ def test_noise_with_an_nrrd_name_is_refused(tmp_path):
 def test_the_series_of_a_file_is_its_size(tmp_path):
     (one,) = list_series(saved(tmp_path / "ct.nrrd", numbers()))
     assert (one.slices, one.size) == (7, (5, 6))
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 7, 1000])
+def test_numbers_in_words_are_the_same_however_they_are_cut(tmp_path, monkeypatch, chunk):
+    monkeypatch.setattr("ctmc_addon.readers.nrrd.WORDS_CHUNK", chunk)
+    path = saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "encoding": "ASCII"})
+    np.testing.assert_array_equal(read_volume(path).values, numbers().transpose(2, 1, 0))
+
+
+def test_more_numbers_than_the_sizes_say_are_refused(tmp_path):
+    path = saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "encoding": "ASCII"})
+    path.write_bytes(path.read_bytes() + b"17 18\n")
+    with pytest.raises(CtmcError, match=r"ct.nrrd holds more than the \d+ values of its sizes"):
+        read_volume(path)

@@ -63,6 +63,22 @@ def test_a_given_spacing_sets_the_lengths_and_keeps_directions_and_origin(obliqu
     assert any("0.5 x 1 x 3 mm as asked" in note for note in respaced.notes)
 
 
+def test_a_given_spacing_names_the_one_it_replaces(oblique):
+    own = " x ".join(f"{side:.4g}" for side in read_volume(oblique).spacing)
+    assert any(f"in place of the file's own {own} mm" in note for note in read_volume(oblique, spacing=2).notes)
+
+
+def test_a_series_is_refused_where_there_is_none_to_choose(oblique):
+    with pytest.raises(CtmcError, match=r"ct.nii has no series, as only DICOM has; leave out the series '1.2.3'"):
+        read_volume(oblique, series="1.2.3")
+    assert read_volume(oblique, series="").size == SIZE
+
+
+def test_threads_below_one_are_refused_in_every_format(oblique):
+    with pytest.raises(CtmcError, match="threads must be 1 or more, not 0"):
+        read_volume(oblique, threads=0)
+
+
 @pytest.mark.parametrize(
     ("spacing", "text"),
     [
