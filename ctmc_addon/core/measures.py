@@ -6,15 +6,13 @@ The same numbers as `TriangleMesh` gives at once; lengths in the mesh's unit.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import TriangleMesh, face_vectors
-from .progress import Step, Steps, within
+from .mesh import FACES_AT_ONCE, TriangleMesh, face_vectors, finding_roots
+from .progress import Step, Steps, said, within
 
-BLOCK = 1 << 18  # faces at once
 MESSAGE = "Measuring"
 
 
@@ -71,7 +69,7 @@ def measures_steps(mesh: TriangleMesh) -> Steps[Measures]:
     return Measures(len(mesh.faces), area, volume, closed, used - edges + len(mesh.faces), parts)
 
 
-def _blocks(count: int, size: int = BLOCK) -> list[slice]:
+def _blocks(count: int, size: int = FACES_AT_ONCE) -> list[slice]:
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
@@ -94,10 +92,10 @@ def _sizes(mesh: TriangleMesh) -> Steps[tuple[float, float]]:
 
 def _edges(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, bool]]:
     """Number of edges, and whether the mesh is closed: half edges are gathered by their lower vertex, then sorted."""
-    shelves = max(1, min(255, 3 * len(faces) // BLOCK))
+    shelves = max(1, min(255, 3 * len(faces) // FACES_AT_ONCE))
     shelf_size = -(-vertices // shelves) or 1
     shelf: list[list[NDArray[np.int64]]] = [[] for _ in range(shelves)]
-    blocks = _blocks(len(faces), BLOCK // 2)
+    blocks = _blocks(len(faces), FACES_AT_ONCE // 2)
     for number, part in enumerate(blocks):
         start = faces[part].ravel().astype(np.int64)
         end = faces[part][:, (1, 2, 0)].ravel().astype(np.int64)
@@ -122,30 +120,9 @@ def _edges(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, bool]]:
 
 
 def _parts(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, int]]:
-    """Vertices in use, and the number of connected parts: every vertex takes the lowest number it is linked to."""
+    """Vertices in use, and the number of connected parts."""
     used = np.zeros(vertices, bool)
     used[faces] = True
-    lowest = np.arange(vertices, dtype=np.int32)
-    links: list[NDArray[Any]] = [faces[part][:, pair] for part in _blocks(len(faces)) for pair in ((0, 1), (1, 2))]
-    rounds = 0
-    while links:
-        apart: list[NDArray[Any]] = []
-        root = lowest.copy()  # a link is done with only when both its ends have had one root since the last round
-        for some in links:
-            one, other = root[some[:, 0]], root[some[:, 1]]
-            differ = one != other
-            if differ.any():
-                apart.append(some[differ])
-                low = np.minimum(one, other)[differ]
-                np.minimum.at(lowest, one[differ], low)
-                np.minimum.at(lowest, other[differ], low)
-            yield Step(rounds / (rounds + 2), MESSAGE)
-        while True:
-            shorter = lowest[lowest]
-            yield Step(rounds / (rounds + 2), MESSAGE)
-            if (shorter == lowest).all():
-                break
-            lowest = shorter
-        links, rounds = apart, rounds + 1
+    lowest = yield from said(finding_roots(faces, vertices), 0.0, MESSAGE)
     roots = used & (lowest == np.arange(vertices, dtype=np.int32))
     return int(used.sum()), int(roots.sum())

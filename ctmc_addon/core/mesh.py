@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .progress import Pauses, finish
+
+FACES_AT_ONCE = 1 << 18  # between two pauses
 Target = tuple[float | None, NDArray[np.float32]]
 """An alpha, or None for the linear end itself, and the (V, 3) positions at it that are to be filled in."""
 
@@ -159,10 +162,20 @@ def face_vectors(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np
 
 def vertex_normals(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np.float32]:
     """Area-weighted mean of the normals of the faces at every vertex, (V, 3) float32, unit length."""
-    vectors = face_vectors(vertices, faces)
+    return finish(averaging_normals(vertices, faces))
+
+
+def averaging_normals(vertices: NDArray[Any], faces: NDArray[np.int32]) -> Pauses[NDArray[np.float32]]:
+    """`vertex_normals`, pausing now and then."""
+    vectors = np.empty((len(faces), 3))
+    for start in range(0, len(faces), FACES_AT_ONCE):
+        part = slice(start, start + FACES_AT_ONCE)
+        vectors[part] = face_vectors(vertices, faces[part])
+        yield
     sums = np.empty((len(vertices), 3))
     corners = faces.ravel()
     for axis in range(3):
+        yield
         # bincount adds in the order of the corners: the same bits everywhere.
         sums[:, axis] = np.bincount(corners, np.repeat(vectors[:, axis], 3), len(vertices))
     length = np.sqrt(sums[:, 0] ** 2 + sums[:, 1] ** 2 + sums[:, 2] ** 2)
@@ -171,28 +184,49 @@ def vertex_normals(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[
 
 
 def part_numbers(faces: NDArray[np.int32], vertex_count: int) -> NDArray[np.int32]:
-    """Number of the connected part of every face, (F,) int32; parts in the order of their first face.
+    """Number of the connected part of every face, (F,) int32; parts in the order of their first face."""
+    return finish(numbering_parts(faces, vertex_count))
+
+
+def numbering_parts(faces: NDArray[np.int32], vertex_count: int) -> Pauses[NDArray[np.int32]]:
+    """`part_numbers`, pausing now and then."""
+    roots = (yield from finding_roots(faces, vertex_count))[faces[:, 0]]  # (F,)
+    yield
+    first = np.full(vertex_count, -1, np.int32)
+    first[roots[::-1]] = np.arange(len(faces), dtype=np.int32)[::-1]  # of several faces the last to write is the first
+    yield
+    there = np.flatnonzero(first >= 0)
+    number = np.empty(vertex_count, np.int32)
+    number[there[np.argsort(first[there], kind="stable")]] = np.arange(len(there), dtype=np.int32)
+    return number[roots]
+
+
+def finding_roots(faces: NDArray[np.int32], vertex_count: int) -> Pauses[NDArray[np.int32]]:
+    """Lowest vertex of the connected part that every vertex is in, (V,) int32, pausing now and then.
 
     Every vertex takes the lowest number among its faces' vertices and then that number's number
     (pointer jumping), until nothing changes; the rounds grow with the logarithm of the diameter.
     """
     lowest = np.arange(vertex_count, dtype=np.int32)
-    links = np.concatenate([faces[:, :2], faces[:, 1:]])
-    while True:
-        low = np.minimum(lowest[links[:, 0]], lowest[links[:, 1]])
-        apart = lowest[links[:, 0]] != lowest[links[:, 1]]
-        if not apart.any():
-            break
-        links, low = links[apart], low[apart]
-        for side in range(2):
-            np.minimum.at(lowest, lowest[links[:, side]], low)
+    starts = range(0, len(faces), FACES_AT_ONCE)
+    links = [faces[start : start + FACES_AT_ONCE, pair : pair + 2] for start in starts for pair in (0, 1)]
+    while links:
+        apart: list[NDArray[np.int32]] = []
+        root = lowest.copy()  # a link is done with only when both its ends have had one root since the last round
+        for some in links:
+            one, other = root[some[:, 0]], root[some[:, 1]]
+            differ = one != other
+            if differ.any():
+                apart.append(some[differ])
+                low = np.minimum(one, other)[differ]
+                np.minimum.at(lowest, one[differ], low)
+                np.minimum.at(lowest, other[differ], low)
+            yield
         while True:
             shorter = lowest[lowest]
+            yield
             if (shorter == lowest).all():
                 break
             lowest = shorter
-    roots = lowest[faces[:, 0]]
-    _, first, part = np.unique(roots, return_index=True, return_inverse=True)
-    order = np.empty(len(first), np.int32)
-    order[np.argsort(first, kind="stable")] = np.arange(len(first), dtype=np.int32)
-    return order[part.ravel()].astype(np.int32, copy=False)
+        links = apart
+    return lowest

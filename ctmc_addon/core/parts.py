@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import MeshError
-from .mesh import Surface, TriangleMesh
+from .mesh import Surface, TriangleMesh, numbering_parts
+from .progress import Pauses, finish
 
 
 def part_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -22,15 +23,21 @@ def part_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
     >>> part_volumes(TriangleMesh(corners, faces))
     array([1.])
     """
-    part = mesh.part_of_face
-    count = mesh.parts
+    return finish(_measuring(mesh, mesh.part_of_face))
+
+
+def _measuring(mesh: TriangleMesh, part: NDArray[np.int32]) -> Pauses[NDArray[np.float64]]:
+    count = int(part.max()) + 1 if len(part) else 0
     corners_of = np.bincount(part, minlength=count) * 3
     corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
     for axis in range(3):
+        yield
         total = np.bincount(part, corners[:, 0, axis] + corners[:, 1, axis] + corners[:, 2, axis], count)
         corners[:, :, axis] -= (total / corners_of)[part][:, None]
+    yield
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
     triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
+    yield
     # bincount adds in the order of the faces: the same bits everywhere.
     return np.bincount(part, triple, count) / 6.0
 
@@ -60,9 +67,17 @@ def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volum
     MeshError
         If nothing would be left.
     """
+    return finish(keeping_parts(surface, mesh, largest, min_volume))
+
+
+def keeping_parts(surface: Surface, mesh: TriangleMesh, largest: int, min_volume: float) -> Pauses[Surface]:
+    """`keep_parts`, pausing now and then."""
     if not len(mesh.faces) or (largest == 0 and min_volume <= 0):
         return surface
-    sizes = np.abs(part_volumes(mesh))
+    part = yield from numbering_parts(mesh.faces, len(mesh.vertices))
+    yield
+    sizes = np.abs((yield from _measuring(mesh, part)))
+    yield
     keep = sizes >= min_volume
     if not keep.any():
         raise MeshError(
@@ -71,4 +86,4 @@ def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volum
         )
     if largest:
         keep[np.argsort(-sizes, kind="stable")[largest:]] = False
-    return surface if keep.all() else surface.keeping(keep[mesh.part_of_face])
+    return surface if keep.all() else surface.keeping(keep[part])

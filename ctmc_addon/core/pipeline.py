@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from .field import field_steps, region_box
 from .marching_cubes import extract_steps
 from .memory import require
-from .mesh import Surface, TriangleMesh, vertex_normals
-from .parts import keep_parts
-from .progress import Step, Steps, finish, within
+from .mesh import Surface, TriangleMesh, averaging_normals
+from .parts import keeping_parts
+from .progress import Pauses, Step, Steps, finish, said, within
 from .sampling import make_grid
 from .settings import ReconstructionSettings
 from .simplify import memory_needed, simplify_steps
@@ -162,7 +162,9 @@ def full_steps(
     )
     affine = volume.affine.copy()
     affine[:3, 3] = to_ras_mm(volume.affine, np.array([field.origin], np.float64))[0]
-    surface = yield from _timed(stages, "Placing it in the patient", _placed(surface, affine))
+    surface = yield from _timed(
+        stages, "Placing it in the patient", said(_placed(surface, affine), 0.92, "Placing it in the patient")
+    )
     mesh = surface.at(settings.alpha)
     if settings.keep_parts or settings.min_part_mm3:
         surface = yield from _timed(stages, "Keeping parts", _kept(surface, mesh, settings))
@@ -203,7 +205,8 @@ def simplified_steps(
                 "without moving a border or tearing the surface.",
             )
     if settings.normals == "mesh":
-        mesh = replace(mesh, normals=vertex_normals(mesh.vertices, mesh.faces))
+        averaging = averaging_normals(mesh.vertices, mesh.faces)
+        mesh = replace(mesh, normals=(yield from said(averaging, 1.0, "Averaging normals")))
     return replace(full, mesh=mesh, surface=surface, settings=settings, stages=tuple(stages), notes=notes)
 
 
@@ -215,9 +218,9 @@ def _timed(stages: list[Stage], name: str, steps: Steps[T]) -> Steps[T]:
     return result
 
 
-def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
+def _placed(surface: Surface, affine: NDArray[np.float64]) -> Pauses[Surface]:
     """Carry a surface from index space to RAS+ mm."""
-    yield Step(0.92, "Placing it in the patient")
+    yield
     # A mirrored affine (slices listed head first) would turn the surface inside out.
     faces = surface.faces if determinant(affine) > 0 else np.ascontiguousarray(surface.faces[:, ::-1])
     placed = []
@@ -225,16 +228,18 @@ def _placed(surface: Surface, affine: NDArray[np.float64]) -> Steps[Surface]:
         for start in range(0, len(positions), POINTS_AT_ONCE):
             part = slice(start, start + POINTS_AT_ONCE)
             positions[part] = to_ras_mm(affine, positions[part])
+            yield
         placed.append(positions)
     normals = surface.normals
     if normals is not None:
         for start in range(0, len(normals), POINTS_AT_ONCE):
             part = slice(start, start + POINTS_AT_ONCE)
             normals[part] = normals_to_ras(affine, normals[part])
+            yield
     return Surface(placed[0], placed[1], faces, normals)
 
 
 def _kept(surface: Surface, mesh: TriangleMesh, settings: ReconstructionSettings) -> Steps[Surface]:
     """Drop the parts the settings do not want."""
-    yield Step(0.95, "Keeping parts")
-    return keep_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
+    keeping = keeping_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
+    return (yield from said(keeping, 0.95, "Keeping parts"))

@@ -16,7 +16,7 @@ from .mesh import TriangleMesh
 from .progress import Step, Steps, finish, said
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 260, 800  # of memory for each triangle at the start, without and with a maximum error
-SIMPLIFYING = "Simplifying"
+MESSAGE = "Simplifying"
 HELD = 0.75  # of max_error is what samples are held to at first; less where that proves too much between them
 
 
@@ -74,12 +74,12 @@ def simplify_steps(
         return mesh
     fraction, held = 0.0, HELD
     while True:
-        yield Step(fraction, SIMPLIFYING)
+        yield Step(fraction, MESSAGE)
         work = CollapsingMesh(mesh, max_error, held)
-        yield from said(work.prepare(), fraction, SIMPLIFYING)
-        while work.face_count > target and (yield from said(work.can_collapse(), fraction, SIMPLIFYING)):
+        yield from said(work.prepare(), fraction, MESSAGE)
+        while work.face_count > target and (yield from said(work.can_collapse(), fraction, MESSAGE)):
             budget = -(-(work.face_count - target) // 2)
-            yield from said(work.collapse(budget), fraction, SIMPLIFYING)
+            yield from said(work.collapse(budget), fraction, MESSAGE)
             fraction = max(fraction, (start - work.face_count) / (start - target))
         if (yield from said(work.holds(), fraction, "Checking the error")):
             break

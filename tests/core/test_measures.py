@@ -16,7 +16,7 @@ from ctmc_addon.core.survey import survey_steps
 @pytest.fixture(params=[1 << 18, 50])
 def block(request, monkeypatch):
     """Faces at once: all of them, and few."""
-    monkeypatch.setattr(measures, "BLOCK", request.param)
+    monkeypatch.setattr(measures, "FACES_AT_ONCE", request.param)
     monkeypatch.setattr(measures._blocks, "__defaults__", (request.param,))
 
 

@@ -59,8 +59,10 @@ def test_parts_are_numbered_by_their_first_face():
     assert shuffled.part_of_face.tolist() == [0, 1, 2, 0, 1, 2, 1, 1, 2, 2, 0, 0]
 
 
+@pytest.mark.parametrize("at_once", [7, 1 << 18])
 @pytest.mark.parametrize("seed", range(5))
-def test_parts_are_those_of_a_walk_from_face_to_face(seed):
+def test_parts_are_those_of_a_walk_from_face_to_face(seed, at_once, monkeypatch):
+    monkeypatch.setattr("ctmc_addon.core.mesh.FACES_AT_ONCE", at_once)
     rng = np.random.default_rng(seed)
     faces = rng.integers(0, 200, (120, 3)).astype(np.int32)
     parents = list(range(200))

@@ -95,7 +95,7 @@ def step_strings() -> set[str]:
                 called = getattr(getattr(node, "func", None), "id", "")
                 if called == "Step":
                     found |= literals(node.args[1])
-                elif called in {"in_batches", "decoded_steps", "pooled_steps"}:
+                elif called in {"in_batches", "decoded_steps", "pooled_steps", "said"}:
                     found |= {text for arg in node.args for text in literals(arg)}
                 elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "MESSAGE":
                     found |= literals(node.value)
