@@ -197,6 +197,8 @@ def started(
         for task in tasks:
             task["threads"] = task["threads"] or 1
         events = cluster.run(tasks)
+    elif not tasks:
+        events = iter(())
     else:
         wanted = {task["case"] for task in tasks}
         sizes = {case.name: needed_bytes(case) for case in cases if case.name in wanted}

@@ -1,7 +1,7 @@
 """Cells with surfaces, laid out on a page before one camera.
 
-The camera is orthographic, so cells side by side in one scene are seen from the same side and at the same scale. Each
-stands behind the one after it, out of the way of its shadow, which falls to the right and down.
+The camera is orthographic, so cells side by side in one scene are seen from the same side and at the same scale. They
+stand far behind each other, so that no shadow of one falls on another.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .looks import STYLES, Style, edge_geometry, figure_material, require_engine
 from .materials import BONE, Colour
 from .page import Page
 from .placement import moved
-from .stage import AZIMUTH, ELEVATION, light_up, rotation, set_render, view_axes
+from .stage import AZIMUTH, ELEVATION, light_up, rotation, set_render, sun_axes, view_axes
 
 EDGE_MM = 0.12  # on the page
 EDGE_SHARE = 0.08  # of a triangle's side: finer meshes get finer lines, or nothing of the face would be left
@@ -271,15 +271,15 @@ def place(stage: Stage, cells: Sequence[Cell], page: Page, look: Look, points: N
     eye.matrix_world = rotation(axes, axes @ np.array([*at, high[2] + room]))
     camera.type = "ORTHO"
     camera.ortho_scale = unit * max(stage.size) / page.pixels_per_mm
-    step_back = 1.2 * extent[2] + unit
-    camera.clip_start, camera.clip_end = unit, room + (len(cells) + 1) * step_back
+    sun = sun_axes(look.azimuth, look.elevation)[:, 2]
+    step_back = shadow_free_step(axes, sun, (size_mm[0] * unit, size_mm[1] * unit), extent[2])
+    camera.clip_start, camera.clip_end = unit, room + (len(cells) - 1) * step_back + 2.0 * extent[2] + unit
     scene.collection.objects.link(eye)
     scene.camera = eye
     for which, copies in enumerate(stage.copies):
         centre = layout.centre(which)
         aside = np.array([(centre[axis] - first[axis]) * unit for axis in range(2)] + [0.0])
-        # All behind the first's depth would do; each behind the next keeps shadows off.
-        aside[2] = -(len(cells) - 1 - which) * step_back
+        aside[2] = -which * step_back
         for copy in copies:
             copy.location = [here + there for here, there in zip(copy.location, axes @ aside, strict=True)]
     scene.view_layers[0].update()
@@ -291,6 +291,35 @@ def place(stage: Stage, cells: Sequence[Cell], page: Page, look: Look, points: N
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit
     write(stage, cells, look, board)
+
+
+def shadow_free_step(
+    axes: NDArray[np.float64], sun: NDArray[np.float64], size: tuple[float, float], depth: float
+) -> float:
+    """How far behind each other things must stand on a page of this size so that none shades another.
+
+    Parameters
+    ----------
+    axes : (3, 3) float64
+        The camera's right, up and backward axis as columns.
+    sun : (3,) float64
+        Towards the sun.
+    size : (width, height)
+        Blender units.
+    depth : float
+        Of the deepest thing, Blender units.
+
+    Examples
+    --------
+    The sun stands to the right, at 45 degrees: a shadow moves left as far as it falls back.
+
+    >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5), 3)
+    2.7
+    """
+    right, up, back = (axes * sun[:, None]).sum(axis=0)
+    # Off the page to the side, or off it at the bottom, whichever comes first; a tenth more, as the sun is no point.
+    ways = [side * back / abs(across) for side, across in zip(size, (right, up), strict=True) if abs(across) > 1e-6]
+    return float(depth + 1.1 * min(ways))
 
 
 def write(stage: Stage, cells: Sequence[Cell], look: Look, board: Board) -> None:

@@ -63,15 +63,19 @@ def prepare_scene(
 def light_up(
     scene: bpy.types.Scene, azimuth: float, elevation: float
 ) -> tuple[bpy.types.Object, bpy.types.Light, bpy.types.World]:
-    """A sun beyond the left shoulder of the scene's camera, which stands at these angles, and a white world."""
+    """A sun beyond the right shoulder of the scene's camera, which stands at these angles, and a white world."""
     sun = bpy.data.lights.new("CTMC Light", "SUN")
     sun.energy, sun.angle = 2.6, math.radians(4)
     light = bpy.data.objects.new("CTMC Light", sun)
-    axes = view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0))
-    light.matrix_world = rotation(axes, scene.camera.matrix_world.translation)
+    light.matrix_world = rotation(sun_axes(azimuth, elevation), scene.camera.matrix_world.translation)
     scene.collection.objects.link(light)
     scene.world = white_world()
     return light, sun, scene.world
+
+
+def sun_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """The axes of the sun for a camera that stands at these angles; the last one points towards it."""
+    return view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0))
 
 
 def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:

@@ -117,7 +117,7 @@ class Compared:
         """The caption."""
         error = "error 0 mm"
         if self.max_mm > 0:
-            error = f"error {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.2g}{NO_BREAK}mm"
+            error = f"error {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.3g}{NO_BREAK}mm"
         title = self.title
         for unit in (" × ", " px", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
@@ -208,7 +208,7 @@ def deviation_figure_steps(
     measured = yield from within(measured_steps(result.mesh, reference), 0.3, 0.5)
     caption = look.caption or (
         f"Distance to the surface of full resolution: mean {apart.mean:.3g}{NO_BREAK}mm, "
-        f"at most {apart.maximum:.2g}{NO_BREAK}mm; "
+        f"at most {apart.maximum:.3g}{NO_BREAK}mm; "
         f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
     )
     look = replace(look, heat=heat_of([measured], limit_mm), caption=caption)

@@ -174,6 +174,7 @@ def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done,
     assert whole(done)
     again = ctmc("batch", cases, "-o", done, *FLAGS, "--simplify", "0.5", "--resume")
     assert (again.code, written_at(done)) == (0, after)
+    assert "at once" not in again.out  # there is nothing to say of how what is not done is done
 
 
 @pytest.mark.usefixtures("scene")

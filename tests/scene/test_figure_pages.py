@@ -160,6 +160,17 @@ def test_every_cell_is_seen_by_the_same_camera(scene, torus, tmp_path):
         assert (mask ^ masks[0]).mean() < 0.03
 
 
+@pytest.mark.parametrize("elevation", [20.0, -60.0])
+def test_no_cell_shades_another(scene, ball, tmp_path, elevation):
+    things = [add_reconstruction(ball(), scene) for _ in range(4)]
+    alone = {"style": "print", "edges": False, "orientation": False, "scale_bar": False, "elevation": elevation}
+    render(things, tmp_path / "a.png", columns=2, **alone)
+    shown = pixels(tmp_path / "a.png").mean(axis=2)
+    rows, columns = shown.shape[0] // 2, shown.shape[1] // 2
+    light = [shown[y : y + rows, x : x + columns].mean() for y in (0, rows) for x in (0, columns)]
+    assert light == pytest.approx([np.mean(light)] * 4, rel=3e-3)
+
+
 def test_a_figure_leaves_nothing_behind_and_changes_nothing(thing, scene, tmp_path):
     scene.render.engine, scene.render.filepath = "BLENDER_WORKBENCH", "//mine"
     before = counts()
