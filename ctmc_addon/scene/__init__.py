@@ -17,7 +17,7 @@ from .looks import ENGINES, STYLES, require_engine
 from .materials import colour_of
 from .page import Page
 from .stage import prepare_scene
-from .surfaces import add_reconstruction, make_final, refresh_normals, remembered, update_reconstruction
+from .surfaces import add_reconstruction, make_final, refresh_normals, remembered, surface_mesh, update_reconstruction
 from .variations import Compared, Comparison, deviation_figure_steps, holds_others, sheet_steps
 
 __all__ = [
@@ -55,6 +55,7 @@ __all__ = [
     "require_png",
     "require_turntable",
     "sheet_steps",
+    "surface_mesh",
     "turntable",
     "turntable_steps",
     "update_reconstruction",

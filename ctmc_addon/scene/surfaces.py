@@ -28,7 +28,11 @@ NAME_BYTES = 63  # Blender 4 cuts longer names
 
 
 def add_reconstruction(
-    result: Reconstruction, scene: bpy.types.Scene, scale: float = SCALE, color: Colour | None = None
+    result: Reconstruction,
+    scene: bpy.types.Scene,
+    scale: float = SCALE,
+    color: Colour | None = None,
+    mesh: bpy.types.Mesh | None = None,
 ) -> bpy.types.Object:
     """A new object in `scene` for a surface, at its place in the patient.
 
@@ -38,17 +42,17 @@ def add_reconstruction(
         Blender units of 1 mm.
     color : (red, green, blue) or None
         Linear; None takes the colour of the label.
+    mesh : Mesh or None
+        What `surface_mesh` has made of it at this scale; None makes it now.
 
     Raises
     ------
     MeshError
         If the surface has no triangles.
     """
-    if not len(result.mesh.faces):
-        raise MeshError(f"the surface of {result.name} has no triangles; choose another threshold or label")
     name = object_name(result)
+    mesh = surface_mesh(result, None, scale) if mesh is None else mesh
     placement = centred(result.mesh.vertices, scale)
-    mesh = new_surface_mesh(name, result, placement)
     mesh.materials.append(surface_material(name, color or colour_of(result.settings.label)))
     thing = bpy.data.objects.new(name, mesh)
     thing.location = placement.origin
@@ -60,8 +64,10 @@ def add_reconstruction(
     return thing
 
 
-def update_reconstruction(thing: bpy.types.Object, result: Reconstruction) -> None:
+def update_reconstruction(thing: bpy.types.Object, result: Reconstruction, mesh: bpy.types.Mesh | None = None) -> None:
     """Give an object another surface; its transform, materials, modifiers and animation stay.
+
+    The mesh is what `surface_mesh` has made of it for this object; None makes it now.
 
     The key's value and Decimate's ratio follow the new settings if nobody has moved them since the old
     ones were applied, and stay where a hand or an animation has put them otherwise.
@@ -72,13 +78,9 @@ def update_reconstruction(thing: bpy.types.Object, result: Reconstruction) -> No
         If the object was not made here or cannot be changed, or the surface has no triangles.
     """
     require_changeable(thing)
-    if not len(result.mesh.faces):
-        raise MeshError(
-            f"the new surface has no triangles, so {thing.name} keeps its old one; choose another threshold"
-        )
+    mesh = surface_mesh(result, thing) if mesh is None else mesh
     placement, before = placement_of(thing), settings_of(thing)
     old, old_keys = thing.data, thing.data.shape_keys
-    mesh = new_surface_mesh(old.name, result, placement)
     for material in old.materials:
         mesh.materials.append(material)
     thing.data = mesh
@@ -156,8 +158,24 @@ def object_name(result: Reconstruction) -> str:
     return result.name.encode("utf-8", "replace")[:room].decode("utf-8", "ignore") + label
 
 
-def new_surface_mesh(name: str, result: Reconstruction, placement: Placement) -> bpy.types.Mesh:
-    """The surface at alpha 0 where alpha is still open, else as it is."""
+def surface_mesh(result: Reconstruction, thing: bpy.types.Object | None = None, scale: float = SCALE) -> bpy.types.Mesh:
+    """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `thing` or a new object to take.
+
+    This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet.
+
+    Raises
+    ------
+    MeshError
+        If the surface has no triangles.
+    """
+    if not len(result.mesh.faces):
+        raise MeshError(
+            f"the surface of {result.name} has no triangles; choose another threshold or label"
+            if thing is None
+            else f"the new surface has no triangles, so {thing.name} keeps its old one; choose another threshold"
+        )
+    name = object_name(result) if thing is None else thing.data.name
+    placement = centred(result.mesh.vertices, scale) if thing is None else placement_of(thing)
     surface = result.surface
     points, faces = (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
     return meshes.new_mesh(name, placement.to_local(points), faces)

@@ -3,6 +3,10 @@
 A job is a generator of steps that returns a function, its conclusion. Nothing is written to the scene before the
 conclusion runs, so a job that is cancelled leaves the scene as it was. Worker pools have ended before a step is
 yielded, so no thread is left either.
+
+Esc and the window wait for a step at most, so steps are short: `python -m benchmarks.steps` measures them all. Steps in
+a thread of their own would leave the window free for longer, but not Esc: NumPy cannot be stopped in the midst of a
+call, so the thread would have to be left running, and Blender's own calls must not be made in one.
 """
 
 from __future__ import annotations
@@ -46,15 +50,19 @@ class Job:
     def advance(self, seconds: float = TICK) -> Conclusion | None:
         """Work for about so long; the conclusion, once there is nothing more to do.
 
-        What comes next is shown before it begins: it may take long.
+        No step begins that would take longer than the rest if it took as long as the last one did, and what comes
+        next is shown before it begins: it may take long.
         """
-        end, shown = time.perf_counter() + seconds, self.step.message
+        now, shown = time.perf_counter(), self.step.message
+        end = now + seconds
         while True:
+            before = now
             try:
                 self.step = next(self.steps)
             except StopIteration as done:
                 return done.value
-            if time.perf_counter() >= end or self.step.message != shown:
+            now = time.perf_counter()
+            if now + (now - before) >= end or self.step.message != shown:
                 return None
 
     @property

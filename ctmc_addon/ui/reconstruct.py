@@ -17,6 +17,8 @@ from . import jobs, live, measure, session, surfaces, volumes
 from .preferences import machine
 from .surfaces import Wanted
 
+PLACED = 0.97  # of the work comes before Blender makes meshes of the surfaces
+
 
 class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     """Make a surface from the loaded CT with the settings of the panel."""
@@ -127,7 +129,7 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
     measures: list[measure.Result] = []
     for number, one in enumerate(wanted):
         require_labels(loaded, one.settings.label)
-        low, share = number / len(wanted), 1 / len(wanted)
+        low, share = PLACED * number / len(wanted), PLACED / len(wanted)
         work = full_steps(volume, one.settings, limits.threads, limits.memory_limit)
         full.append((yield from within(work, low, low + 0.5 * share)))
         made.append((yield from within(simplified_steps(full[-1], one.settings), low + 0.5 * share, low + 0.8 * share)))
@@ -135,11 +137,14 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
         measured = measure.result_steps(made[-1], full[-1])
         measures.append((yield from within(measured, low + 0.8 * share, low + share)))
         seconds.append(time.perf_counter() - start)
+    start = time.perf_counter()
+    ready = yield from within(surfaces.ready_steps(wanted, made), PLACED, 1.0)
+    readied = time.perf_counter() - start
 
     def end() -> str:
         start = time.perf_counter()
-        said = conclude(scene, wanted, full, made, measures)
-        placed = (time.perf_counter() - start) / len(made)
+        said = conclude(scene, wanted, full, made, measures, ready)
+        placed = (readied + time.perf_counter() - start) / len(made)
         live.learn(scene, made, [one + placed for one in seconds])
         return said
 
@@ -152,9 +157,10 @@ def conclude(
     full: list[Reconstruction],
     made: list[Reconstruction],
     measures: list[measure.Result],
+    ready: list[surfaces.Ready],
 ) -> str:
     """Objects for all of them, and what is known of them for the panel."""
-    things = surfaces.place(scene, wanted, made)
+    things = surfaces.place(scene, wanted, made, ready)
     where = session.scene_of(scene)
     assert where is not None, "place has put something into it"
     known = session.of(where)

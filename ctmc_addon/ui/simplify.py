@@ -15,7 +15,7 @@ from ..scene.readback import read_back
 from ..scene.surfaces import require_changeable, settings_of
 from . import jobs, measure, session, surfaces, volumes
 from .preferences import machine
-from .reconstruct import conclude, has_surface
+from .reconstruct import PLACED, conclude, has_surface
 from .surfaces import Wanted
 from .translations import say
 
@@ -74,9 +74,10 @@ def simplify_job(
         full = yield from within(extract, 0.0, 0.4)
     full = at_alpha(full, wanted.settings)
     made = yield from within(simplified_steps(full, wanted.settings), 0.4, 0.8)
-    result = yield from within(measure.result_steps(made, full), 0.8, 1.0)
+    result = yield from within(measure.result_steps(made, full), 0.8, PLACED)
+    ready = yield from within(surfaces.ready_steps([wanted], [made]), PLACED, 1.0)
     found = full
-    return lambda: conclude(scene, [wanted], [found], [made], [result])
+    return lambda: conclude(scene, [wanted], [found], [made], [result], ready)
 
 
 def at_alpha(full: Reconstruction, settings: ReconstructionSettings) -> Reconstruction:

@@ -5,13 +5,13 @@ Data-blocks are remembered by their session_uid while a job runs: undo, deletion
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import bpy
 
 from .. import scene as scenes
-from ..core import Reconstruction, ReconstructionSettings
+from ..core import Reconstruction, ReconstructionSettings, Step, Steps
 from ..core.errors import MeshError
 from ..scene.alpha import set_alpha
 from ..scene.surfaces import MEMORY, require_changeable
@@ -75,7 +75,50 @@ def targets(
     return {run: thing.session_uid for run, thing in found.items()}
 
 
-def place(uid: int, wanted: Iterable[Wanted], results: Iterable[Reconstruction]) -> list[bpy.types.Object]:
+@dataclass(frozen=True)
+class Ready:
+    """A mesh that no object has yet, and the object it was made for; None for a new one."""
+
+    mesh: int
+    target: int | None
+
+
+def ready_steps(wanted: Iterable[Wanted], results: Sequence[Reconstruction]) -> Steps[list[Ready]]:
+    """Meshes of finished surfaces, one between two steps; they are gone again if the job is left here.
+
+    Raises
+    ------
+    MeshError
+        If a surface has no triangles, or an object cannot be changed any more.
+    """
+    made: list[Ready] = []
+    whole = False
+    try:
+        for one, result in zip(wanted, results, strict=True):
+            yield Step(len(made) / len(results), "Adding the surface")
+            thing = session.object_of(one.target)
+            if thing is not None:
+                require_changeable(thing)
+            mesh = scenes.surface_mesh(result, thing, machine().scale)
+            made.append(Ready(mesh.session_uid, None if thing is None else one.target))
+        yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
+        whole = True
+        return made
+    finally:
+        if not whole:
+            forget(made)
+
+
+def forget(ready: Iterable[Ready]) -> None:
+    """Remove the meshes that no object has taken."""
+    uids = {one.mesh for one in ready}
+    for mesh in [mesh for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh.users == 0]:
+        bpy.data.meshes.remove(mesh)
+
+
+def place(
+    uid: int, wanted: Iterable[Wanted], results: Iterable[Reconstruction], ready: Sequence[Ready]
+) -> list[bpy.types.Object]:
     """Put finished surfaces into the scene and select them; the last one is active.
 
     Raises
@@ -83,21 +126,27 @@ def place(uid: int, wanted: Iterable[Wanted], results: Iterable[Reconstruction])
     MeshError
         If the scene is gone, or an object cannot be changed any more.
     """
-    scene = session.scene_of(uid)
-    if scene is None:
-        raise MeshError("the scene was deleted meanwhile; reconstruct again in another")
-    pairs = [(one, session.object_of(one.target), result) for one, result in zip(wanted, results, strict=True)]
-    for _, thing, _ in pairs:
-        if thing is not None:
-            require_changeable(thing)  # before any of them is touched
-    made = []
-    for one, thing, result in pairs:
-        if thing is None:
-            thing = scenes.add_reconstruction(result, scene, machine().scale, one.color)
-        else:
-            scenes.update_reconstruction(thing, result)
-            set_alpha(thing, result.settings.alpha)
-        made.append(thing)
+    try:
+        scene = session.scene_of(uid)
+        if scene is None:
+            raise MeshError("the scene was deleted meanwhile; reconstruct again in another")
+        pairs = [(one, session.object_of(one.target), result) for one, result in zip(wanted, results, strict=True)]
+        for _, thing, _ in pairs:
+            if thing is not None:
+                require_changeable(thing)  # before any of them is touched
+        meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+        made = []
+        for (one, thing, result), known in zip(pairs, ready, strict=True):
+            # Undo may have taken the mesh, and a deleted object its place: then another is made.
+            mesh = meshes.get(known.mesh) if known.target == (None if thing is None else one.target) else None
+            if thing is None:
+                thing = scenes.add_reconstruction(result, scene, machine().scale, one.color, mesh)
+            else:
+                scenes.update_reconstruction(thing, result, mesh)
+                set_alpha(thing, result.settings.alpha)
+            made.append(thing)
+    finally:
+        forget(ready)
     select(scene, made)
     return made
 

@@ -117,6 +117,27 @@ def test_a_job_ends_with_its_conclusion_and_leaves_nothing(context):
     assert operator.reports == [({"INFO"}, "done")]
 
 
+def test_no_step_begins_that_would_make_the_window_wait(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(jobs.time, "perf_counter", lambda: clock[0])
+
+    def work(*seconds):
+        for one in seconds:
+            clock[0] += one
+            yield Step(0.0, "Starting")
+        return lambda: ""
+
+    def ticks(*seconds):
+        job, ends = jobs.Job("", work(*seconds), 0), []
+        while job.advance(0.04) is None:
+            ends.append(round(clock[0], 3))
+        clock[0] = 0.0
+        return ends
+
+    assert ticks(*[0.011] * 8) == [0.033, 0.066]  # a fourth would end at 0.044
+    assert ticks(0.03, 0.03, 0.5, 0.001) == [0.03, 0.06, 0.56]
+
+
 def test_esc_stops_at_once_and_nothing_is_concluded(context):
     work = Work()
     operator = begun(context, work)

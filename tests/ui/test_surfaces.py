@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.core import ReconstructionSettings, reconstruct  # noqa: E402
+from ctmc_addon.core import ReconstructionSettings, finish, reconstruct  # noqa: E402
 from ctmc_addon.readers import read_volume  # noqa: E402
 from ctmc_addon.scene import evaluated_triangles, remembered  # noqa: E402
 from ctmc_addon.ui import session, volumes  # noqa: E402
@@ -33,6 +33,15 @@ def labels_file(tmp_path):
 
 def active():
     return bpy.context.view_layer.objects.active
+
+
+def steps_of(scene, *runs, target=None):
+    """The steps of a reconstruction, as the panel's button drives them."""
+    from ctmc_addon.ui import reconstruct as operators
+    from ctmc_addon.ui.surfaces import Wanted
+
+    wanted = [Wanted(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
+    return operators.surfaces_steps(volumes.loaded(scene), wanted, scene.session_uid)
 
 
 def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded):
@@ -65,16 +74,46 @@ def test_update_refuses_what_it_cannot_change(loaded):
 
 
 def test_a_deleted_target_becomes_a_new_object(loaded):
-    from ctmc_addon.core.progress import finish
-    from ctmc_addon.ui import reconstruct as operators
-    from ctmc_addon.ui.surfaces import Wanted
-
     bpy.ops.ctmc.reconstruct()
-    wanted = Wanted(loaded.ctmc.to_settings(), target=active().session_uid)
-    conclude = finish(operators.surfaces_steps(volumes.loaded(loaded), [wanted], loaded.session_uid))
+    conclude = finish(steps_of(loaded, target=active().session_uid))
     bpy.data.objects.remove(active())
     conclude()
     assert len(loaded.objects) == 1
+
+
+@pytest.mark.parametrize("meshes", [0, 1, 2])
+def test_a_job_left_while_blender_makes_meshes_leaves_none(loaded, meshes):
+    settings = loaded.ctmc.to_settings()
+    steps = steps_of(loaded, settings, settings)
+    adding = 0
+    for step in steps:
+        adding += step.message == "Adding the surface"
+        if adding > meshes:
+            break
+    assert (len(bpy.data.meshes), len(loaded.objects)) == (meshes, 0)
+    steps.close()
+    assert (len(bpy.data.meshes), len(bpy.data.objects)) == (0, 0)
+
+
+def test_a_mesh_that_undo_has_taken_is_made_again(loaded):
+    conclude = finish(steps_of(loaded))
+    bpy.data.meshes.remove(bpy.data.meshes[0])
+    conclude()
+    assert len(active().data.polygons) > 100
+
+
+def test_a_mesh_made_for_an_object_that_is_gone_goes_too(loaded):
+    bpy.ops.ctmc.reconstruct()
+    where = active().matrix_world.translation.copy()
+    loaded.ctmc.region = (0, 0, 0, 15, 23, 11)
+    conclude = finish(steps_of(loaded, target=active().session_uid))
+    bpy.data.meshes.remove(active().data)
+    conclude()
+    assert [thing.data for thing in loaded.objects] == list(bpy.data.meshes)
+    # A new object has its origin in the middle of its own surface.
+    corners = np.array(active().bound_box)
+    assert np.abs(corners.min(axis=0) + corners.max(axis=0)).max() < 1e-5
+    assert (active().matrix_world.translation - where).length > 0.005
 
 
 def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene, labels_file):
