@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .cavities import finding_owners
 from .errors import MeshError
 from .mesh import Surface, TriangleMesh, numbering_parts
 from .progress import Pauses, finish
@@ -43,7 +44,7 @@ def _measuring(mesh: TriangleMesh, part: NDArray[np.int32]) -> Pauses[NDArray[np
 
 
 def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
-    """The surface without the parts that are too small.
+    """The surface without the parts that are too small; the walls of a cavity belong to the part around it.
 
     Parameters
     ----------
@@ -52,15 +53,16 @@ def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volum
     mesh : TriangleMesh
         The same faces at the alpha and in the space in which to measure.
     largest : int
-        Keep this many; 0 keeps all. Equal parts count in the order of their numbers.
+        Keep this many with their cavities; 0 keeps all. A part counts by what its outer wall encloses,
+        equal parts in the order of their numbers.
     min_volume : float
-        Drop parts below it, in the cube of the mesh's unit; applied together with `largest`.
+        Drop parts and fill cavities below it, in the cube of the mesh's unit; applied together with `largest`.
 
     Returns
     -------
     Surface
-        A part counts by its absolute volume. A cavity is a part of its own: the largest part alone
-        is solid, its cavities filled, unless a cavity is itself among the largest.
+        Where nothing is found around a cavity, as may be where the surface is open, it counts as a part
+        of its own.
 
     Raises
     ------
@@ -76,14 +78,16 @@ def keeping_parts(surface: Surface, mesh: TriangleMesh, largest: int, min_volume
         return surface
     part = yield from numbering_parts(mesh.faces, len(mesh.vertices))
     yield
-    sizes = np.abs((yield from _measuring(mesh, part)))
-    yield
+    volumes = yield from _measuring(mesh, part)
+    owner = yield from finding_owners(mesh, part, volumes)
+    sizes, bodies = np.abs(volumes), owner == np.arange(len(owner))
     keep = sizes >= min_volume
-    if not keep.any():
+    if not keep[bodies].any():
         raise MeshError(
-            f"no part has a volume of {min_volume:g} or more: the largest of {len(sizes)} has {sizes.max():.4g}; "
+            f"no part has a volume of {min_volume:g} or more: the largest of {bodies.sum()} has {sizes.max():.4g}; "
             "lower the smallest part"
         )
     if largest:
-        keep[np.argsort(-sizes, kind="stable")[largest:]] = False
+        keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[largest:]]] = False
+    keep &= keep[owner]
     return surface if keep.all() else surface.keeping(keep[part])

@@ -138,7 +138,7 @@ class ReconstructionSettings:
     )
     keep_parts: int = setting(
         0,
-        "Keep this many of the largest connected parts. 0 = all",
+        "Keep this many of the largest connected parts, each with its cavities. 0 = all",
         label="Keep Largest",
         low=0,
         high=1_000_000,
@@ -146,7 +146,7 @@ class ReconstructionSettings:
     )
     min_part_mm3: float = setting(
         0.0,
-        "Drop connected parts whose volume is below this. Larger = fewer specks. 0 = none",
+        "Drop connected parts and fill cavities whose volume is below this. Larger = fewer specks. 0 = none",
         label="Smallest Part",
         unit="mm3",
         low=0.0,
