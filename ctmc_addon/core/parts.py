@@ -30,13 +30,15 @@ def part_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
 def _measuring(mesh: TriangleMesh, part: NDArray[np.int32]) -> Pauses[NDArray[np.float64]]:
     count = int(part.max()) + 1 if len(part) else 0
     corners_of = np.bincount(part, minlength=count) * 3
-    corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
+    columns = []
     for axis in range(3):
         yield
-        total = np.bincount(part, corners[:, 0, axis] + corners[:, 1, axis] + corners[:, 2, axis], count)
-        corners[:, :, axis] -= (total / corners_of)[part][:, None]
+        a, b, c = (mesh.vertices[corner, axis].astype(np.float64) for corner in mesh.faces.T)  # (F,) each
+        yield
+        middle = (np.bincount(part, a + b + c, count) / corners_of)[part]
+        columns.append((a - middle, b - middle, c - middle))
     yield
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
     triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
     yield
     # bincount adds in the order of the faces: the same bits everywhere.

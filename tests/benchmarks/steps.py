@@ -1,0 +1,215 @@
+"""How long the panel's jobs go between two steps, which is how long Esc and the window may have to wait for them.
+
+A phantom of 512 x 512 x 250 as DICOM and as NIfTI goes through the very generators that the panel's buttons drive, and
+every gap is timed: from the press to the first step, between two steps, the job's conclusion, which writes to the
+scene, and Esc, where a job is left after a while. A gap has the name that the status bar shows meanwhile.
+Run as `PYTHONPATH=tests .venv/bin/python -m benchmarks.steps`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+import ctmc_addon
+from ctmc_addon.cli.phantom_files import write_dicom, write_nifti
+from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core.progress import Steps, finish
+from ctmc_addon.scene import export
+from ctmc_addon.scene.readback import own_mesh
+from ctmc_addon.ui import live, load, reconstruct, results, session, simplify, volumes
+from ctmc_addon.ui.surfaces import Wanted
+
+from . import scenes
+
+PRESS, CONCLUSION, ESC = "(the press)", "(conclusion)", "(Esc)"
+CLASSIC = ReconstructionSettings(threshold=scenes.DENSE_THRESHOLD)
+FILES = ("stl", "ply", "obj", "glb")
+
+
+@dataclass
+class Gap:
+    """The longest time one stage goes between two steps, and the whole of it, in seconds."""
+
+    steps: int = 0
+    longest: float = 0.0
+    processor: float = 0.0  # of the longest, over all threads
+    whole: float = 0.0
+
+
+def gaps(begin: Callable[[], Steps[Any]], most: float) -> dict[str, Gap]:
+    """Drive a job to its end, its conclusion included, or leave it after `most` seconds; the gaps by their names."""
+    found: dict[str, Gap] = {}
+    started = wall = time.perf_counter()
+    processor = time.process_time()
+
+    def note(name: str) -> None:
+        nonlocal wall, processor
+        now, used = time.perf_counter(), time.process_time()
+        gap = found.setdefault(name, Gap())
+        gap.steps += 1
+        gap.whole += now - wall
+        if now - wall > gap.longest:
+            gap.longest, gap.processor = now - wall, used - processor
+        wall, processor = time.perf_counter(), time.process_time()
+
+    steps, name = begin(), PRESS
+    while wall - started < most:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            note(name)
+            if callable(end.value):
+                end.value()
+                note(CONCLUSION)
+            return found
+        note(name)
+        name = step.message
+    steps.close()
+    note(ESC)
+    return found
+
+
+def at_once(call: Callable[[], Any]) -> Steps[None]:
+    """What has no steps, as a job of one."""
+    call()
+    return
+    yield
+
+
+def least(runs: list[dict[str, Gap]]) -> dict[str, Gap]:
+    """For every stage the run with the shortest longest gap: what others do on the machine only adds."""
+    return {
+        name: min((run[name] for run in runs if name in run), key=lambda gap: gap.longest)
+        for name in dict.fromkeys(name for run in runs for name in run)
+    }
+
+
+class Panel:
+    """A scene with the phantom, and its buttons."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.scene = folder, bpy.context.scene
+        made = scenes.made_abdomen()
+        for write in (write_dicom, write_nifti):
+            finish(write(made, folder))
+        self.ct, self.labels = folder / f"{made.volume.name}.nii.gz", folder / f"{made.labels.name}.nii.gz"
+
+    def load(self, path: Path) -> Steps[Any]:
+        """Load CT."""
+        reading = {"spacing": None, "flip": "", "series": None}
+        return load.CTMC_OT_load.steps(None, path, reading, self.scene.session_uid)
+
+    def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
+        """Reconstruct Surface, or Update Surface of an object."""
+        wanted = Wanted(settings, target=None if target is None else target.session_uid)
+        return reconstruct.surfaces_steps(volumes.loaded(self.scene), [wanted], self.scene.session_uid)
+
+    @property
+    def surface(self) -> Any:
+        """The surface made last."""
+        return bpy.context.view_layer.objects.active
+
+    def simplify(self, **goal: Any) -> Steps[Any]:
+        """Simplify Surface."""
+        full = simplify.full_of(self.scene, self.surface)
+        wanted = Wanted(replace(CLASSIC, simplifier="builtin", **goal), target=self.surface.session_uid)
+        return simplify.simplify_job(full, volumes.current(self.scene), wanted, self.scene.session_uid)
+
+    def deviation_map(self) -> Steps[Any]:
+        """Deviation Map."""
+        full = session.of(self.scene).full[self.surface.session_uid]
+        return results.deviation_job(own_mesh(self.surface), full, self.surface.session_uid)
+
+    def move_slider(self) -> None:
+        """What a coarse preview shows while a slider moves."""
+        self.scene.ctmc.threshold = self.scene.ctmc.threshold + 7
+        live.tick()
+
+    def rest(self) -> Steps[None]:
+        """What happens when the hand rests: the price, then a finer preview."""
+        live.live.stop_work()
+        for work in (live.price_work(self.scene), live.refine_work(self.scene)):
+            yield from work
+
+    def jobs(self) -> Iterator[tuple[str, Callable[[], Steps[Any]]]]:
+        """Everything that is measured, in an order in which each finds what it needs."""
+        yield "Load CT, NIfTI", lambda: self.load(self.ct)
+        yield "Load CT, DICOM folder", lambda: self.load(self.folder / "dicom")
+        self.scene.ctmc.threshold = 200.0
+        yield "Move a slider, preview", lambda: at_once(self.move_slider)
+        yield "Rest: price and finer preview", self.rest
+        yield "Reconstruct, bone", lambda: self.reconstruct(replace(CLASSIC, threshold=200.0))
+        yield "Reconstruct, softened 1 mm", lambda: self.reconstruct(replace(CLASSIC, soften_mm=1.0))
+        yield "Reconstruct, largest part", lambda: self.reconstruct(replace(CLASSIC, keep_parts=1))
+        yield "Reconstruct, mesh normals", lambda: self.reconstruct(replace(CLASSIC, normals="mesh"))
+        yield "Reconstruct, trilinear", lambda: self.reconstruct(replace(CLASSIC, topology="trilinear"))
+        yield "Reconstruct, classic", lambda: self.reconstruct(CLASSIC)
+        yield "Update, classic", lambda: self.reconstruct(CLASSIC, self.surface)
+        for suffix in FILES:
+            path = self.folder / f"surface.{suffix}"
+            yield f"Export {suffix.upper()}", lambda path=path: at_once(lambda: export(self.surface, path))
+        yield "Measure", self.measure
+        yield "Simplify by 50 %", lambda: self.simplify(reduction=0.5)
+        yield "Simplify to 100,000", lambda: self.simplify(target_faces=100_000)
+        yield "Simplify within 0.5 mm", lambda: self.simplify(max_error_mm=0.5)
+        yield "Deviation Map", self.deviation_map
+        yield "Load its labels", lambda: self.load(self.labels)
+        yield "Reconstruct, label softened", lambda: self.reconstruct(ReconstructionSettings(label=1, soften_mm=1.0))
+
+    def measure(self) -> Steps[Any]:
+        """Measure."""
+        full = session.of(self.scene).full[self.surface.session_uid]
+        mesh = results.evaluated_triangles(self.surface, self.scene)
+        return results.measure_job(mesh, full, self.scene.session_uid, self.surface.session_uid, full.full_faces)
+
+
+def clear(panel: Panel) -> None:
+    """Take the surfaces of earlier runs away, but the last."""
+    for thing in [thing for thing in panel.scene.objects if thing != panel.surface]:
+        bpy.data.meshes.remove(thing.data)
+
+
+def main() -> int:
+    """Print a line for every stage, the longest gap first in its job."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.steps", description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=3, help="runs of a job; that with the shortest gap counts")
+    parser.add_argument("--only", default="", help="show the jobs whose name has these letters; others run once")
+    parser.add_argument("--most", type=float, default=30.0, help="leave a job after so long [s], as Esc does")
+    parser.add_argument("--least", type=float, default=0.05, help="leave out stages whose longest gap is below [s]")
+    options = parser.parse_args()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    ctmc_addon.register()
+    load_average = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    print(f"# Blender {bpy.app.version_string}, {os.cpu_count()} processors, load {load_average}")
+    print(f"{'job':30}  {'stage':46}  {'steps':>6}  {'longest_s':>9}  {'its_cpu_s':>9}  {'whole_s':>8}")
+    with tempfile.TemporaryDirectory(prefix="ctmc-steps-") as scratch:
+        panel = Panel(Path(scratch))
+        for job, begin in panel.jobs():
+            chosen = options.only.lower() in job.lower()
+            found = least([gaps(begin, options.most) for _ in range(options.repeats if chosen else 1)])
+            clear(panel)
+            if not chosen:
+                continue
+            for stage, gap in sorted(found.items(), key=lambda item: -item[1].longest):
+                if gap.longest >= options.least or gap == max(found.values(), key=lambda one: one.longest):
+                    print(
+                        f"{job:30}  {stage:46}  {gap.steps:6}  {gap.longest:9.3f}  {gap.processor:9.3f}  "
+                        f"{gap.whole:8.2f}",
+                        flush=True,
+                    )
+    sys.stdout.flush()
+    os._exit(0)  # Blender as a module may hang while Python shuts down
+
+
+if __name__ == "__main__":
+    sys.exit(main())
