@@ -1,8 +1,9 @@
 """What `make experiments` runs: the paper's experiments on two phantoms and a real CT, into docs/experiments.md.
 
 Every experiment is the command a user types; its tables and pictures stay in out/experiments/CASE/EXPERIMENT. Of the
-page only what stands between the markers is renewed. The real CT is not part of the project: it is looked for beside
-the checkout, and without it the page keeps what was measured before.
+page only what stands between the markers is renewed. The comparison sheets are the commands that stand in the page;
+they stay in out/experiments/figures, and the page gets small copies of those that it shows. The real CT is not part of
+the project: it is looked for beside the checkout, and without it the page keeps what was measured before.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+from make_figures import render
 
 from ctmc_addon.cli import main as ctmc
 
@@ -36,9 +39,10 @@ CASES = {
 EXPERIMENTS = {
     "voxels": ["--strides", "1", "2x1", "1x2", "2", "3", "--repeats", "9"],
     "rotation": [],
-    "alpha": [],
+    "alpha": ["--no-pictures"],  # the sheets show more
     "simplify": [],
 }
+FIGURES = "figures"  # the sheets
 # Su and Ma, table 1 (first and second set: seconds, improved efficiency in per cent) and table 2 (average, saved).
 PAPER_VOXELS = {
     1: ("0.809", "", "27.292", ""),
@@ -47,7 +51,13 @@ PAPER_VOXELS = {
 }
 PAPER_ROTATION = {0: ("3.914", ""), 50: ("3.450", "11.9"), 90: ("2.911", "25.6")}
 # Plots that the page shows.
-SHOWN = (("phantom-250", "voxels"), ("phantom-250", "rotation"), ("abdomen", "alpha"), ("abdomen", "simplify"))
+SHOWN = (
+    ("phantom-250", "voxels"),
+    ("abdomen", "voxels"),
+    ("phantom-250", "rotation"),
+    ("abdomen", "alpha"),
+    ("abdomen", "simplify"),
+)
 Found = dict[str, dict[str, list[dict[str, Any]]]]  # case, experiment, rows
 
 
@@ -55,33 +65,41 @@ def main() -> int:
     """Run what was asked for, and renew the page; 0 if all went well."""
     parser = argparse.ArgumentParser(description="The paper's experiments, into docs/experiments.md.")
     parser.add_argument("--cases", nargs="+", choices=tuple(CASES), default=list(CASES))
-    parser.add_argument("--experiments", nargs="+", choices=tuple(EXPERIMENTS), default=list(EXPERIMENTS))
+    every = (*EXPERIMENTS, FIGURES)
+    parser.add_argument("--experiments", nargs="+", choices=every, default=every)
     parser.add_argument("--only-page", action="store_true", help="measure nothing, write the page again")
     chosen = parser.parse_args()
     if not chosen.only_page:
-        for case in chosen.cases:
-            path = input_of(case)
-            if path is None:
-                print(f"{CASES[case][0]} is left out: there is no {REAL.name} beside the checkout")
-                continue
-            for experiment in chosen.experiments:
+        inputs = inputs_of(chosen.cases)
+        for case in inputs:
+            for experiment in [name for name in EXPERIMENTS if name in chosen.experiments]:
                 print(f"\n=== {CASES[case][0]}: {experiment}\n", flush=True)
-                words = [str(path), *CASES[case][1], *EXPERIMENTS[experiment]]
+                source = inputs[case] if case == "abdomen" else inputs[case] / "volume-0.nii.gz"
+                words = [str(source), *CASES[case][1], *EXPERIMENTS[experiment]]
                 code = ctmc(["experiment", experiment, *words, "-o", str(OUT / case / experiment), "--overwrite"])
                 if code:
                     return code
+        if FIGURES in chosen.experiments:
+            named = {"CT_FOLDER" if case == "abdomen" else case: path for case, path in inputs.items()}
+            if code := render(PAGE, OUT / FIGURES, named):
+                return code
     write_page(read_found())
     return 0
 
 
-def input_of(case: str) -> Path | None:
-    """The case's volume, a phantom made if need be; None for a real CT that is not there."""
-    if case == "abdomen":
-        return REAL if REAL.is_dir() else None
-    folder = OUT / case / "phantom"
-    if not (folder / "truth.json").is_file():
-        ctmc(["phantom", str(folder), "--slices", case.partition("-")[2], "--format", "nifti"])
-    return folder / "volume-0.nii.gz"
+def inputs_of(cases: Sequence[str]) -> dict[str, Path]:
+    """The folders of the cases, phantoms made if need be, without a real CT that is not there."""
+    inputs = {}
+    for case in cases:
+        if case != "abdomen":
+            inputs[case] = OUT / case / "phantom"
+            if not (inputs[case] / "truth.json").is_file():
+                ctmc(["phantom", str(inputs[case]), "--slices", case.partition("-")[2], "--format", "nifti"])
+        elif REAL.is_dir():
+            inputs[case] = REAL
+        else:
+            print(f"{CASES[case][0]} is left out: there is no {REAL.name} beside the checkout")
+    return inputs
 
 
 def read_found() -> Found:

@@ -1,13 +1,16 @@
 """What `make figures` runs: the pictures of docs/figures.md, each by the command that stands beside it.
 
-The commands run on the phantom in out/figures; the page gets small copies.
+The commands run on the phantom in out/figures, and the page gets small copies. `make experiments` does the same for its
+own page.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from PIL import Image
@@ -17,7 +20,6 @@ from ctmc_addon.cli import main as ctmc
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out" / "figures"
 PAGE = ROOT / "docs" / "figures.md"
-PICTURES = ROOT / "docs" / "pictures" / "figures"
 DPI = "150"
 MOST_BYTES = 150_000
 
@@ -27,18 +29,37 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="The pictures of docs/figures.md.")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="pictures to make, such as sheet.png")
     chosen = parser.parse_args()
-    OUT.mkdir(parents=True, exist_ok=True)
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    if not (OUT / "ct" / "volume-0.nii.gz").exists() and ctmc(["phantom", str(OUT / "ct"), "--format", "nifti"]):
+    folder = OUT / "ct"
+    if not (folder / "volume-0.nii.gz").exists() and ctmc(["phantom", str(folder), "--format", "nifti"]):
         return 1
-    for words in commands(PAGE.read_text("utf-8")):
+    return render(PAGE, OUT, {"ct": folder}, chosen.only)
+
+
+def render(page: Path, out: Path, inputs: Mapping[str, Path], only: Sequence[str] | None = None) -> int:
+    """Run the figure commands of a page; 0 if all went well.
+
+    Parameters
+    ----------
+    out : Path
+        Where the pictures go; those that the page shows get small copies where it looks for them.
+    inputs : mapping of str to Path
+        Folders by the names that the commands have for them; a command with another input is left out.
+    only : sequence of str, optional
+        Pictures to make.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    text = page.read_text("utf-8")
+    shown = {Path(path).stem: page.parent / path for path in re.findall(r"\]\((pictures/[^)]+\.jpg)\)", text)}
+    for words in commands(text):
         name = words[words.index("-o") + 1]
-        if not name.endswith(".png") or (chosen.only and name not in chosen.only):
+        known = any(word.partition("/")[0] in inputs for word in words)
+        if not known or not name.endswith(".png") or (only and name not in only):
             continue
         print(f"\n{name}", flush=True)
-        if ctmc(in_folder(words, name)):
+        if ctmc([*(placed(word, inputs, out) for word in words), "--dpi", DPI, "--no-blend"]):
             return 1
-        shrink(OUT / name, (PICTURES / name).with_suffix(".jpg"))
+        if Path(name).stem in shown:
+            shrink(out / name, shown[Path(name).stem])
     return 0
 
 
@@ -48,14 +69,17 @@ def commands(page: str) -> list[list[str]]:
     return [shlex.split(line)[1:] for line in lines if line.startswith("ctmc figure ") and " -o " in line]
 
 
-def in_folder(words: list[str], name: str) -> list[str]:
-    """The same command with its files in `OUT`, and at the page's resolution."""
-    placed = [str(OUT / word) if word == name or word.startswith("ct/") else word for word in words]
-    return [*placed, "--dpi", DPI, "--no-blend"]
+def placed(word: str, inputs: Mapping[str, Path], out: Path) -> str:
+    """A word of a command, where its files are: inputs in their folders, pictures in `out`."""
+    first, _, rest = word.partition("/")
+    if first in inputs:
+        return str(inputs[first] / rest)
+    return str(out / word) if word.endswith(".png") else word
 
 
 def shrink(source: Path, target: Path) -> None:
     """Copy a picture as a JPEG as good as a small one can be."""
+    target.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(source) as picture:
         for quality in (92, 85, 75, 65):
             picture.convert("RGB").save(target, quality=quality, subsampling=0, optimize=True, dpi=(int(DPI), int(DPI)))

@@ -13,8 +13,9 @@ TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
 
 @pytest.fixture
-def load_tool() -> Callable[[str], ModuleType]:
+def load_tool(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     """Load `tools/NAME.py` afresh."""
+    monkeypatch.syspath_prepend(TOOLS)  # some use others
 
     def load(name: str) -> ModuleType:
         spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")

@@ -68,7 +68,25 @@ def test_what_was_not_measured_keeps_its_old_numbers(tool, found, tmp_path, monk
     assert "table-1 stays as it is" in capfd.readouterr().out
 
 
-def test_the_pictures_that_the_page_shows_are_there():
-    page = ROOT / "docs" / "experiments.md"
-    for name in re.findall(r"\]\((pictures/[^)]+)\)", page.read_text("utf-8")):
-        assert (page.parent / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+@pytest.mark.parametrize("page", ["experiments.md", "figures.md"])
+def test_the_pictures_that_a_page_shows_are_there(page):
+    for name in re.findall(r"\]\((pictures/[^)]+)\)", (ROOT / "docs" / page).read_text("utf-8")):
+        start = b"\xff\xd8\xff" if name.endswith(".jpg") else b"\x89PNG\r\n\x1a\n"
+        assert (ROOT / "docs" / name).read_bytes().startswith(start), name
+
+
+def test_the_figures_are_those_of_the_commands_in_the_page(tool, load_tool, tmp_path, monkeypatch):
+    figures = load_tool("make_figures")
+    ran = []
+    monkeypatch.setattr(figures, "ctmc", ran.append)
+    monkeypatch.setattr(figures, "shrink", lambda source, target: (tmp_path / target.name).write_bytes(b""))
+    figures.render(tool.PAGE, tmp_path / "out", {"phantom-29": Path("a"), "CT_FOLDER": Path("b", "c")})
+    assert [(words[0], words[1], words[2], Path(words[words.index("-o") + 1]).name) for words in ran] == [
+        ("figure", "sheet", str(Path("a", "volume-0.nii.gz")), "figure-6.png"),
+        ("figure", "sheet", str(Path("b", "c")), "figure-6-real.png"),
+        ("figure", "sheet", str(Path("a", "volume-0.nii.gz")), "figure-8-29.png"),
+        ("figure", "sheet", str(Path("b", "c")), "figure-8-real.png"),
+    ]
+    # Pictures of a real CT stay out of the page.
+    assert sorted(path.name for path in tmp_path.glob("*.jpg")) == ["figure-6.jpg", "figure-8-29.jpg"]
+    assert not [name for name in re.findall(r"pictures/[^)]+", tool.PAGE.read_text("utf-8")) if "real" in name]
