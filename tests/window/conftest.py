@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from window.desk import Desk
-from window.provision import SUITES, provide
+from window.provision import SUITES, NoWindowError, used
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -43,11 +44,14 @@ def phantom(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def desk(request: pytest.FixtureRequest, package: Path, phantom: Path) -> Iterator[Desk]:
     """A Blender with the extension installed, its window open on an empty scene."""
     suite = request.param
-    desk = Desk(provide(suite), ROOT / "out" / "window" / f"blender-{SUITES[suite]}")
-    try:
+    with ExitStack() as stack:
+        try:
+            root = stack.enter_context(used(suite))
+        except NoWindowError as reason:
+            pytest.skip(str(reason))
+        desk = Desk(root, ROOT / "out" / "window" / f"blender-{SUITES[suite]}")
+        stack.callback(desk.close)
         desk.install(package)
         desk.bring(phantom / CT)
         desk.open()
         yield desk
-    finally:
-        desk.close()

@@ -1,34 +1,31 @@
 """A Blender in a window of its own, with a hand on its mouse and keys and an eye on its screen.
 
 Blender and the X server run inside a folder that `provision.py` made. Screen coordinates are pixels from the top left.
+Nothing waits for a time: every movement is followed by a question, and Blender answers it only once it has handled and
+drawn what came before (`driver.py`). The limits below only end a test of a Blender that hangs.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from window.provision import DESKS
 
 DRIVER = Path(__file__).with_name("driver.py")
 WIDTH, HEIGHT = 1600, 1300
-ALIKE = 0.75  # how far a word read from the screen may differ: one letter in four
-ENLARGED = 3  # small letters are read better
-SLOWEST = 60.0
-
-
-Box = tuple[int, int, int, int]  # left, top, width, height
-
-
-class NotSeenError(AssertionError):
-    """A text is not on the screen."""
+LIMIT = 300.0  # seconds; a busy machine may need many
+LOOK_AGAIN = 0.02  # seconds between two looks for an answer
+DRAG_STEPS = 6
+SCAN = 10  # pixels; buttons are at least twice as high
+PAGE = 20  # clicks of the wheel
+PAGES = 3
 
 
 class Desk:
@@ -44,14 +41,14 @@ class Desk:
 
     def __init__(self, root: Path, pictures: Path) -> None:
         self.root, self.pictures = root, pictures
-        self.inside = f"/tmp/ctmc-{os.getpid()}"
-        self.folder = Path(f"{root}{self.inside}")
-        self.folder.mkdir(parents=True)
+        self.folder = Path(tempfile.mkdtemp(prefix=DESKS, dir=root / "tmp"))
+        self.inside = f"/tmp/{self.folder.name}"
         pictures.mkdir(parents=True, exist_ok=True)
         for old in pictures.glob("*.png"):
             old.unlink()
         self.log = self.folder / "blender.log"
         self.questions = 0
+        self.places: dict[str, int] = {}
         self.display, self.server, self.blender = "", None, None
 
     # Inside the folder ------------------------------------------------------------------------------------------
@@ -60,27 +57,26 @@ class Desk:
         """A command line inside the folder."""
         variables = [
             f"HOME={self.inside}",
+            f"TMPDIR={self.inside}",
+            f"XDG_RUNTIME_DIR={self.inside}",
             f"BLENDER_USER_RESOURCES={self.inside}/profile",
             f"DISPLAY={self.display}",
             "LIBGL_ALWAYS_SOFTWARE=1",
             "LC_ALL=C.UTF-8",
             "PATH=/usr/local/bin:/usr/bin:/bin",
         ]
-        return ["chroot", str(self.root), "env", "-i", *variables, *words]
+        # Killed when the tests are, so that no window is left behind.
+        return ["chroot", str(self.root), "setpriv", "--pdeathsig", "KILL", "env", "-i", *variables, *words]
 
     def call(self, *words: str) -> str:
         """Run a command inside the folder; what it printed."""
-        done = subprocess.run(self.command(*words), capture_output=True, text=True, timeout=SLOWEST, check=False)
+        done = subprocess.run(self.command(*words), capture_output=True, text=True, timeout=LIMIT, check=False)
         assert done.returncode == 0, f"{' '.join(words)}: status {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
     def bring(self, source: Path) -> str:
-        """Copy a file or folder in; its path there."""
-        target = self.folder / source.name
-        if source.is_dir():
-            shutil.copytree(source, target)
-        else:
-            shutil.copyfile(source, target)
+        """Copy a file in; its path there."""
+        shutil.copyfile(source, self.folder / source.name)
         return f"{self.inside}/{source.name}"
 
     def install(self, package: Path) -> str:
@@ -103,11 +99,13 @@ class Desk:
         )
         assert self.server.stdout is not None
         self.display = f":{self.server.stdout.readline().strip()}"
-        driver = self.bring(DRIVER)
-        window = ["--window-geometry", "0", "0", str(WIDTH), str(HEIGHT)]
+        assert self.display != ":", "the X server did not start"
+        window = ["--window-geometry", "0", "0", str(WIDTH), str(HEIGHT), "-setaudio", "None"]
         with self.log.open("w") as log:
             self.blender = subprocess.Popen(
-                self.command("blender", *window, "-P", driver, "--", self.inside), stdout=log, stderr=subprocess.STDOUT
+                self.command("blender", *window, "-P", self.bring(DRIVER), "--", self.inside),
+                stdout=log,
+                stderr=subprocess.STDOUT,
             )
         self.ask("answer = True")
 
@@ -116,7 +114,7 @@ class Desk:
         try:
             if self.blender is not None and self.blender.poll() is None:
                 self.tell("bpy.ops.wm.quit_blender()")
-                self.blender.wait(30)
+                self.blender.wait(LIMIT)
         finally:
             for process in (self.blender, self.server):
                 if process is not None and process.poll() is None:
@@ -140,24 +138,23 @@ class Desk:
         self.questions += 1
         return self.folder / f"answer-{self.questions - 1}.json"
 
-    def ask(self, source: str, seconds: float = SLOWEST) -> Any:
-        """Run a few lines of Python in Blender and return what they leave in `answer`."""
+    def ask(self, source: str) -> Any:
+        """Run a few lines of Python in Blender, after all that was done before; what they leave in `answer`."""
         reply_file = self.tell(source)
-        end = time.monotonic() + seconds
+        end = time.monotonic() + LIMIT
         while not reply_file.exists():
             assert self.blender is None or self.blender.poll() is None, f"Blender has ended:\n{self.last_words()}"
-            assert time.monotonic() < end, f"Blender did not answer within {seconds:g} s:\n{source}"
-            time.sleep(0.02)
+            assert time.monotonic() < end, f"Blender did not answer within {LIMIT:g} s:\n{source}"
+            time.sleep(LOOK_AGAIN)
         reply = json.loads(reply_file.read_text(encoding="utf-8"))
         assert "error" not in reply, reply["error"]
         return reply["answer"]
 
-    def wait(self, expression: str, seconds: float = SLOWEST) -> Any:
+    def wait(self, expression: str) -> Any:
         """Wait until a Python expression is true in Blender; its value."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + LIMIT
         while not (value := self.ask(f"answer = {expression}")):
-            assert time.monotonic() < end, f"not within {seconds:g} s: {expression}"
-            time.sleep(0.1)
+            assert time.monotonic() < end, f"not within {LIMIT:g} s: {expression}"
         return value
 
     def last_words(self) -> str:
@@ -167,74 +164,85 @@ class Desk:
     # Eye --------------------------------------------------------------------------------------------------------
 
     def look(self, name: str) -> Image.Image:
-        """A picture of the whole screen, kept as `name`.png."""
-        self.ask("answer = True")
-        time.sleep(0.4)  # one redraw on the slow software GL
+        """A picture of the whole screen as it is now, kept as `name`.png."""
+        self.ask("redraw()")
+        self.ask("answer = 'drawn'")
         self.call("import", "-window", "root", f"{self.inside}/{name}.png")
         shutil.move(self.folder / f"{name}.png", self.pictures / f"{name}.png")
         with Image.open(self.pictures / f"{name}.png") as picture:
             return picture.convert("RGB")
 
-    def words(self, box: Box = (0, 0, WIDTH, HEIGHT)) -> list[tuple[str, int, int]]:
-        """The words in a part of the screen, each with the place of its middle."""
-        left, top, width, height = box
-        size = f"{width}x{height}+{left}+{top}"
-        shot = f"{self.inside}/words.png"
-        self.call("import", "-window", "root", "-crop", size, "+repage", "-resize", f"{ENLARGED * 100}%",
-                  "-colorspace", "gray", "-negate", shot)  # fmt: skip
-        found = []
-        for line in self.call("tesseract", shot, "-", "--psm", "11", "tsv").splitlines()[1:]:
-            cells = line.split("\t")
-            if len(cells) == 12 and cells[11].strip():
-                x, y, width, height = (int(cell) / ENLARGED for cell in cells[6:10])
-                found.append((cells[11].strip(), int(left + x + width / 2), int(top + y + height / 2)))
-        return found
+    def find(self, button: str) -> tuple[int, int]:
+        """Where a button of the sidebar is, with the mouse on it: a property's path or an operator's call.
 
-    def find(self, text: str, box: Box = (0, 0, WIDTH, HEIGHT)) -> tuple[int, int]:
-        """Where a text of one or more words stands on the screen: the middle of its first word."""
-        wanted = text.lower().split()
-        words = self.words(box)
-        for start in range(len(words)):
-            run = words[start : start + len(wanted)]
-            if len(run) == len(wanted) and all(
-                SequenceMatcher(None, word.lower(), asked).ratio() >= ALIKE
-                for (word, _, _), asked in zip(run, wanted, strict=True)
-            ):
-                return run[0][1], run[0][2]
-        raise NotSeenError(f"{text!r} is not to be seen; there is: {' '.join(word for word, _, _ in words)}")
+        Blender says what is under the mouse, which goes up the fields' part of the sidebar, page by page.
+        """
+        left, top, width, height = self.ask("""
+view = viewport()
+bar = view.sidebar
+answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
+""")
+        x = left + round(0.65 * width)
+        if button in self.places and self.under(x, self.places[button]) == button:
+            return x, self.places[button]
+        seen: list[str] = []
+        self.turn_wheel(left + 12, top + height // 2, up=True, clicks=PAGE * PAGES)
+        for _ in range(PAGES):
+            for y in range(top + height, top, -SCAN):
+                under = self.under(x, y)
+                if button in seen and under != button:
+                    break
+                seen.append(under)
+                self.places[under] = y
+            if button in seen:
+                break
+            self.turn_wheel(left + 12, top + height // 2, up=False, clicks=PAGE)
+        assert button in seen, f"{button} is not in the sidebar; there is: {', '.join(sorted(set(seen)))}"
+        assert self.under(x, self.places[button]) == button, f"{button} has moved"
+        return x, self.places[button]
+
+    def under(self, x: int, y: int) -> str:
+        """Move the mouse, and what the sidebar has under it."""
+        self.hand("mousemove", str(x - 2), str(y), "mousemove", str(x), str(y))
+        return str(self.ask("answer = under_mouse()"))
 
     # Hand -------------------------------------------------------------------------------------------------------
 
     def hand(self, *words: str) -> None:
-        """One xdotool command line."""
-        self.call("xdotool", *words)
+        """One xdotool command line; the last question makes it wait until the X server has done it."""
+        self.call("xdotool", *words, "getmouselocation")
 
     def move(self, x: int, y: int) -> None:
-        """Move the mouse."""
+        """Move the mouse; Blender has seen it there."""
         self.hand("mousemove", str(x), str(y))
-        time.sleep(0.1)
+        self.ask("answer = 'moved'")
 
-    def click(self, x: int, y: int) -> None:
-        """Click with the left button; Blender first has to see where the mouse is."""
-        self.move(x - 2, y)
+    def turn_wheel(self, x: int, y: int, *, up: bool, clicks: int) -> None:
+        """Turn the wheel with the mouse at a place."""
         self.move(x, y)
-        self.hand("mousedown", "1")
-        time.sleep(0.05)
-        self.hand("mouseup", "1")
+        self.hand("click", "--repeat", str(clicks), "--delay", "1", "4" if up else "5")
+        self.ask("answer = 'turned'")
 
-    def drag(self, start: tuple[int, int], end: tuple[int, int], during: Callable[[], None] | None = None) -> None:
-        """Drag with the left button, in steps, as a hand does; `during` is called before letting go."""
+    def press(self, button: str, operator: str) -> None:
+        """Click on a button of an operator that can be pressed."""
+        assert self.ask(f"answer = bpy.ops.ctmc.{operator}.poll()"), f"{button} is greyed out"
+        self.find(button)
+        for action in ("mousedown", "mouseup"):
+            self.hand(action, "1")
+            self.ask("answer = 'pressed'")
+
+    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
+        """Drag with the left button, in steps, as a hand does: Blender reads events that come together as one jump."""
         self.move(start[0] - 2, start[1])
         self.move(*start)
         self.hand("mousedown", "1")
-        for step in range(1, 11):
-            x, y = (round(a + (b - a) * step / 10) for a, b in zip(start, end, strict=True))
+        for step in range(DRAG_STEPS + 1):
+            x, y = (round(a + (b - a) * step / DRAG_STEPS) for a, b in zip(start, end, strict=True))
             self.move(x, y)
-        if during is not None:
-            during()
         self.hand("mouseup", "1")
-        time.sleep(0.2)
+        self.ask("answer = 'let go'")
 
-    def press(self, key: str) -> None:
-        """Press a key, where the mouse is."""
-        self.hand("key", key)
+    def key(self, keys: str) -> None:
+        """Press a key or several together, where the mouse is."""
+        self.hand("key", keys)
+        self.ask("answer = 'pressed'")

@@ -1,7 +1,9 @@
 """Runs inside Blender, from its timers: does what the test asks between two events, and answers as JSON.
 
 The test writes `ask-N.py` into the folder given after `--`; what it leaves in `answer` is written to `answer-N.json`.
-Mouse and keys come from outside, through the window.
+Mouse and keys come from outside, through the window. A turn of Blender's main loop takes the events that have come,
+runs the timers and draws. A question is therefore answered two turns after it is seen: whatever the mouse and the
+keys did before it was asked has been handled and drawn by then, however slow the machine is.
 """
 
 from __future__ import annotations
@@ -13,14 +15,16 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import bpy
 from mathutils import Vector
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 ADDON = "bl_ext.user_default.ctmc.ctmc_addon"
-PAUSE = 0.05
-number = 0
+PAUSE = 0.01
+TURNS = 2
+number, turns = 0, 0
 
 
 def ours(name: str) -> ModuleType:
@@ -47,22 +51,70 @@ def on_screen(place: Sequence[float]) -> tuple[float, float]:
     return (view.region.x + at.x, view.window.height - 1 - view.region.y - at.y)
 
 
+def under_mouse() -> str:
+    """What the sidebar has under the mouse: a property's path, an operator's call, or nothing that can be pressed."""
+    view = viewport()
+    with bpy.context.temp_override(window=view.window, area=view.area, region=view.sidebar):
+        for copy in (bpy.ops.ui.copy_data_path_button, bpy.ops.ui.copy_python_command_button):
+            if copy.poll():
+                copy()
+                return str(bpy.context.window_manager.clipboard)
+    return ""
+
+
+def redraw() -> None:
+    """Draw the whole window again at the end of this turn."""
+    for area in viewport().window.screen.areas:
+        area.tag_redraw()
+
+
+def open_panel(name: str) -> None:
+    """Let a closed sub-panel begin open; before it is drawn for the first time."""
+    panel = getattr(bpy.types, name)
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = panel.bl_options - {"DEFAULT_CLOSED"}
+    bpy.utils.register_class(panel)
+
+
+def bring_tab(name: str) -> bool:
+    """Bring a tab of the sidebar to the front; False while it is not there, because the sidebar was not drawn yet."""
+    try:
+        viewport().sidebar.active_panel_category = name
+    except TypeError:
+        return False
+    redraw()
+    return True
+
+
+NAMES = {
+    **{"bpy": bpy, "ours": ours, "viewport": viewport, "on_screen": on_screen},
+    **{"under_mouse": under_mouse, "redraw": redraw, "open_panel": open_panel, "bring_tab": bring_tab},
+}
+
+
 def look() -> float:
-    """Answer the next question, if there is one."""
-    global number
+    """Answer the next question, if there is one and its time has come."""
+    global number, turns
     question = FOLDER / f"ask-{number}.py"
-    if question.exists():
-        names = {"bpy": bpy, "ours": ours, "viewport": viewport, "on_screen": on_screen, "answer": None}
-        try:
-            exec(compile(question.read_text(encoding="utf-8"), question.name, "exec"), names)
-            reply = {"answer": names["answer"]}
-        except Exception:  # noqa: BLE001  (the test shows it)
-            reply = {"error": traceback.format_exc()}
+    if not question.exists():
+        return PAUSE
+    turns += 1
+    if turns > TURNS:
         part = FOLDER / "answer.part"
-        part.write_text(json.dumps(reply, default=str), encoding="utf-8")
+        part.write_text(json.dumps(answered(question), default=str), encoding="utf-8")
         part.rename(FOLDER / f"answer-{number}.json")
-        number += 1
+        number, turns = number + 1, 0
     return PAUSE
+
+
+def answered(question: Path) -> dict[str, Any]:
+    """The answer to a question, or the traceback."""
+    names = {**NAMES, "answer": None}
+    try:
+        exec(compile(question.read_text(encoding="utf-8"), question.name, "exec"), names)
+    except Exception:  # noqa: BLE001  (the test shows it)
+        return {"error": traceback.format_exc()}
+    return {"answer": names["answer"]}
 
 
 preferences = bpy.context.preferences

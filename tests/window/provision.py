@@ -2,7 +2,8 @@
 
 Debian trixie brings Blender 4.3 (Python 3.13), sid brings 5.2 (Python 3.14). Nothing is mounted and nothing is
 written outside the folder. It takes root and debootstrap, one to two minutes and 2 GB each, once. Debian's mirror is
-the one this machine's own apt uses, or that of the variable CTMC_DEBIAN_MIRROR.
+the one this machine's own apt uses, or that of the variable CTMC_DEBIAN_MIRROR. Several checkouts share the folders:
+a lock beside each lets many use it and one make it.
 """
 
 from __future__ import annotations
@@ -12,18 +13,23 @@ import re
 import shutil
 import subprocess
 import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 SUITES = {"trixie": "4.3", "sid": "5.2"}
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
-WINDOW = [
-    *("xvfb", "xauth", "xdotool", "imagemagick", "libgl1-mesa-dri", "libgl1", "libegl1", "libglx-mesa0"),
-    *("tesseract-ocr", "tesseract-ocr-eng"),  # reads where a button is
-]
+WINDOW = ["xvfb", "xauth", "xdotool", "imagemagick", "libgl1-mesa-dri", "libgl1", "libegl1", "libglx-mesa0"]
 # What Blender's extension manager imports; Debian leaves some of it to the reader.
 PACKAGES = ["blender", "python3-numpy", "python3-requests", "python3-zstandard", *WINDOW]
 EXTRA = {"trixie": [], "sid": ["python3-cattr"]}
 STAMP = "ctmc-packages"
+DESKS = "ctmc-desk-"  # begins the name of every test run's own folder, in the Debian's /tmp
+ANSWER_LIMIT = 30.0  # seconds for the mirror's first answer
+MAKE_LIMIT = 1800.0  # seconds for any one of the commands below
 
 
 class NoWindowError(Exception):
@@ -73,13 +79,47 @@ def is_ready(suite: str) -> bool:
     return stamp.is_file() and stamp.read_text(encoding="utf-8") == packages(suite)
 
 
-def provide(suite: str) -> Path:
-    """The folder to chroot into, made when it is not there yet."""
-    root = cache_folder() / suite
+def open_lock(suite: str) -> IO[str]:
+    """The lock of a suite's folder, not yet taken."""
+    cache_folder().mkdir(parents=True, exist_ok=True)
+    return (cache_folder() / f"{suite}.lock").open("w")
+
+
+@contextmanager
+def used(suite: str) -> Iterator[Path]:
+    """The folder to chroot into, which nobody makes anew meanwhile; `NoWindowError` where it is not there."""
+    import fcntl  # not on Windows, where this module is imported but cannot be used
+
+    with open_lock(suite) as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            pass
+        else:  # nobody else is in it: take away what runs that were killed have left
+            for desk in (cache_folder() / suite / "tmp").glob(f"{DESKS}*"):
+                shutil.rmtree(desk)
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        if not is_ready(suite):
+            raise NoWindowError(f"Debian {suite} is not provided")
+        yield cache_folder() / suite
+
+
+def provide(suite: str) -> None:
+    """Make the folder of a suite when it is not there yet; `NoWindowError` where that cannot be done."""
     if is_ready(suite):
-        return root
-    require_means()
-    address = mirror()
+        return
+    import fcntl  # as above
+
+    with open_lock(suite) as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not is_ready(suite):  # another run may have made it while this one waited
+            make(suite)
+
+
+def make(suite: str) -> None:
+    """Debootstrap a suite and install Blender in it."""
+    root, address = cache_folder() / suite, mirror()
+    require_answer(f"{address.rstrip('/')}/dists/{suite}/Release")
     print(f"Making a Debian {suite} with Blender {SUITES[suite]} in {root} (one to two minutes)", flush=True)
     part = root.with_name(f"{suite}.part")
     for old in (part, root):
@@ -97,17 +137,40 @@ def provide(suite: str) -> Path:
     call("chroot", str(part), "apt-get", "clean")
     (part / STAMP).write_text(packages(suite), encoding="utf-8")
     part.rename(root)
-    return root
+
+
+def require_answer(address: str) -> None:
+    """Raise `NoWindowError` where the mirror does not answer, before anything waits for it."""
+    try:
+        with urllib.request.urlopen(address, timeout=ANSWER_LIMIT):
+            pass
+    except (OSError, urllib.error.URLError) as error:
+        raise NoWindowError(f"{address} does not answer ({error})") from None
 
 
 def call(*command: str) -> None:
-    """Run a command quietly; what it said is shown only when it fails."""
+    """Run a command quietly; `NoWindowError` with the last line it said when it fails."""
     quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C"}
-    done = subprocess.run(command, env=quiet, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    name = " ".join(command[:3])
+    try:
+        done = subprocess.run(
+            command,
+            env=quiet,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=MAKE_LIMIT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise NoWindowError(f"{name} took longer than {MAKE_LIMIT:g} s") from None
     if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(command[:3])} failed, status {done.returncode}:\n{done.stdout[-2000:]}")
+        said = done.stdout.strip().splitlines() or ["nothing"]
+        raise NoWindowError(f"{name} ended with status {done.returncode} and said: {said[-1]}")
 
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or SUITES:
-        print(provide(name))
+        provide(name)
+        print(cache_folder() / name)
