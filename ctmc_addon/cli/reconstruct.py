@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 from .. import readers
 from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, reconstruct_steps
 from ..core.errors import LabelError
-from ..core.output import require_writable, write_json
+from ..core.output import require_writable, whole_files, write_json
 from ..core.pipeline import Stage
 from ..core.progress import within
 from .arguments import add_input, add_settings, command_of, reading_of, settings_from
@@ -32,9 +32,14 @@ class Outputs:
     thumbnail: tuple[int, int] | None = None  # pixels of a small figure without edges
 
     @property
+    def paths(self) -> list[Path]:
+        """All of them, in the order in which they are written."""
+        return [path for path in (*self.surfaces, self.figure, self.report) if path is not None]
+
+    @property
     def names(self) -> list[str]:
-        """Names without folders, in the order in which they are written."""
-        return [path.name for path in (*self.surfaces, self.figure, self.report) if path is not None]
+        """Names without folders."""
+        return [path.name for path in self.paths]
 
 
 @dataclass
@@ -126,7 +131,22 @@ def require_label_volume(volume: Volume, path: Path, label: int | None) -> None:
 
 
 def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps[Reconstruction]:
-    """Make the Blender object, write every output, and return the result as it was written."""
+    """Write every output, all or none, and return the result as it was written."""
+    with whole_files(outputs.paths) as places:
+        result = yield from object_steps(result, outputs, places, work)
+        first = [stage for stage in work.stages if stage.name == "Reading"]
+        last = [stage for stage in work.stages if stage.name != "Reading"]
+        result = replace(result, stages=(*first, *result.stages, *last), notes=(*work.notes, *result.notes))
+        if outputs.report is not None:
+            yield Step(0.98, f"Writing {outputs.report.name}")
+            write_json(places[outputs.report], result.report() | {"files": outputs.names})
+    return result
+
+
+def object_steps(
+    result: Reconstruction, outputs: Outputs, places: Mapping[Path, Path], work: Work
+) -> Steps[Reconstruction]:
+    """Make the Blender object and write what shows it to `places`; returns the result as it was written."""
     scene = load_scene()
     import bpy
 
@@ -141,22 +161,16 @@ def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps
         for path in outputs.surfaces:
             yield Step(0.2, f"Writing {path.name}")
             with work.timed(f"Writing {path.suffix.lower()}"), blender_at_work():
-                scene.export(thing, path, space=outputs.space, scene=home)
+                scene.export(thing, places[path], space=outputs.space, scene=home)
         if outputs.figure is not None:
             yield Step(0.5, f"Rendering {outputs.figure.name}")
             with work.timed("Rendering the figure"), blender_at_work():
                 small = {} if outputs.thumbnail is None else {"size": outputs.thumbnail, "edges": False}
-                scene.render_figure(thing, home, outputs.figure, **small)
+                scene.render_figure(thing, home, places[outputs.figure], **small)
     finally:
         if thing is not None:
             bpy.data.meshes.remove(thing.data)  # and the object with it
         bpy.data.scenes.remove(home)
-    first = [stage for stage in work.stages if stage.name == "Reading"]
-    last = [stage for stage in work.stages if stage.name != "Reading"]
-    result = replace(result, stages=(*first, *result.stages, *last), notes=(*work.notes, *result.notes))
-    if outputs.report is not None:
-        yield Step(0.98, f"Writing {outputs.report.name}")
-        write_json(outputs.report, result.report() | {"files": outputs.names})
     return result
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,42 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
         except OSError:
             pass  # a folder that is none; said already
+
+
+@contextmanager
+def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
+    """For every path a place to write it to; all are moved to their paths at the end, none if anything goes wrong.
+
+    The places lie in a hidden folder beside each path, under its name, which errors then show.
+
+    Raises
+    ------
+    OutputError
+        As of `whole_file`.
+    """
+    hidden = f".ctmc-{uuid.uuid4().hex[:12]}"
+    places = {path: path.parent / hidden / path.name for path in paths}
+    try:
+        for path, place in places.items():
+            with _refusing(path):
+                place.parent.mkdir(exist_ok=True)
+        yield places
+        for path, place in places.items():
+            with _refusing(path):
+                place.replace(path)
+    except OutputError as error:
+        raise OutputError(str(error).replace(hidden + os.sep, "")) from error
+    finally:
+        for folder in {place.parent for place in places.values()}:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise refused(path, error) from error
 
 
 def refused(path: Path, error: OSError) -> OutputError:

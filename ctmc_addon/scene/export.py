@@ -158,7 +158,11 @@ def write_glb(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.
 
 
 def write_blend(thing: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
-    """A .blend with the live object, framed; nothing else of the present file goes in."""
+    """A .blend with the live object, framed; nothing else of the present file goes in.
+
+    It has no windows of its own, so whoever opens it keeps theirs, and Blender warns of a "Library file, loading
+    empty scene", which it is not: the scene in the file becomes the present one.
+    """
     home = bpy.data.scenes.new("CTMC")
     home.frame_current = next(iter([scene] if scene else thing.users_scene), home).frame_current
     # So that Blender's own rulers and sidebar tell the patient's millimetres.

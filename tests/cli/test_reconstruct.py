@@ -229,7 +229,7 @@ def test_a_full_disk_leaves_the_old_file_as_it_was(refused, phantom_folder, tmp_
     words = ["-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", "--label", "2"]
     assert "the disk is full" in refused("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words)
     assert (tmp_path / "x.json").read_text() == "old"
-    assert files_in(tmp_path) == ["x.json", "x.stl"]
+    assert files_in(tmp_path) == ["x.json"]
 
 
 def test_an_interrupt_is_quiet_and_leaves_no_file(ctmc, phantom_folder, tmp_path, monkeypatch):
@@ -240,8 +240,7 @@ def test_an_interrupt_is_quiet_and_leaves_no_file(ctmc, phantom_folder, tmp_path
     words = ["-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", "--label", "2"]
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words)
     assert (outcome.code, outcome.out, outcome.errors) == (130, "", [])
-    assert "x.json" not in files_in(tmp_path)
-    assert not [name for name in files_in(tmp_path) if name.startswith(".ctmc")]
+    assert files_in(tmp_path) == []
 
 
 @pytest.mark.parametrize(
@@ -289,3 +288,23 @@ def test_without_blender_there_is_one_sentence(tmp_path):
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert "needs Blender" in done.stderr
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("fails", ["scene.export", "scene.render_figure", "cli.reconstruct.write_json"])
+def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
+    names = ["f.png", "r.json", "t.stl"]
+    if there:
+        for name in names:
+            (tmp_path / name).write_text("older")
+
+    def full(*_args, **_options):
+        raise core.CtmcError("the disk is full")
+
+    monkeypatch.setattr(f"ctmc_addon.{fails}", full)
+    flags = ["--figure", tmp_path / "f.png", "--report", tmp_path / "r.json"]
+    outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "-o", tmp_path / "t.stl", *flags)
+    assert outcome.code == 1
+    assert outcome.errors == ["ctmc: the disk is full"]
+    assert files_in(tmp_path) == (names if there else [])
+    assert all((tmp_path / name).read_text() == "older" for name in files_in(tmp_path))
