@@ -13,7 +13,8 @@ from ..core import TriangleMesh, reconstruct_steps
 from ..core.errors import SettingsError
 from ..core.output import made_folder
 from ..core.progress import within
-from .arguments import given_settings
+from ..core.settings import described
+from .arguments import flag_of, given_settings
 from .blender import blender_at_work, load_scene, quiet
 from .experiment_common import add_common, facts_of, levels_of, prepared, require_builtin
 from .experiment_table import Column, Row, Table, number, once, plain, require_fresh
@@ -108,7 +109,8 @@ def surface_of(chosen: argparse.Namespace) -> tuple[TriangleMesh, list[tuple[str
     if path.suffix.lower() in scene.MESH_SUFFIXES:
         given = sorted(given_settings(chosen))
         if given:
-            raise SettingsError(f"{path.name} is a mesh already; leave {given[0]} out")
+            flag = flag_of(given[0], described()[given[0]])
+            raise SettingsError(f"{path.name} is a mesh already; leave {flag} out")
         with blender_at_work():
             mesh = scene.read_mesh(path)
         return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")], Progress()

@@ -16,7 +16,7 @@ from ..core.output import made_folder
 from ..core.progress import within
 from .arguments import add_input, add_settings, given_settings, overridden
 from .blender import blender_at_work, load_scene
-from .output import Progress
+from .output import Progress, by, listing
 from .reconstruct import Work, volume_steps
 
 STYLES = ("paper", "clinical", "print")
@@ -216,3 +216,15 @@ def shown_of(chosen: argparse.Namespace, things: Sequence[Any], results: Sequenc
         )
         for thing, name, label in zip(things, names, labels, strict=True)
     ]
+
+
+def size_of(page: Any, size: tuple[int, int]) -> str:
+    """A figure's size: '85 x 59.1 mm, 669 x 465 pixels, 200 dpi'."""
+    return f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {by(size)} pixels, {page.dpi:g} dpi"
+
+
+def told(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
+    """What came out, for a person: facts, notes, and the files that were written."""
+    said = [("note" if not at else "", note) for at, note in enumerate(dict.fromkeys(notes))]
+    written = ", ".join(file.name for file in files if file is not None)
+    return listing([*facts, *said, ("written", written)])

@@ -9,21 +9,10 @@ from typing import Any
 
 from ..core.errors import SettingsError
 from ..core.progress import within
+from . import figure_common as common
 from .blender import load_scene, quiet
 from .experiment_voxels import sides_of
-from .figure_common import (
-    add_blend,
-    add_common,
-    add_map,
-    blend_of,
-    look_of,
-    only_one,
-    output_file,
-    page_of,
-    settings_of,
-    volume_of,
-)
-from .output import Progress, by, listing, table
+from .output import Progress, table
 from .reconstruct import Work
 
 DESCRIPTION = (
@@ -38,7 +27,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "figure sheet", help="settings side by side", description=DESCRIPTION, allow_abbrev=False
     )
-    add_common(parser, "FILE.png; its folder is made", width_mm=170.0, dpi=300.0)
+    common.add_common(parser, "FILE.png; its folder is made", width_mm=170.0, dpi=300.0)
     group = parser.add_argument_group("what is compared")
     group.add_argument("--strides", nargs="+", type=sides_of, default=[], metavar="N", help="voxel sides: 2, or 2x1")
     group.add_argument("--alphas", nargs="+", type=float, default=[], metavar="A")
@@ -46,14 +35,14 @@ def add_parser(commands: Any) -> None:
         "--levels", nargs="+", type=float, default=[], metavar="PERCENT", help="share of the triangles to remove"
     )
     group.add_argument("--columns", type=int, metavar="N", help="cells side by side")
-    add_map(parser)
-    add_blend(parser)
+    common.add_map(parser)
+    common.add_blend(parser)
     parser.set_defaults(run=run)
 
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, reconstruct, measure, render, and print what the captions say."""
-    settings = only_one(settings_of(chosen), "a sheet")
+    settings = common.only_one(common.settings_of(chosen), "a sheet")
     scene = load_scene()
     comparison = scene.Comparison(
         *(tuple(dict.fromkeys(axis)) for axis in (chosen.strides, chosen.alphas, chosen.levels))
@@ -61,14 +50,14 @@ def run(chosen: argparse.Namespace) -> None:
     comparison.variants(settings)  # checks the limits of all before the work
     if chosen.columns is not None and chosen.columns < 1:
         raise SettingsError(f"columns must be 1 or more, not {chosen.columns}")
-    page, look = page_of(chosen), replace(look_of(chosen, False, ""), columns=chosen.columns)
+    page, look = common.page_of(chosen), replace(common.look_of(chosen, False, ""), columns=chosen.columns)
     scene.require_png(Path(chosen.output))
     scene.require_engine(chosen.engine, chosen.deviation)
-    target = output_file(chosen.output)
-    blend = blend_of(chosen, target)
+    target = common.output_file(chosen.output)
+    blend = common.blend_of(chosen, target)
     work = Work()
     with Progress() as progress:
-        volume = volume_of(chosen, settings, work, progress)
+        volume = common.volume_of(chosen, settings, work, progress)
         steps = scene.sheet_steps(
             volume, settings, comparison, target, page, look, blend, chosen.deviation, chosen.limit_mm, chosen.threads
         )
@@ -84,8 +73,5 @@ def run(chosen: argparse.Namespace) -> None:
         )
         for one in compared
     ]
-    facts = [("figure", f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {by(size)} pixels")]
-    notes = dict.fromkeys([*work.notes, *compared[0].result.notes])
-    facts += [("note" if not at else "", note) for at, note in enumerate(notes)]
-    facts.append(("written", ", ".join(file.name for file in (target, blend) if file is not None)))
-    print(f"{table(rows)}\n\n{listing(facts)}")
+    notes = [*work.notes, *compared[0].result.notes]
+    print(f"{table(rows)}\n\n{common.told([('figure', common.size_of(page, size))], notes, [target, blend])}")

@@ -6,23 +6,9 @@ import argparse
 from typing import Any
 
 from ..core.progress import within
+from . import figure_common as common
 from .blender import load_scene, quiet
-from .figure_common import (
-    add_blend,
-    add_common,
-    add_surfaces,
-    blend_of,
-    look_of,
-    objects_of,
-    output_file,
-    page_of,
-    require_names,
-    settings_of,
-    shown_of,
-    surfaces_steps,
-    volume_of,
-)
-from .output import Progress, by, listing
+from .output import Progress, by
 from .reconstruct import Work
 
 DESCRIPTION = (
@@ -36,8 +22,8 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "figure turntable", help="the surface turning, as a film", description=DESCRIPTION, allow_abbrev=False
     )
-    add_common(parser, "a film, such as FILE.mp4, or a folder for PNG frames", width_mm=120.0, dpi=150.0)
-    add_surfaces(parser)
+    common.add_common(parser, "a film, such as FILE.mp4, or a folder for PNG frames", width_mm=120.0, dpi=150.0)
+    common.add_surfaces(parser)
     group = parser.add_argument_group("turntable")
     group.add_argument("--seconds", type=float, default=6.0, metavar="S", help="of the loop (default 6)")
     group.add_argument("--fps", type=int, default=24, metavar="N", help="frames a second (default 24)")
@@ -47,35 +33,32 @@ def add_parser(commands: Any) -> None:
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on where this turntable was stopped")
     again.add_argument("--overwrite", action="store_true", help="replace an older turntable")
-    add_blend(parser)
+    common.add_blend(parser)
     parser.set_defaults(run=run, font_pt=12.0)
 
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, reconstruct, render every frame, write the film, and say what came out."""
-    every = settings_of(chosen)
-    require_names(chosen, len(every))
+    every = common.settings_of(chosen)
+    common.require_names(chosen, len(every))
     scene = load_scene()
     turn = scene.Turn(chosen.seconds, chosen.fps, chosen.revolutions)
-    page, look = page_of(chosen), look_of(chosen, len(every) > 1, "")
+    page, look = common.page_of(chosen), common.look_of(chosen, len(every) > 1, "")
     scene.require_engine(chosen.engine)
-    target = output_file(chosen.output)
+    target = common.output_file(chosen.output)
     scene.require_turntable(target, page, chosen.resume, chosen.overwrite)
     film = scene.is_film(target)
-    blend = blend_of(chosen, target if film else target.with_name(target.name + ".blend"))
+    blend = common.blend_of(chosen, target if film else target.with_name(target.name + ".blend"))
     work = Work()
     with Progress(lines=True) as progress:
-        volume = volume_of(chosen, every[0], work, progress)
-        results = progress.drive(within(surfaces_steps(volume, every, chosen.threads), 0.1, 0.2))
-        with objects_of(results) as (home, things, shown):
-            cell = scene.Cell(tuple(shown_of(chosen, things, shown)))
+        volume = common.volume_of(chosen, every[0], work, progress)
+        results = progress.drive(within(common.surfaces_steps(volume, every, chosen.threads), 0.1, 0.2))
+        with common.objects_of(results) as (home, things, shown):
+            cell = scene.Cell(tuple(common.shown_of(chosen, things, shown)))
             steps = scene.turntable_steps(cell, target, page, look, turn, blend, home, chosen.resume, chosen.overwrite)
             size, rendered = progress.drive(within(quiet(steps), 0.2, 1.0))
-    files = [target.name if film else f"{turn.frames} frames in {target.name}", *([blend.name] if blend else [])]
     facts = [
         ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {by(size)} pixels"),
         ("rendered", f"{rendered} frames now" if rendered < turn.frames else "all frames"),
     ]
-    notes = dict.fromkeys([*work.notes, *results[0].notes])
-    facts += [("note" if not at else "", note) for at, note in enumerate(notes)]
-    print(listing([*facts, ("written", ", ".join(files))]))
+    print(common.told(facts, [*work.notes, *results[0].notes], [target, blend]))

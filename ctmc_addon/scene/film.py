@@ -121,6 +121,8 @@ def turntable_steps(
         note = note_of(stage, page, look, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
+        for half in folder.glob(".ctmc-*"):  # of work that was killed
+            half.unlink(missing_ok=True)
         write_json(folder / NOTE, note)
         if blend is not None:
             with written_whole(Path(blend)) as beside:

@@ -93,5 +93,5 @@ def test_a_mesh_that_is_none_and_settings_for_a_mesh_are_refused(refused, tmp_pa
     assert "noise.blend" in refused("experiment", "rotation", tmp_path / "noise.blend", "-o", out)
     (tmp_path / "noise.glb").write_bytes(b"noise")
     assert "noise.glb" in refused("experiment", "rotation", tmp_path / "noise.glb", "-o", out)
-    assert "leave label out" in refused("experiment", "rotation", tmp_path / "noise.stl", "--label", "2", "-o", out)
+    assert "leave --label out" in refused("experiment", "rotation", tmp_path / "noise.stl", "--label", "2", "-o", out)
     assert not out.exists()

@@ -102,9 +102,11 @@ def test_work_that_was_stopped_goes_on(thing, tmp_path):
     assert len(bpy.data.scenes) == 1
     first = (folder / FRAME.format(1)).stat().st_mtime_ns
     (folder / FRAME.format(2)).write_bytes((folder / FRAME.format(2)).read_bytes()[:500])  # as if cut by a crash
+    (folder / ".ctmc-0.png").write_bytes(b"half a frame")
     with pytest.raises(OutputError, match="not empty"):
         turntable(thing, folder)
     assert turntable(thing, folder, resume=True)[1] == 3
+    assert not list(folder.glob(".*"))
     assert (folder / FRAME.format(1)).stat().st_mtime_ns == first
     assert turntable(thing, folder, resume=True)[1] == 0
     with pytest.raises(OutputError, match="another turntable"):
