@@ -62,7 +62,8 @@ def titled(title: str, lines: list[str]) -> list[tuple[str, str]]:
 def values_text(volume: Volume) -> str:
     """The range and meaning of the values, and how many are not finite."""
     low, high = value_range(volume.values)
-    text = f"{low:.10g} to {high:.10g}, {volume.kind}{'s' if volume.kind != 'HU' else ''}"
+    span = f"{low:.10g} to {high:.10g}" if np.isfinite([low, high]).all() else "no number"
+    text = f"{span}, {volume.kind}{'s' if volume.kind != 'HU' else ''}"
     if volume.values.dtype.kind == "f":
         broken = sum(int(slab.size - np.isfinite(slab).sum()) for slab in slabs(volume.values))
         if broken:

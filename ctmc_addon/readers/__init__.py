@@ -185,6 +185,8 @@ def unreadable(place: Path, error: OSError) -> ReadError:
 
 def file_format(place: Path) -> str:
     """'dicom', 'nifti', 'nrrd', 'npy', 'tiff' (several pages) or 'image' (one slice)."""
+    if place.is_file() and not place.stat().st_size:
+        raise ReadError(f"{place.name} is empty (0 bytes); copy it again")
     end = format_of(place)
     if end in DICOM_SUFFIXES or place.name.upper() == "DICOMDIR" or (not end and dicom.may_be_dicom(place)):
         return "dicom"
@@ -197,10 +199,8 @@ def file_format(place: Path) -> str:
         return "tiff" if stacks.header_of(place).pages > 1 else "image"
     if end:
         return "image"
-    raise ReadError(
-        f"{place.name} has the unknown suffix '{suffix(place)}'; "
-        f"choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}"
-    )
+    said = f"has the unknown suffix '{suffix(place)}'" if suffix(place) else "has no suffix and no known content"
+    raise ReadError(f"{place.name} {said}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 
 
 def folder_format(place: Path) -> str:
@@ -221,5 +221,8 @@ def folder_format(place: Path) -> str:
     folders = sorted(folder.name for folder in place.iterdir() if folder.is_dir() and stacks.images_in(folder))
     hint = "choose the folder that holds the slices"
     if volumes or folders:
-        hint = f"choose {' or '.join([*volumes, *folders][:5])} in it"
-    raise ReadError(f"the folder {place.name} has {files} files, and none is a DICOM image or a slice; {hint}")
+        hint = f"choose {' or '.join(repr(name) for name in [*volumes, *folders][:5])} in it"
+    held = (
+        f"{files} files, and none is a DICOM image or a slice" if files > 1 else "one file, no DICOM image and no slice"
+    )
+    raise ReadError(f"the folder {place.name} has {held}; {hint}")

@@ -239,9 +239,11 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     if not groups:
         if scouts:
             raise ReadError(f"{path.name} has only scouts ({len(scouts)}); choose the series of slices")
+        none = f"the image in {path.name} has no position"
+        if len(slices) > 1:
+            none = f"none of the {len(slices)} slices or frames in {path.name} has a position"
         raise ReadError(
-            f"none of the {len(slices)} slices or frames in {path.name} has a position (ImagePositionPatient), "
-            "so they cannot be put in order; export the series again, or as NIfTI"
+            f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
     # The largest, the first of equals; but a file given by itself chooses its own.
     best = next((group for group in groups if any(one.image.path == path for one in group)), max(groups, key=len))

@@ -85,6 +85,8 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     """Header by pynrrd; `stream` is left at the first byte of attached data."""
     nrrd = needed("nrrd", "pynrrd", WHAT)
     lines, names = header_lines(stream)
+    if not lines:
+        raise ReadError(f"{name} is no NRRD file: it does not begin with 'NRRD'; export or copy it again")
     try:
         with quiet():
             header = dict(nrrd.read_header(lines))

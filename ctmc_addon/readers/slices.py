@@ -91,9 +91,11 @@ def stack_up(
     along = dot(positions_lps, normal)  # (n,) mm
     order, notes = _without_duplicates(along, np.argsort(along, kind="stable"))
     if len(order) < 2:
+        alone = f"there is one slice only ({names[order[0]]})"
+        if len(along) > 1:
+            alone = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place"
         raise ReadError(
-            f"there is one slice only ({names[order[0]]}), at {along[order[0]]:.1f} mm; "
-            "a surface needs at least 2 slices at different positions"
+            f"{alone}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
         )
     along, points, names = along[order], positions_lps[order], [names[at] for at in order]
     notes += _aligned(along, points, names, pixel_spacing, strict)
@@ -107,7 +109,11 @@ def stack_up(
     affine[:2] *= -1.0  # LPS to RAS
     tilt = _tilt_degrees(step, normal)
     if tilt >= TILT_DEGREES:
-        gap_notes.append(f"the slices are tilted by {tilt:.1f} degrees (gantry tilt), which the affine carries exactly")
+        apart, along_tilt = abs(float((step * normal).sum())), math.sqrt(float((step * step).sum()))
+        gap_notes.append(
+            f"the slices are tilted by {tilt:.1f} degrees (gantry tilt), which the affine carries exactly: "
+            f"they are {apart:.4g} mm apart, and {along_tilt:.4g} mm along the tilt"
+        )
     return Stack(tuple(int(at) for at in order), below, weight, affine, (*notes, *gap_notes))
 
 

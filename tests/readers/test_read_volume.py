@@ -116,14 +116,28 @@ def test_an_empty_folder_is_refused(tmp_path):
 
 
 def test_a_folder_without_slices_says_what_else_is_in_it(tmp_path, oblique):
-    with pytest.raises(CtmcError, match=r"1 files, and none is.*choose ct.nii in it"):
+    with pytest.raises(CtmcError, match=r"one file, no DICOM image and no slice; choose 'ct.nii' in it"):
         read_volume(tmp_path)
+    (tmp_path / "notes.txt").write_text("words")
+    with pytest.raises(CtmcError, match=r"2 files, and none is.*choose 'ct.nii' in it"):
+        read_volume(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["ct.nii", "ct.nii.gz", "ct.dcm", "ct.png", "ct.tif", "ct.npy", "ct.nrrd", "ct"])
+def test_an_empty_file_is_said_to_be_empty(tmp_path, name):
+    (tmp_path / name).touch()
+    for look in (read_volume, list_series):
+        with pytest.raises(CtmcError, match=rf"{name} is empty \(0 bytes\); copy it again"):
+            look(tmp_path / name)
 
 
 def test_an_unknown_suffix_is_refused_with_the_known_ones(tmp_path):
     (tmp_path / "scan.xyz").write_bytes(b"what is this")
     with pytest.raises(CtmcError, match=r"unknown suffix '.xyz'.*\.png.*\.nii\.gz.*\.npy"):
         read_volume(tmp_path / "scan.xyz")
+    (tmp_path / "scan").write_bytes(b"what is this")
+    with pytest.raises(CtmcError, match=r"scan has no suffix and no known content; choose a folder, or a file.*\.png"):
+        read_volume(tmp_path / "scan")
 
 
 def test_content_tells_the_format_where_the_suffix_does_not(tmp_path, oblique, save_stack):
