@@ -222,7 +222,5 @@ def folder_format(place: Path) -> str:
     hint = "choose the folder that holds the slices"
     if volumes or folders:
         hint = f"choose {' or '.join(repr(name) for name in [*volumes, *folders][:5])} in it"
-    held = (
-        f"{files} files, and none is a DICOM image or a slice" if files > 1 else "one file, no DICOM image and no slice"
-    )
+    held = f"{files} file{'s' * (files > 1)}, and none is a DICOM image or a slice"
     raise ReadError(f"the folder {place.name} has {held}; {hint}")
