@@ -93,7 +93,10 @@ def read_volume_steps(
     flip: str = "",
     threads: int | None = None,
 ) -> Steps[Volume]:
-    """`read_volume` as steps; closing the generator cancels, and no thread is left between steps."""
+    """`read_volume` as steps; closing the generator cancels.
+
+    Between steps there is a thread only while a library is imported for the first time.
+    """
     sides, axes, workers = checked_spacing(spacing), checked_flip(flip), worker_count(threads)
     place = existing(path)
     yield Step(0.0, f"Looking at {place.name}")
