@@ -2,6 +2,10 @@
 
 A voxel owns the three edges at its lowest corner. The samples are repeated once beyond the last
 along every axis, so the edges in the high borders have an owner too: a half voxel, which gives no triangles.
+
+Most words of 64 samples are all zero or all one, as are their neighbours. The others are gathered into lists;
+of these the eights (bytes) with an active voxel are kept, and voxels are numbered by `cell`: 8 times the number
+of their eight, and their place in it. So what is stored for them lies close together.
 """
 
 from __future__ import annotations
@@ -14,8 +18,8 @@ from numpy.typing import NDArray
 from .cases import CLASSIC, TriangleTables
 from .sampling import WORD, Grid
 
-CROSSES = np.array([[(case ^ case >> (1 << axis)) & 1 for case in range(256)] for axis in range(3)], bool)
-"""(3, 256) whether a case crosses the edge along an axis that its voxel owns."""
+EIGHT = 8
+ALL_INSIDE = np.uint64(2**WORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +29,12 @@ class Slab:
     Parameters
     ----------
     low, high : int
-    x, y : int
-        First column and row of samples of the slab's window: outside it no sample is inside.
     rows, pitch : int
-        Rows of samples in the window, and samples in a row.
-    place : (n,) int32
-        Place in the window's samples (layers, rows, pitch), ascending.
+        Rows of samples in a layer, and samples in a row, with what is repeated or left over beyond the last.
+    eight : (m,) intp
+        Which eights of the samples (high - low, rows, pitch) have an active voxel, ascending.
+    cell : (n,) intp
+        The active voxels, ascending: 8 times the number of its eight, and the voxel's place in it.
     row : (n,) int16
         Row of `tables`: the case, or one of the surfaces that the trilinear interpolant may have in its stead.
     whole : (n,) bool
@@ -44,11 +48,10 @@ class Slab:
 
     low: int
     high: int
-    x: int
-    y: int
     rows: int
     pitch: int
-    place: NDArray[np.int32]
+    eight: NDArray[np.intp]
+    cell: NDArray[np.intp]
     row: NDArray[np.int16]
     whole: NDArray[np.bool_]
     owned: tuple[NDArray[np.intp], ...]
@@ -58,88 +61,105 @@ class Slab:
     @property
     def vertices(self) -> int:
         """Number of vertices on edges that the slab's voxels own, and inside the voxels."""
-        inside = self.tables.own_count[self.row[self.inner]].sum(dtype=np.int64)
+        inside = self.tables.own_count.take(self.row.take(self.inner)).sum(dtype=np.int64)
         return sum(len(voxels) for voxels in self.owned) + int(inside)
 
     @property
     def faces(self) -> int:
         """Number of triangles."""
-        return int(self.tables.triangle_count[self.row[self.whole]].sum(dtype=np.int64))
+        return int((self.tables.triangle_count.take(self.row) * self.whole).sum(dtype=np.int64))
 
-    def samples(self, place: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
-        """Sample numbers along x, y and z of places in the window."""
-        row = place // np.int32(self.pitch)
-        layer = row // np.int32(self.rows)
-        x = place - row * np.int32(self.pitch)
-        y = row - layer * np.int32(self.rows)
-        return x + np.int32(self.x), y + np.int32(self.y), layer + np.int32(self.low)
+    def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
+        """Sample numbers along x, y and z of the lowest corners of some of the voxels."""
+        cell = self.cell.take(voxels)
+        x, y, z = (along.take(cell >> 3) for along in self.eight_samples())
+        return x + (cell & 7), y, z
+
+    def eight_samples(self) -> tuple[NDArray[np.intp], ...]:
+        """Sample numbers along x, y and z of the first sample of every eight."""
+        in_row = self.pitch // EIGHT
+        row = self.eight // in_row
+        layer = row // self.rows
+        return (self.eight - row * in_row) * EIGHT, row - layer * self.rows, layer + self.low
 
 
 def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
     """Find the active voxels of the sample layers `low` to `high`, and their cases."""
-    window = _window(bits[low : high + 1])
-    here = bits[low : high + 1, window[0], window[1]]  # (layers + 1, rows, words)
-    rows, words = here.shape[1:]
-    at_border = [window[1].stop == bits.shape[2], window[0].stop == bits.shape[1], high == grid.z.count]
-    last_bit = np.uint64(1 << (grid.x.count - 1) % WORD)
+    rows, words = bits.shape[1:]
+    layer = rows * words
+    here = bits[low : high + 1].reshape(-1)
+    at = _mixed(here, rows, words)
+    at_layer = at % layer
+    repeated, half = (mask.reshape(-1).take(at_layer) for mask in _borders(grid, rows, words))
+    if high == grid.z.count:
+        half[np.searchsorted(at, (high - low - 1) * layer) :] = ALL_INSIDE
 
-    next_x = here >> np.uint64(1)
-    next_x[..., :-1] |= here[..., 1:] << np.uint64(WORD - 1)
-    if at_border[0]:
-        next_x[..., -1] |= here[..., -1] & last_bit
-    some, every = here | next_x, here & next_x
-    some, every = some[:, :-1] | some[:, 1:], every[:, :-1] & every[:, 1:]
-    active = (some[:-1] | some[1:]) ^ (every[:-1] & every[1:])  # (layers, rows - 1, words)
+    corners = []  # words of the voxels' corners in turn
+    for step in (0, words, layer, layer + words):
+        word = here.take(at + step)
+        following = here.take(at + (step + 1), mode="clip")
+        following <<= np.uint64(WORD - 1)
+        following[repeated != 0] = 0
+        following |= word >> np.uint64(1)
+        following |= word & repeated
+        corners += [word, following]
+    some, every = corners[0].copy(), corners[0].copy()
+    for corner in corners[1:]:
+        some |= corner
+        every &= corner
+    some ^= every  # now the active voxels
 
-    at_word = np.flatnonzero(active)
-    eights = active.reshape(-1)[at_word].view(np.uint8)  # eight voxels a byte
-    at_eight = np.flatnonzero(eights != 0)
-    at_voxel = np.flatnonzero(_bits_of(eights[at_eight]))
-    if at_border[0]:
-        active[..., -1] &= ~last_bit
-    if at_border[1]:
-        active[:, -1] = 0
-    if at_border[2]:
-        active[-1] = 0
-    whole = _bits_of(active.reshape(-1)[at_word].view(np.uint8)[at_eight])[at_voxel].view(bool)
-
-    at_word += at_word // ((rows - 1) * words) * words  # every layer of `here` has a row more than `active`
-    byte = at_word[at_eight >> 3] * 8 + (at_eight & 7)
-    cases = np.zeros(8 * len(byte), np.uint8)
-    sides = (np.ascontiguousarray(here).reshape(-1).view(np.uint8), next_x.reshape(-1).view(np.uint8))
-    for corner in range(8):
-        shift = ((corner >> 1 & 1) + (corner >> 2) * rows) * words * 8
-        cases |= _bits_of(sides[corner & 1].take(byte + shift)) << np.uint8(corner)
-    case = cases[at_voxel]
-    place = ((byte * 8)[at_voxel >> 3] + (at_voxel & 7)).astype(np.int32)
-    owned = tuple(np.flatnonzero(CROSSES[axis].take(case)) for axis in range(3))
+    at_eight = np.flatnonzero(some.view(np.uint8) != 0)
+    eight = at.take(at_eight >> 3)
+    eight *= EIGHT
+    eight += at_eight & 7
+    cell = np.flatnonzero(_bits_of(some, at_eight).view(bool))
+    cases = np.zeros(EIGHT * len(eight), np.uint8)
+    for corner in reversed(corners):
+        cases += cases
+        cases |= _bits_of(corner, at_eight)
+    case = cases.take(cell)
     return Slab(
         low=low,
         high=high,
-        x=window[1].start * WORD,
-        y=window[0].start,
         rows=rows,
         pitch=words * WORD,
-        place=place,
+        eight=eight,
+        cell=cell,
         row=case.astype(np.int16),
-        whole=whole,
-        owned=owned,
+        whole=_bits_of(~half, at_eight).take(cell).view(bool),
+        owned=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
         inner=np.zeros(0, np.intp),
         tables=CLASSIC,
     )
 
 
-def _window(bits: NDArray[np.uint64]) -> tuple[slice, slice]:
-    """Rows and words that can hold an active voxel: those with a sample inside, and one more on either side."""
-    inside = np.bitwise_or.reduce(bits, axis=0) != 0  # (rows, words)
-    rows, words = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    if not len(rows):
-        return slice(0, 1), slice(0, 1)
-    return (
-        slice(max(0, int(rows[0]) - 1), min(bits.shape[1], int(rows[-1]) + 2)),
-        slice(max(0, int(words[0]) - 1), int(words[-1]) + 1),
-    )
+def _mixed(here: NDArray[np.uint64], rows: int, words: int) -> NDArray[np.intp]:
+    """Which words may have an active voxel: not all samples of it and of its neighbours are equal."""
+    layer = rows * words
+    may = _spread(here != 0, words, layer)
+    may &= _spread(here != ALL_INSIDE, words, layer)
+    for first in range(layer - words, len(may), layer):
+        may[first : first + words] = False  # the repeated row has no voxels
+    return np.flatnonzero(may)
 
 
-def _bits_of(eights: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.unpackbits(eights, bitorder="little")
+def _spread(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np.bool_]:
+    """Whether a word or one of its neighbours towards the higher samples is marked; too many at the rows' ends."""
+    mask[:-1] |= mask[1:]
+    mask = mask[:-words] | mask[words:]
+    return mask[:-layer] | mask[layer:]
+
+
+def _borders(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """For the words of a layer (rows, words): the last sample of every row, and all the half voxels."""
+    repeated = np.zeros((rows, words), np.uint64)
+    repeated[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
+    half = repeated.copy()
+    half[grid.y.count - 1] = ALL_INSIDE
+    return repeated, half
+
+
+def _bits_of(words: NDArray[np.uint64], at_eight: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """The bits of some bytes of the words, one a byte."""
+    return np.unpackbits(words.view(np.uint8).take(at_eight), bitorder="little")

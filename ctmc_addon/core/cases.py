@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +127,68 @@ class TriangleTables:
     first_triangle: NDArray[np.intp]
     triangle_edges: NDArray[np.intp]
     own_count: NDArray[np.uint8]
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The triangles as lists of corners to look up."""
+        lists, kinds = [], []
+        for first, count in zip(self.first_triangle.tolist(), self.triangle_count.tolist(), strict=True):
+            triangles = [tuple(triangle) for triangle in self.triangle_edges[first : first + count].tolist()]
+            fan = as_fan(triangles)
+            lists.append(fan or [edge for triangle in triangles for edge in triangle])
+            kinds.append(2 * count - bool(fan))
+        sizes = np.array([len(edges) for edges in lists], np.intp)
+        return Corners(
+            kind=np.array(kinds, np.uint8),
+            first=np.cumsum(sizes) - sizes,
+            edges=np.array([edge for edges in lists for edge in edges], np.intp),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """What has to be looked up to write a row's triangles: an edge that several of them share only once.
+
+    Parameters
+    ----------
+    kind : (rows,) uint8
+        0 for no triangles, `2 n - 1` for n that make a fan, `2 n` for n others; see `columns`.
+    first : (rows,) intp
+        Where a row's corners begin in `edges`.
+    edges : (n,) intp
+    """
+
+    kind: NDArray[np.uint8]
+    first: NDArray[np.intp]
+    edges: NDArray[np.intp]
+
+    @staticmethod
+    def columns(kind: int) -> tuple[int, list[int]]:
+        """How many corners a kind has, and which of them are the corners of its triangles in turn."""
+        triangles = (kind + 1) // 2
+        if kind % 2:
+            return triangles + 2, [corner for n in range(triangles) for corner in (0, n + 1, n + 2)]
+        return 3 * triangles, list(range(3 * triangles))
+
+
+def as_fan(triangles: list[Triangle]) -> Loop:
+    """The corners of triangles that all share one, that one first; empty where they make no fan.
+
+    Examples
+    --------
+    >>> as_fan([(0, 3, 4), (2, 3, 0)])
+    (0, 2, 3, 4)
+    """
+    for hub in sorted(set.intersection(*map(set, triangles))) if triangles else ():
+        turned = [triangle[triangle.index(hub) :] + triangle[: triangle.index(hub)] for triangle in triangles]
+        following = {second: third for _, second, third in turned}
+        starts = set(following) - set(following.values())
+        if len(starts) == 1 and len(following) == len(triangles):
+            fan = (hub, *starts)
+            while fan[-1] in following:
+                fan += (following[fan[-1]],)
+            return fan
+    return ()
 
 
 def _classic() -> TriangleTables:

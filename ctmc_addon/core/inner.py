@@ -34,7 +34,7 @@ def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sam
     """Grey values at the eight corners of some voxels, (n, 8); outside samples of a closed border repeat theirs."""
     x, y, z = (
         np.stack([along.index[:-1], along.index[1:]]).take(at, axis=1)  # (2, n)
-        for along, at in zip((grid.x, grid.y, grid.z), slab.samples(slab.place.take(voxels)), strict=True)
+        for along, at in zip((grid.x, grid.y, grid.z), slab.samples(voxels), strict=True)
     )
     place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
     return sampler.take(place).astype(np.float64).reshape(8, -1).T
@@ -53,7 +53,7 @@ def fill_inner(
     at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
     voxel = slab.inner.take(at)
     row, values = slab.row.take(voxel), corner_values(slab, voxel, grid, sampler)
-    samples = np.stack(slab.samples(slab.place.take(voxel)), axis=1)  # (vertices, 3)
+    samples = np.stack(slab.samples(voxel), axis=1)  # (vertices, 3)
     begin, end = np.empty_like(samples, np.float32), np.empty_like(samples, np.float32)
     for axis, along in enumerate((grid.x, grid.y, grid.z)):
         begin[:, axis], end[:, axis] = along.position.take(samples[:, axis]), along.position.take(samples[:, axis] + 1)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,10 @@ from .trilinear import tables
 from .vertices import fill_vertices
 from .workers import in_batches, worker_count
 
-SLAB_SAMPLES = 1 << 22  # samples in a slab: enough to outweigh the cost of a call, few enough for little memory
+SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
+SLAB_WORDS = 1 << 20  # words of 64 samples in a slab at most, for little memory
+SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
+SLABS = 4  # at least, if that leaves a quarter of as many: for threads to share
 TOPOLOGIES = ("classic", "trilinear")
 
 
@@ -155,6 +159,7 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         lambda part: inside_bits(grid, threshold, *part, bits), ranges, threads, "Comparing with the threshold"
     )
     yield from within(compare, 0.0, 0.3)
+    ranges = _slabs(bits)
     sampler = Sampler(grid.values)
     if topology == "trilinear":
         tables()  # made once, not by every thread
@@ -164,6 +169,17 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         return resolved(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
     return (yield from within(in_batches(scan, ranges, threads, "Finding active voxels"), 0.3, 0.5))
+
+
+def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
+    """Ranges of sample layers of about equal work each, by every sixteenth row of words."""
+    layers, layer_words = len(bits) - 1, bits[0].size
+    mixed = np.count_nonzero(bits[:-1, ::16] + np.uint64(1) > 1, axis=(1, 2)) * 16  # neither no sample nor all
+    most = min(SLAB_MIXED, max(SLAB_MIXED // 4, mixed.sum() // SLABS))
+    work = np.maximum(mixed / most, layer_words / SLAB_WORDS)
+    slab = np.floor(np.cumsum(work) - work).astype(int)
+    firsts = [0, *(np.flatnonzero(np.diff(slab)) + 1), layers]
+    return [(int(low), int(high)) for low, high in pairwise(firsts)]
 
 
 def _extract_steps(

@@ -21,7 +21,7 @@ from .histogram import value_range
 
 WORD = 64
 ROWS_READ_IN_VAIN = 4
-CHUNK_SAMPLES = 1 << 19  # compared at once: the answers stay in the processor's cache
+CHUNK_SAMPLES = 1 << 20  # compared at once: the answers stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -154,39 +154,43 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     """
     lowest = in_values_type(threshold, grid.values.dtype)
     x, y, z = grid.x, grid.y, grid.z
-    rows = slice(y.closed, y.count - y.closed)
-    columns = slice(x.closed, x.count - x.closed)
-    buffer = np.zeros((rows.stop - rows.start, grid.words * WORD), bool)
-    at_once = max(1, CHUNK_SAMPLES // buffer.shape[1])
-    for layer in range(max(low, z.closed), min(high, z.count - z.closed)):
-        if lowest is not None:
-            for first in range(0, len(buffer), at_once):
-                part = slice(first, min(first + at_once, len(buffer)))
-                _compare(grid.values[z.index[layer]], x, y, y.index[rows][part], lowest, buffer[part, columns])
-                packed = np.packbits(buffer[part].reshape(-1), bitorder="little").view(np.uint64)
-                out[layer, rows][part] = packed.reshape(-1, grid.words)
-        out[layer, -1] = out[layer, -2]
+    first_layer, end_layer = max(low, z.closed), min(high, z.count - z.closed)
+    columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), (y.closed, y.count - y.closed)
+    pitch = grid.words * WORD
+    rows = min(end_row - first_row, max(1, CHUNK_SAMPLES // pitch))
+    layers = max(1, CHUNK_SAMPLES // (rows * pitch)) if z.stride == 1 else 1
+    buffer = np.zeros((min(layers, high - low), rows, pitch), bool)
+    for layer in range(first_layer, end_layer, layers):
+        end = min(layer + layers, end_layer)
+        block = grid.values[z.index[layer] : z.index[end - 1] + 1]
+        for row in range(first_row, end_row if lowest is not None else first_row, rows):
+            part = buffer[: end - layer, : min(rows, end_row - row)]
+            _compare(block, x, y, y.index[row : row + part.shape[1]], lowest, part[..., columns])
+            packed = np.packbits(part.reshape(-1), bitorder="little").view(np.uint64)
+            out[layer:end, row : row + part.shape[1]] = packed.reshape(*part.shape[:2], -1)
+        out[layer:end, -1] = out[layer:end, -2]
     if high == z.count:
         out[-1] = out[-2]
 
 
 def _compare(
-    layer: NDArray[Any], x: Axis, y: Axis, rows: NDArray[np.intp], lowest: Any, out: NDArray[np.bool_]
+    layers: NDArray[Any], x: Axis, y: Axis, rows: NDArray[np.intp], lowest: Any, out: NDArray[np.bool_]
 ) -> None:
-    """Fill `out` (rows, columns) with `value >= lowest` of a layer's samples, short last voxels and all."""
+    """Fill `out` (layers, rows, columns) with `value >= lowest` of the samples, short last voxels and all."""
     if x.stride == y.stride == 1:
-        np.greater_equal(layer[rows[0] : rows[-1] + 1, x.start : x.stop], lowest, out=out)
+        np.greater_equal(layers[:, rows[0] : rows[-1] + 1, x.start : x.stop], lowest, out=out)
         return
     # Memory is read fastest in one run: a few rows too many cost less than leaving them out.
     skip = y.stride > ROWS_READ_IN_VAIN
-    near = layer[rows, x.start : x.stop] if skip else layer[rows[0] : rows[-1] + 1, x.start : x.stop]
+    near = layers[:, rows, x.start : x.stop] if skip else layers[:, rows[0] : rows[-1] + 1, x.start : x.stop]
     inside = near >= lowest
     step = 1 if skip else y.stride
-    regular = inside[::step, :: x.stride]
-    out[: len(regular), : regular.shape[1]] = regular
-    out[: len(regular), regular.shape[1] :] = inside[::step, -1:]
-    out[len(regular) :, : regular.shape[1]] = inside[-1:, :: x.stride]
-    out[len(regular) :, regular.shape[1] :] = inside[-1:, -1:]
+    regular = inside[:, ::step, :: x.stride]
+    count = regular.shape[1:]
+    out[:, : count[0], : count[1]] = regular
+    out[:, : count[0], count[1] :] = inside[:, ::step, -1:]
+    out[:, count[0] :, : count[1]] = inside[:, -1:, :: x.stride]
+    out[:, count[0] :, count[1] :] = inside[:, -1:, -1:]
 
 
 def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:

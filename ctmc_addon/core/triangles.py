@@ -1,21 +1,22 @@
-"""Gather the triangles' corners from a map of edge to vertex number, a few layers at a time."""
+"""Gather the triangles' corners: a voxel's edge leads to the voxel that owns it, and that to the vertex's number."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .active import Slab
-from .cases import CLASSIC, EDGES, TriangleTables
+from .active import EIGHT, Slab
+from .cases import EDGES, Corners
 
-MAP_SAMPLES = 1 << 18  # samples whose edges' vertex numbers are looked up at once: they stay in the cache
-MAP_SHARE = 8  # or as many for each vertex: where the surface is dense, more layers at once save time
-FEW_VOXELS = 1000  # of as many triangles: below it the calls cost more than the work
-MOST = int(CLASSIC.triangle_count.max())  # triangles of a voxel, but for some ambiguous ones
+MAP_EIGHTS = 1 << 18  # eights of samples whose numbers are looked up at once: they stay in the cache
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
     """Write the triangles of a slab whose own vertices are numbered from `first_vertex`.
+
+    Those of one kind follow one another: voxels with one triangle first, then those with two, and so on.
 
     Parameters
     ----------
@@ -23,101 +24,95 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
         The next slab: the edges in this one's top layer of samples are that one's.
     out : (slab.faces, 3) int32
     """
-    layer = slab.rows * slab.pitch
-    places, vertices = _numbered_edges(slab, following, first_vertex)
-    own = slab.tables.own_count.take(slab.row.take(slab.inner))
-    first_own = np.cumsum(own, dtype=np.int32) - own + np.int32(first_vertex + sum(map(len, slab.owned)))
-    count = slab.tables.triangle_count.take(slab.row)
-    count *= slab.whole
-    height = min(slab.high - slab.low, max(1, max(MAP_SAMPLES, MAP_SHARE * slab.vertices) // layer))
-    vertex_of = np.empty((3, (height + 1) * layer), np.int32)
-    steps = (1, slab.pitch, layer)
-    offset_of_edge = np.array(
-        [
-            edge // 4 * vertex_of.shape[1] + sum(steps[axis] for axis in range(3) if low >> axis & 1)
-            for edge, (low, _) in enumerate(EDGES)
-        ]
-        + [0, 0, 0],  # own vertices come last
-        np.intp,
-    )
-    offsets = offset_of_edge.take(slab.tables.triangle_edges)
+    top = _first_layer(following)
+    cells = _row_cells(slab, top)
+    vertex_of = _numbers(slab, following, top, first_vertex)
+    voxels, size = len(slab.cell), vertex_of.shape[1]
+    # An edge's low corner is in one of four rows; along it lies the voxel that owns the edge, or the one after it.
+    row_of_edge = [(low >> 1) * voxels for low, _ in EDGES] + [0] * 3
+    place_of_edge = [edge // 4 * size + (low & 1) for edge, (low, _) in enumerate(EDGES)]
+    place_of_edge += [own * size for own in range(3, 6)]
+    corners = slab.tables.corners
+    row_of_corner = np.array(row_of_edge, np.intp)[corners.edges]
+    place_of_corner = np.array(place_of_edge, np.intp)[corners.edges]
+
+    kind = corners.kind.take(slab.row)
+    kind *= slab.whole
+    by_kind = np.argsort(kind, kind="stable")
+    ends = np.cumsum(np.bincount(kind)).tolist()
     start = 0
-    for first in range(0, slab.high - slab.low, height):
-        last = min(first + height, slab.high - slab.low)
-        for kind in range(3):
-            known = slice(*np.searchsorted(places[kind], (first * layer, (last + 1) * layer)))
-            vertex_of[kind, places[kind][known] - first * layer] = vertices[kind][known]
-        voxels = slice(*np.searchsorted(slab.place, (first * layer, last * layer)))
-        base = slab.place[voxels] - np.int32(first * layer)
-        part = out[start : start + int(count[voxels].sum(dtype=np.int64))]
-        start += len(part)
-        inner = slice(*np.searchsorted(slab.inner, (voxels.start, voxels.stop)))
-        own_vertices = slab.inner[inner] - voxels.start, first_own[inner]
-        _gather(slab.tables, offsets, vertex_of.ravel(), base, slab.row[voxels], count[voxels], own_vertices, part)
-
-
-def _numbered_edges(
-    slab: Slab, following: Slab | None, first_vertex: int
-) -> tuple[list[NDArray[np.intp]], list[NDArray[np.int32]]]:
-    """Place and vertex number of the crossed edges along x, y and z."""
-    places, vertices = [], []
-    vertex, next_vertex = first_vertex, first_vertex + slab.vertices
-    for axis in range(3):
-        place = [slab.place.take(slab.owned[axis]).astype(np.intp)]
-        number = [np.arange(vertex, vertex + len(place[0]), dtype=np.int32)]
-        vertex += len(place[0])
-        if following is not None and axis < 2:
-            owned = following.place.take(following.owned[axis])
-            owned = owned[: np.searchsorted(owned, following.rows * following.pitch)]
-            x, y, _ = following.samples(owned)
-            top = ((slab.high - slab.low) * slab.rows + (y - slab.y)) * slab.pitch + (x - slab.x)
-            place.append(top.astype(np.intp))
-            number.append(np.arange(next_vertex, next_vertex + len(top), dtype=np.int32))
-            next_vertex += len(following.owned[axis])
-        places.append(np.concatenate(place))
-        vertices.append(np.concatenate(number))
-    return places, vertices
-
-
-def _gather(
-    tables: TriangleTables,
-    offsets: NDArray[np.intp],
-    numbers: NDArray[np.int32],
-    base: NDArray[np.int32],
-    row: NDArray[np.int16],
-    count: NDArray[np.uint8],
-    own_vertices: tuple[NDArray[np.intp], NDArray[np.int32]],
-    out: NDArray[np.int32],
-) -> None:
-    """Write the voxels' triangles, those of voxels with one triangle first, then those with two, and so on."""
-    every = offsets.reshape(-1)
-    by_count = np.argsort(count, kind="stable")
-    ends = np.cumsum(np.bincount(count))
-    start = 0
-    for triangles in range(1, min(len(ends), MOST + 1)):
-        voxels = by_count[ends[triangles - 1] : ends[triangles]]
-        at_voxel = base.take(voxels).astype(np.intp)
-        first = tables.first_triangle.take(row.take(voxels)) * 3
-        part = out[start : start + triangles * len(voxels)].reshape(-1, 3 * triangles)
-        start += triangles * len(voxels)
-        if len(voxels) < FEW_VOXELS:
-            corners = first[:, None] + np.arange(3 * triangles)
-            part[:] = numbers.take(every[corners] + at_voxel[:, None], mode="clip")
+    for number, (begin, end) in enumerate(pairwise(ends), 1):
+        if begin == end:
             continue
-        for corner in range(3 * triangles):
-            at = every[corner:].take(first)
-            at += at_voxel
-            part[:, corner] = numbers.take(at, mode="clip")
-    if len(ends) <= MOST + 1:
-        return
-    voxels = by_count[ends[MOST] :]
-    some = count.take(voxels).astype(np.intp)
-    of = np.repeat(np.arange(len(voxels)), some)
-    first = tables.first_triangle.take(row.take(voxels)) - (np.cumsum(some) - some)
-    triangle = np.arange(len(of)) + first.take(of)
-    last = out[start:]
-    last[:] = numbers.take(offsets.take(triangle, axis=0) + base.take(voxels).take(of)[:, None], mode="clip")
-    edges = tables.triangle_edges.take(triangle, axis=0)  # (triangles, 3)
-    own, which = np.nonzero(edges >= len(EDGES))
-    inner, first_own = own_vertices
-    last[own, which] = first_own[np.searchsorted(inner, voxels[of[own]])] + (edges[own, which] - len(EDGES))
+        voxel = by_kind[begin:end]
+        looked_up, columns = Corners.columns(number)
+        corner = corners.first.take(slab.row.take(voxel)) + np.arange(looked_up)[:, None]
+        at = row_of_corner.take(corner)
+        at += voxel
+        place = cells.take(at)
+        place += place_of_corner.take(corner)
+        vertices = vertex_of.take(place, mode="clip")
+        part = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
+        start += len(columns) // 3 * len(voxel)
+        for column, looked in enumerate(columns):
+            part[:, column] = vertices[looked]
+
+
+def _first_layer(slab: Slab | None) -> NDArray[np.intp]:
+    """The eights of a slab's first layer."""
+    if slab is None:
+        return np.zeros(0, np.intp)
+    return slab.eight[: np.searchsorted(slab.eight, slab.rows * slab.pitch // EIGHT)]
+
+
+def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Cells of every voxel and of those one row, one layer and both further, (4, n); at random where not active."""
+    in_row = slab.pitch // EIGHT
+    in_layer = slab.rows * in_row
+    eights = np.concatenate([slab.eight, top + (slab.high - slab.low) * in_layer])
+    first_cell = np.empty((3, len(slab.eight)), np.intp)
+    height = max(1, MAP_EIGHTS // in_layer - 1)
+    for low in range(0, slab.high - slab.low, height):
+        high = min(low + height, slab.high - slab.low)
+        begin, end, known = np.searchsorted(eights, np.array([low, high, high + 1]) * in_layer)
+        end = min(end, len(slab.eight))
+        number = np.empty((high - low + 1) * in_layer, np.int32)
+        here = eights[begin:known] - low * in_layer
+        number[here] = np.arange(begin, known, dtype=np.int32)
+        here = here[: end - begin]
+        for step, cell in zip((in_row, in_layer, in_layer + in_row), first_cell, strict=True):
+            cell[begin:end] = number.take(here + step, mode="clip")
+    first_cell *= EIGHT
+    eight, within = slab.cell >> 3, slab.cell & 7
+    cells = np.empty((4, len(slab.cell)), np.intp)
+    cells[0] = slab.cell
+    for row, cell in zip(cells[1:], first_cell, strict=True):
+        np.take(cell, eight, out=row, mode="clip")
+        row += within
+    return cells
+
+
+def _numbers(slab: Slab, following: Slab | None, top: NDArray[np.intp], first_vertex: int) -> NDArray[np.int32]:
+    """Vertex numbers of the crossed edges along x, y, z and of the voxels' own vertices, by cell."""
+    own = slab.tables.own_count.take(slab.row.take(slab.inner))
+    cells = len(slab.eight) * EIGHT
+    numbers = np.empty((3 + int(own.max(initial=0)), cells + len(top) * EIGHT), np.int32)
+    vertex = first_vertex
+    for axis in range(3):
+        owned = slab.owned[axis]
+        numbers[axis][slab.cell.take(owned)] = np.arange(vertex, vertex + len(owned), dtype=np.int32)
+        vertex += len(owned)
+    first_own = np.cumsum(own, dtype=np.int32) - own + np.int32(vertex)
+    for number in range(len(numbers) - 3):
+        has = own > number
+        numbers[3 + number][slab.cell.take(slab.inner[has])] = first_own[has] + number
+    if following is not None:
+        vertex = first_vertex + slab.vertices
+        voxels = np.searchsorted(following.cell, len(top) * EIGHT)
+        for axis in range(2):
+            owned = following.owned[axis]
+            of_top = owned[: np.searchsorted(owned, voxels)]
+            at = following.cell.take(of_top) + cells
+            numbers[axis][at] = np.arange(vertex, vertex + len(of_top), dtype=np.int32)
+            vertex += len(owned)
+    return numbers

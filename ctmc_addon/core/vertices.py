@@ -67,21 +67,31 @@ def _fill_edges(
     targets: list[Target],
     directions: NDArray[np.float32] | None,
 ) -> None:
-    axes = (grid.x, grid.y, grid.z)
-    samples = [sample[np.concatenate(slab.owned)] for sample in slab.samples(slab.place)]  # the edges' low ends
     ends = np.cumsum([0] + [len(voxels) for voxels in slab.owned])
     parts = [slice(ends[axis], ends[axis + 1]) for axis in range(3)]
-    index = [axes[axis].index.take(samples[axis]) for axis in range(3)]
-    place = sampler.place(*index)
+    cell = slab.cell.take(np.concatenate(slab.owned))
+    eight = cell >> 3
+    first_x, y, z = slab.eight_samples()
+    x = first_x.take(eight)
+    x += cell & 7
 
-    side = np.empty(len(place), np.float32)
-    begin = np.empty(len(place), np.float32)
+    # Along y and z all samples of an eight are the same, so what depends on them is worked out for each eight.
+    along_row = grid.x.index * sampler.steps[0]
+    place = sampler.place(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z)).take(eight)
+    place += along_row.take(x)
     beyond = place.copy()
-    for axis, part in enumerate(parts):
-        along, at = axes[axis], samples[axis][part]
-        begin[part] = along.position.take(at)
-        side[part] = np.diff(along.position).take(at)
-        beyond[part] += (np.diff(along.index) * sampler.steps[axis]).take(at)
+    beyond[parts[0]] += np.diff(along_row, append=0).take(x[parts[0]])
+    beyond[parts[1]] += (np.diff(grid.y.index, append=0) * sampler.steps[1]).take(y).take(eight[parts[1]])
+    beyond[parts[2]] += (np.diff(grid.z.index, append=0) * sampler.steps[2]).take(z).take(eight[parts[2]])
+    begins = [grid.x.position.take(x), grid.y.position.take(y).take(eight), grid.z.position.take(z).take(eight)]
+    begin = np.concatenate([begins[axis][parts[axis]] for axis in range(3)])
+    side = np.concatenate(
+        [
+            np.diff(grid.x.position, append=np.float32(0)).take(x[parts[0]]),
+            np.diff(grid.y.position, append=np.float32(0)).take(y).take(eight[parts[1]]),
+            np.diff(grid.z.position, append=np.float32(0)).take(z).take(eight[parts[2]]),
+        ]
+    )
     low = sampler.take(place)
     rise = sampler.take(beyond) - low
     # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
@@ -97,10 +107,11 @@ def _fill_edges(
     linear = (begin + t * side).astype(np.float32)
     for alpha, position in targets:
         for axis in range(3):
-            position[:, axis] = axes[axis].position.take(samples[axis])
+            position[:, axis] = begins[axis]
         mixed = linear if alpha is None else blend(middle, linear, alpha)
         for axis, part in enumerate(parts):
             position[part, axis] = mixed[part]
     if directions is not None:
+        index = [grid.x.index.take(x), grid.y.index.take(y).take(eight), grid.z.index.take(z).take(eight)]
         edge_normals(sampler, index, place, parts, linear, directions)
         directions[on_cap] = 0.0

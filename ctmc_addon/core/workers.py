@@ -1,7 +1,7 @@
-"""Work spread over threads, in batches between which nothing runs.
+"""Work spread over threads, as steps.
 
-NumPy works without Python's lock, so threads help. A pool has ended before a step is yielded: whoever
-stops at a step leaves no thread behind.
+NumPy works without Python's lock, so threads help. The pool belongs to the steps: whoever closes them, or drops
+them, leaves no thread behind.
 """
 
 from __future__ import annotations
@@ -42,13 +42,14 @@ def in_batches(
     thread met one first.
     """
     done: list[Result] = []
-    at_once = at_once or max(4 * threads, -(-len(items) // batches))
-    while len(done) < len(items):
-        batch = items[len(done) : len(done) + at_once]
-        if threads == 1 or len(batch) == 1:
-            done += [work(item) for item in batch]
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                done += pool.map(work, batch)
-        yield Step(len(done) / len(items), message)
+    at_once = at_once or -(-len(items) // batches)
+    pool = ThreadPoolExecutor(min(threads, len(items))) if min(threads, len(items)) > 1 else None
+    try:
+        for result in pool.map(work, items) if pool else map(work, items):
+            done.append(result)
+            if len(done) % at_once == 0 or len(done) == len(items):
+                yield Step(len(done) / len(items), message)
+    finally:
+        if pool:
+            pool.shutdown(cancel_futures=True)
     return done
