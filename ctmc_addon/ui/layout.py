@@ -15,6 +15,7 @@ from .translations import say
 
 LETTER = 5.8  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
+NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 
 
 class SidePanel:
@@ -53,18 +54,35 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
     value.prop(settings, name, text="")
 
 
+def width_of(context: bpy.types.Context) -> float:
+    """Width of the region, pixels at Blender's usual size."""
+    return 300.0 if context.region is None else context.region.width / context.preferences.system.ui_scale
+
+
+def is_narrow(context: bpy.types.Context) -> bool:
+    """Whether two buttons with words have no room side by side."""
+    return width_of(context) < NARROW
+
+
+def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any:
+    """Room for two buttons: side by side, the first with this share of the width, or one below the other."""
+    return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
+
+
 def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
     """A sentence in as many lines as the panel's width asks for."""
-    scale = context.preferences.system.ui_scale
-    width = 300.0 if context.region is None else context.region.width / scale
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(in_lines(text, max(16, int((width - MARGIN) / LETTER)))):
+    for number, line in enumerate(in_lines(text, max(16, int((width_of(context) - MARGIN) / LETTER)))):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 
-def draw_facts(layout: Any, facts: list[tuple[str, str]], names: float = 0.32) -> None:
-    """Names on the left, in this share of the width, and values on the right."""
+def draw_facts(layout: Any, context: bpy.types.Context, facts: list[tuple[str, str]], names: float = 0.32) -> None:
+    """Names on the left, in this share of the width, and values on the right; in lines where that is narrow."""
+    if is_narrow(context):
+        for name, value in facts:
+            draw_text(layout, context, f"{name}: {value}")
+        return
     column = layout.column(align=True)
     column.scale_y = 0.85
     for name, value in facts:

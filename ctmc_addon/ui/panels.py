@@ -10,7 +10,7 @@ from ..core import CtmcError
 from ..core.errors import SettingsError
 from ..core.words import count, directions, duration, size_of_bytes, voxel_sides
 from . import jobs, live, session, surfaces, threshold, volumes
-from .layout import SidePanel, draw_facts, draw_job, draw_setting, draw_text, prepare
+from .layout import SidePanel, draw_facts, draw_job, draw_pair, draw_setting, draw_text, is_narrow, prepare
 from .translations import say
 
 LOADING = "Load CT"
@@ -36,7 +36,7 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
         draw_load(layout, context)
         draw_surface(layout, context, settings)
         draw_voxels(layout, context, settings)
-        draw_simplify(layout, settings)
+        draw_simplify(layout, context, settings)
         draw_reconstruct(self.layout, context, settings)
 
 
@@ -89,7 +89,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
             say("{low} to {high} {kind}").format(low=f"{survey.low:g}", high=f"{survey.high:g}", kind=say(volume.kind)),
         ),
     ]
-    draw_facts(layout, facts)
+    draw_facts(layout, context, facts)
     if len(loaded.series) > 1:
         draw_series(layout, loaded)
     if not loaded.geometry:
@@ -154,7 +154,7 @@ def threshold_label(scene: bpy.types.Scene) -> str:
     volume = volumes.current(scene)
     if volume is None or volume.kind == "label":
         return say("Threshold")
-    return say("Threshold [HU]") if volume.kind == "HU" else say("Grey Value")
+    return "HU" if volume.kind == "HU" else say("Grey Value")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -199,10 +199,10 @@ class CTMC_UL_labels(bpy.types.UIList):
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Voxel sides in pixels and mm, what they cost, and alpha."""
     column = layout.column(align=True)
-    row = column.split(factor=0.4, align=True)
+    row = draw_pair(column, context, 0.4)
     row.use_property_split = False
     left = row.row()
-    left.alignment = "RIGHT"
+    left.alignment = "LEFT" if is_narrow(context) else "RIGHT"
     left.label(text=say("Voxel Sides"), translate=False)
     sides = row.row(align=True)
     for axis in range(3):
@@ -230,33 +230,31 @@ def draw_price(layout: Any, context: bpy.types.Context) -> None:
         return
     bill = session.of(scene).price
     column = layout.column(align=True)
-    column.scale_y = 0.85
     if isinstance(bill, CtmcError):
         draw_text(column, context, str(bill), "ERROR")
     elif not isinstance(bill, live.Bill):
-        column.label(text=say("Counting..."), translate=False)
-        column.label(text="")
+        waiting = column.column(align=True)
+        waiting.scale_y = 0.8  # as that of text
+        waiting.label(text=say("Counting..."), translate=False)
+        waiting.label(text="")
     else:
-        column.label(
-            text=say("{voxels} voxels, {faces} triangles").format(voxels=count(bill.voxels), faces=count(bill.faces)),
-            translate=False,
-        )
-        column.label(
-            text=say("{memory}, about {seconds}").format(
-                memory=size_of_bytes(bill.memory), seconds=duration(bill.seconds)
-            ),
-            translate=False,
-        )
+        text = say("{voxels} voxels, {faces} triangles")
+        draw_text(column, context, text.format(voxels=count(bill.voxels), faces=count(bill.faces)))
+        text = say("{memory}, about {seconds}")
+        draw_text(column, context, text.format(memory=size_of_bytes(bill.memory), seconds=duration(bill.seconds)))
         if not bill.fits:
             draw_text(column, context, bill.sentence, "ERROR")
 
 
-def draw_simplify(layout: Any, settings: Any) -> None:
+def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """None, Decimate or built-in, and its goal."""
     column = layout.column()
     row = column.row(align=True)
     row.use_property_split = False
-    row.prop(settings, "simplifier", expand=True)
+    if is_narrow(context):
+        row.prop(settings, "simplifier", text="")
+    else:
+        row.prop(settings, "simplifier", expand=True)
     goals = column.column(align=True)
     goals.active = settings.simplifier != "none"
     for name in GOALS:
@@ -282,11 +280,11 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
             row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
     layout = layout.column()
     layout.enabled = not jobs.locked()
-    row = layout.row(align=True)
+    row = draw_pair(layout, context)
     row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
-    row = layout.split(factor=0.4, align=True)
+    row = draw_pair(layout, context, 0.4)
     row.operator("ctmc.export", text="Export", icon="EXPORT")
     row.operator("ctmc.copy_command", icon="COPYDOWN")
 

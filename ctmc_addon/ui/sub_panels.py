@@ -9,7 +9,7 @@ import bpy
 from .. import scene as scenes
 from ..core.words import count
 from . import jobs, session, surfaces
-from .layout import SubPanel, draw_facts, draw_job, draw_setting, draw_text, prepare
+from .layout import SubPanel, draw_facts, draw_job, draw_pair, draw_setting, draw_text, prepare
 from .translations import say
 
 
@@ -59,7 +59,7 @@ class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
         table = session.of(context.scene).rotation
         if table is not None:
             draw_table(layout, table.rows(say("Round"), say("Average"), say("Saving")))
-            row = layout.row(align=True)
+            row = draw_pair(layout, context)
             row.operator("ctmc.rotation_copy", icon="COPYDOWN")
             row.operator("ctmc.rotation_save", icon="FILE_TICK")
 
@@ -88,11 +88,11 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         layout.label(text=thing.name, icon="OUTLINER_OB_MESH", translate=False)
         known = scenes.remembered(thing)
         result = session.of(context.scene).results.get(thing.session_uid)
-        draw_facts(layout, facts_of(known, result), names=0.45)
-        row = layout.row(align=True)
+        draw_facts(layout, context, facts_of(known, result), names=0.45)
+        row = draw_pair(layout, context)
         row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         row.operator("ctmc.deviation_map", icon="COLOR")
-        row = layout.row(align=True)
+        row = draw_pair(layout, context)
         row.operator("ctmc.make_final", icon="CHECKMARK")
         row.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         for note in known.get("notes", ()):
