@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import CtmcError, Step, Steps
-from ..core.errors import OutputError, SettingsError
+from ..core.errors import SettingsError
 from ..core.output import made_folder, require_writable
 from ..core.version import VERSION
 from .arguments import add_reading, add_settings, given_settings, reading_of
@@ -22,7 +22,7 @@ from .batch_memory import jobs_at_once, memory_limit, needed_bytes
 from .batch_process import Event, run_here
 from .batch_summary import Row, counts, numbers, row_of, write_summary
 from .blender import load_scene
-from .output import Progress, listing, table
+from .output import Progress, listing, require_empty, table
 from .reconstruct import source_of
 
 FORMATS = ("stl", "ply", "obj", "glb", "blend")
@@ -75,7 +75,8 @@ def run(chosen: argparse.Namespace) -> None:
     folder = Path(chosen.output)
     cases = collect(chosen.inputs, given_settings(chosen), reading_of(chosen), folder)
     require_blender(chosen.scheduler)
-    require_usable(folder, chosen.resume or chosen.overwrite)
+    if not (chosen.resume or chosen.overwrite):
+        require_empty(folder, "go on with --resume, start again with --overwrite, or choose another")
     cluster = Cluster(chosen.scheduler) if chosen.scheduler else None
     try:
         made_folder(folder)
@@ -99,18 +100,6 @@ def require_blender(scheduler: str | None) -> None:
     """Say before the start that there is no Blender here; on a cluster the workers need it, not this machine."""
     if scheduler is None and importlib.util.find_spec("bpy") is None:
         load_scene()
-
-
-def require_usable(folder: Path, again: bool) -> None:
-    """Refuse a folder with something in it, unless it is to be gone on with or overwritten."""
-    if again or not folder.is_dir():
-        return
-    there = sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
-    if there:
-        raise OutputError(
-            f"the folder {folder.name or folder} is not empty (it holds {there[0]}); "
-            "go on with --resume, start again with --overwrite, or choose another"
-        )
 
 
 def batch_steps(

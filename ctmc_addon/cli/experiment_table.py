@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import OutputError
 from ..core.output import whole_file, write_json
 from .machine import machine, versions
-from .output import listing, table
+from .output import listing, require_empty, table
 
 Row = dict[str, Any]
 
@@ -120,13 +119,8 @@ def write_text(path: Path, text: str) -> None:
 def require_fresh(path: str, overwrite: bool) -> Path:
     """The folder `path` if it is empty or not there yet, or may be overwritten; else an `OutputError`."""
     folder = Path(path)
-    if not overwrite and folder.is_dir():
-        first = min((entry.name for entry in folder.iterdir()), default=None)
-        if first is not None:
-            raise OutputError(
-                f"the folder {folder.name or folder} is not empty (it holds {first}); "
-                "replace an older experiment with --overwrite, or choose another folder"
-            )
+    if not overwrite:
+        require_empty(folder, "replace an older experiment with --overwrite, or choose another folder")
     return folder
 
 

@@ -1,12 +1,14 @@
-"""What a person at a terminal sees: the progress line, tables, numbers."""
+"""What a person at a terminal sees: the progress line, tables, numbers; and the folder that is to be empty."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TextIO, TypeVar
 
 from ..core import Step, Steps, finish
+from ..core.errors import OutputError
 
 T = TypeVar("T")
 WIDTH = 30
@@ -89,3 +91,11 @@ def listing(facts: Sequence[tuple[str, str]]) -> str:
 def by(numbers: Sequence[float]) -> str:
     """Numbers as sides: '0.74 x 0.74 x 5'."""
     return " x ".join(f"{number:.6g}" for number in numbers)
+
+
+def require_empty(folder: Path, remedy: str) -> None:
+    """Raise `OutputError`, with a remedy, for a folder that holds something; what is hidden does not count."""
+    names = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    there = [name for name in names if not name.startswith(".")]
+    if there:
+        raise OutputError(f"the folder {folder.name or folder} is not empty (it holds {there[0]}); {remedy}")

@@ -2,8 +2,9 @@ import io
 
 import pytest
 
-from ctmc_addon.cli.output import Progress, table
+from ctmc_addon.cli.output import Progress, require_empty, table
 from ctmc_addon.core import Step
+from ctmc_addon.core.errors import OutputError
 
 
 class Terminal(io.StringIO):
@@ -56,3 +57,12 @@ def test_an_interrupt_closes_the_work():
 
 def test_columns_line_up():
     assert table([("a", "b"), ("long", "1"), ("c", "22")]) == "a      b\nlong   1\nc     22"
+
+
+def test_a_folder_with_hidden_files_alone_is_empty(tmp_path):
+    (tmp_path / ".DS_Store").write_bytes(b"")
+    require_empty(tmp_path, "choose another")
+    require_empty(tmp_path / "not there", "choose another")
+    (tmp_path / "table.md").write_bytes(b"")
+    with pytest.raises(OutputError, match=r"is not empty \(it holds table.md\); choose another$"):
+        require_empty(tmp_path, "choose another")
