@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .error_bound import ErrorBound
-from .mesh import TriangleMesh
+from .mesh import TriangleMesh, finding_edges
 from .progress import Pauses
 from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, quadrics_rows
 
@@ -30,7 +30,6 @@ Flags = NDArray[np.bool_]
 
 SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 PASSES = 2  # of picking edges whose triangles do not meet
-SHELF = 1 << 19  # corners whose edges are sorted together
 BLOCK = 8192  # edges whose costs are worked out together: what fits the cache
 FEW = 0.05  # of the edges tried could collapse: the round was poor
 POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
@@ -119,7 +118,7 @@ class CollapsingMesh:
     def prepare(self) -> Pauses[None]:
         """Find the edges and what they cost: before anything else."""
         vertex_count = self.positions.shape[1]
-        self.edges, self.face_edges = yield from _edges(self.faces, vertex_count)
+        self.edges, self.face_edges = yield from finding_edges(self.faces, vertex_count)
         self.fixed = yield from _fixed(self.faces, self.edges, self.face_edges, vertex_count)
         self.quadrics = yield from quadrics_rows(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
@@ -357,30 +356,6 @@ class CollapsingMesh:
             length[length == 0] = 1.0
             normals = np.ascontiguousarray((normals / length).T)
         return TriangleMesh(vertices, np.ascontiguousarray(number[self.faces].T), normals)
-
-
-def _edges(faces: Ints, vertex_count: int) -> Pauses[tuple[Ints, Ints]]:
-    """Every edge once, (2, E), in the order of their ends, and the edges of every face, (3, F)."""
-    start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
-    yield
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    yield
-    face_edges = np.empty(len(low), np.int32)
-    # A shelf of edges for each run of lower vertices, so that nothing large is sorted at once.
-    run = max(1, vertex_count * SHELF // max(1, len(low)))
-    edges, count = [np.empty((2, 0), np.int32)], 0
-    for first in range(0, vertex_count, run):
-        corners = np.flatnonzero((low >= first) & (low < first + run))
-        keys = low[corners].astype(np.int64) * vertex_count + high[corners]
-        order = np.argsort(keys, kind="stable")
-        keys = keys[order]
-        new = np.ones(len(keys), bool)
-        new[1:] = keys[1:] != keys[:-1]
-        face_edges[corners[order]] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
-        edges.append(np.array(np.divmod(keys[new], vertex_count), np.int32))
-        count += edges[-1].shape[1]
-        yield
-    return np.concatenate(edges, axis=1), face_edges.reshape(faces.shape)
 
 
 def _fixed(faces: Ints, edges: Ints, face_edges: Ints, vertex_count: int) -> Pauses[Flags]:

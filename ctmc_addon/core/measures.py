@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import FACES_AT_ONCE, TriangleMesh, face_vectors, finding_roots
+from .mesh import FACES_AT_ONCE, TriangleMesh, face_vectors, finding_edges, finding_roots
 from .progress import Step, Steps, said, within
 
 MESSAGE = "Measuring"
@@ -91,32 +91,15 @@ def _sizes(mesh: TriangleMesh) -> Steps[tuple[float, float]]:
 
 
 def _edges(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, bool]]:
-    """Number of edges, and whether the mesh is closed: half edges are gathered by their lower vertex, then sorted."""
-    shelves = max(1, min(255, 3 * len(faces) // FACES_AT_ONCE))
-    shelf_size = -(-vertices // shelves) or 1
-    shelf: list[list[NDArray[np.int64]]] = [[] for _ in range(shelves)]
-    blocks = _blocks(len(faces), FACES_AT_ONCE // 2)
-    for number, part in enumerate(blocks):
-        start = faces[part].ravel().astype(np.int64)
-        end = faces[part][:, (1, 2, 0)].ravel().astype(np.int64)
-        low, backward = np.minimum(start, end), start > end
-        half = (low * vertices + np.maximum(start, end)) * 2 + backward
-        at = (low // shelf_size).astype(np.uint8)
-        order = np.argsort(at, kind="stable")
-        ends = np.cumsum(np.bincount(at, minlength=shelves))[:-1]
-        for into, some in zip(shelf, np.split(half[order], ends), strict=True):
-            into.append(some)
-        yield Step(0.5 * (number + 1) / len(blocks), MESSAGE)
-    edges, closed = 0, len(faces) > 0
-    for number, pieces in enumerate(shelf):
-        keys = np.sort(np.concatenate(pieces)) if pieces else np.empty(0, np.int64)
-        edge = keys >> 1
-        starts = np.flatnonzero(np.concatenate([[True], edge[1:] != edge[:-1]])) if len(edge) else edge
-        edges += len(starts)
-        # Closed: every edge twice, once in either way.
-        closed = closed and len(edge) == 2 * len(starts) and bool((keys[::2] + 1 == keys[1::2]).all())
-        yield Step(0.5 + 0.5 * (number + 1) / shelves, MESSAGE)
-    return edges, bool(closed)
+    """Number of edges, and whether the mesh is closed: every edge is run through twice, once in either way."""
+    columns = np.ascontiguousarray(faces.T)
+    edges, face_edges = yield from said(finding_edges(columns, vertices), 0.0, MESSAGE)
+    uses, forward = np.zeros(edges.shape[1], np.int64), np.zeros(edges.shape[1], np.int64)
+    for corner, start, end in zip(face_edges, columns, columns[[1, 2, 0]], strict=True):
+        yield Step(0.9, MESSAGE)
+        uses += np.bincount(corner, minlength=len(uses))
+        forward += np.bincount(corner[start < end], minlength=len(uses))
+    return edges.shape[1], len(faces) > 0 and bool((uses == 2).all() and (forward == 1).all())
 
 
 def _parts(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, int]]:

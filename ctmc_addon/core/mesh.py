@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .progress import Pauses, finish
 
 FACES_AT_ONCE = 1 << 18  # between two pauses
+SHELF = 1 << 19  # corners whose edges are sorted together
 Target = tuple[float | None, NDArray[np.float32]]
 """An alpha, or None for the linear end itself, and the (V, 3) positions at it that are to be filled in."""
 
@@ -181,6 +182,33 @@ def averaging_normals(vertices: NDArray[Any], faces: NDArray[np.int32]) -> Pause
     length = np.sqrt(sums[:, 0] ** 2 + sums[:, 1] ** 2 + sums[:, 2] ** 2)
     length[length == 0] = 1.0
     return (sums / length[:, None]).astype(np.float32)
+
+
+def finding_edges(faces: NDArray[np.int32], vertex_count: int) -> Pauses[tuple[NDArray[np.int32], NDArray[np.int32]]]:
+    """Every edge of the faces, (3, F), once, (2, E), the lower end first and in the order of their ends.
+
+    With them the edge from corner i to corner i + 1 of every face, (3, F). Pauses now and then.
+    """
+    start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
+    yield
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    yield
+    face_edges = np.empty(len(low), np.int32)
+    # A shelf of edges for each run of lower vertices, so that nothing large is sorted at once.
+    run = max(1, vertex_count * SHELF // max(1, len(low)))
+    edges, count = [np.empty((2, 0), np.int32)], 0
+    for first in range(0, vertex_count, run):
+        corners = np.flatnonzero((low >= first) & (low < first + run))
+        keys = low[corners].astype(np.int64) * vertex_count + high[corners]
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        new = np.ones(len(keys), bool)
+        new[1:] = keys[1:] != keys[:-1]
+        face_edges[corners[order]] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
+        edges.append(np.array(np.divmod(keys[new], vertex_count), np.int32))
+        count += edges[-1].shape[1]
+        yield
+    return np.concatenate(edges, axis=1), face_edges.reshape(faces.shape)
 
 
 def part_numbers(faces: NDArray[np.int32], vertex_count: int) -> NDArray[np.int32]:

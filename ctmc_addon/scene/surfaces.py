@@ -158,10 +158,16 @@ def object_name(result: Reconstruction) -> str:
     return result.name.encode("utf-8", "replace")[:room].decode("utf-8", "ignore") + label
 
 
-def surface_mesh(result: Reconstruction, thing: bpy.types.Object | None = None, scale: float = SCALE) -> bpy.types.Mesh:
+def surface_mesh(
+    result: Reconstruction,
+    thing: bpy.types.Object | None = None,
+    scale: float = SCALE,
+    edges: meshes.Edges | None = None,
+) -> bpy.types.Mesh:
     """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `thing` or a new object to take.
 
-    This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet.
+    This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet. Its edges
+    may have been found before, by `meshes.edges_steps`.
 
     Raises
     ------
@@ -178,7 +184,7 @@ def surface_mesh(result: Reconstruction, thing: bpy.types.Object | None = None, 
     placement = centred(result.mesh.vertices, scale) if thing is None else placement_of(thing)
     surface = result.surface
     points, faces = (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
-    return meshes.new_mesh(name, placement.to_local(points), faces)
+    return meshes.new_mesh(name, placement.to_local(points), faces, edges)
 
 
 def add_alpha(thing: bpy.types.Object, result: Reconstruction, placement: Placement) -> None:

@@ -13,7 +13,9 @@ import bpy
 from .. import scene as scenes
 from ..core import Reconstruction, ReconstructionSettings, Step, Steps
 from ..core.errors import MeshError
+from ..core.progress import within
 from ..scene.alpha import set_alpha
+from ..scene.meshes import edges_steps
 from ..scene.surfaces import MEMORY, require_changeable
 from . import session
 from .preferences import machine
@@ -95,11 +97,13 @@ def ready_steps(wanted: Iterable[Wanted], results: Sequence[Reconstruction]) -> 
     whole = False
     try:
         for one, result in zip(wanted, results, strict=True):
-            yield Step(len(made) / len(results), "Adding the surface")
+            share = len(made) / len(results), (len(made) + 1) / len(results)
+            vertices = len(result.mesh.vertices)
+            edges = yield from within(edges_steps(result.mesh.faces, vertices), *share)
             thing = session.object_of(one.target)
             if thing is not None:
                 require_changeable(thing)
-            mesh = scenes.surface_mesh(result, thing, machine().scale)
+            mesh = scenes.surface_mesh(result, thing, machine().scale, edges)
             made.append(Ready(mesh.session_uid, None if thing is None else one.target))
         yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
         whole = True

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import Surface, TriangleMesh
-from ctmc_addon.core.mesh import part_numbers, vertex_normals
+from ctmc_addon.core import Surface, TriangleMesh, finish, marching_cubes
+from ctmc_addon.core.mesh import finding_edges, part_numbers, vertex_normals
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
@@ -100,3 +100,16 @@ def test_a_surface_keeps_what_it_is_told_and_nothing_unused():
     np.testing.assert_array_equal(kept.midpoints, CORNERS + np.float32([5, 0, 0]))
     np.testing.assert_array_equal(kept.at(1.0).vertices, kept.linear)
     np.testing.assert_array_equal(kept.faces, TETRAHEDRON)
+
+
+@pytest.mark.parametrize("shelf", [1, 50, 1 << 19])
+def test_edges_found_shelf_by_shelf_are_those_found_at_once(monkeypatch, shelf):
+    monkeypatch.setattr("ctmc_addon.core.mesh.SHELF", shelf)
+    values = np.random.default_rng(2).integers(0, 100, (4, 5, 6)).astype(np.uint8)
+    faces = np.ascontiguousarray(marching_cubes(values, 50.5).faces.T)
+    found, number = finish(finding_edges(faces, faces.max() + 3))
+    ends = faces, faces[[1, 2, 0]]
+    sides = np.stack([np.minimum(*ends), np.maximum(*ends)]).reshape(2, -1)
+    edges, at = np.unique(sides, axis=1, return_inverse=True)
+    np.testing.assert_array_equal(found, edges)
+    np.testing.assert_array_equal(number, at.reshape(faces.shape))

@@ -3,17 +3,7 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import (
-    CtmcError,
-    Step,
-    TriangleMesh,
-    distances,
-    edge_collapse,
-    finish,
-    marching_cubes,
-    simplify,
-    simplify_steps,
-)
+from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.mesh import face_vectors
 
@@ -408,15 +398,3 @@ def test_a_goal_outside_its_limits_is_refused_with_its_value(goals, words):
 def test_an_empty_mesh_stays_empty():
     empty = as_mesh(np.empty((0, 3)), np.empty((0, 3)))
     assert len(simplify(empty, reduction=0.5).faces) == 0
-
-
-@pytest.mark.parametrize("shelf", [1, 50, 1 << 19])
-def test_edges_found_shelf_by_shelf_are_those_found_at_once(monkeypatch, shelf):
-    monkeypatch.setattr(edge_collapse, "SHELF", shelf)
-    work = edge_collapse.CollapsingMesh(torus(12, 7))
-    finish(work.prepare())
-    start, end = work.faces, work.faces[[1, 2, 0]]
-    sides = np.stack([np.minimum(start, end), np.maximum(start, end)]).reshape(2, -1)
-    edges, number = np.unique(sides, axis=1, return_inverse=True)
-    np.testing.assert_array_equal(work.edges, edges)
-    np.testing.assert_array_equal(work.face_edges, number.reshape(work.faces.shape))

@@ -70,6 +70,18 @@ def test_the_mesh_is_valid_smooth_and_has_one_material(scene, torus):
     assert len(thing.data.materials) == 1
 
 
+def test_edges_are_in_the_order_of_their_ends_whatever_blenders_threads(scene, torus):
+    mesh = add_reconstruction(torus(rings=60, sides=30), scene).data  # Blender's own order needs 1000 faces to differ
+    ends = np.array([edge.vertices[:] for edge in mesh.edges])
+    assert (ends[:, 0] < ends[:, 1]).all()
+    assert (np.diff(ends[:, 0] * len(mesh.vertices) + ends[:, 1]) > 0).all()
+    assert {tuple(sorted(key)) for face in mesh.polygons for key in face.edge_keys} == {tuple(row) for row in ends}
+    for face in mesh.polygons[:50]:
+        loops = [mesh.loops[at] for at in face.loop_indices]
+        for here, there in zip(loops, loops[1:] + loops[:1], strict=True):
+            assert set(ends[here.edge_index]) == {here.vertex_index, there.vertex_index}
+
+
 def test_the_name_is_the_files_and_the_label(scene, torus):
     assert add_reconstruction(torus(label=2, threshold=None, name="volume-3"), scene).name == "volume-3 label 2"
     long = add_reconstruction(torus(label=31, threshold=None, name="肝臓" * 40), scene)
