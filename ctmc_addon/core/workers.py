@@ -29,20 +29,14 @@ def worker_count(threads: int | None) -> int:
 
 
 def in_batches(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    threads: int,
-    message: str,
-    batches: int = 16,
-    at_once: int | None = None,
+    work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str, batches: int = 16
 ) -> Steps[list[Result]]:
     """Do `work` for every item; a step after each of about so many batches, the results in the items' order.
 
-    `at_once` gives the items in a batch themselves. The error of the earliest item is raised, whichever
-    thread met one first.
+    The error of the earliest item is raised, whichever thread met one first.
     """
     done: list[Result] = []
-    at_once = at_once or -(-len(items) // batches)
+    at_once = -(-len(items) // batches)
     pool = ThreadPoolExecutor(min(threads, len(items))) if min(threads, len(items)) > 1 else None
     try:
         for result in pool.map(work, items) if pool else map(work, items):

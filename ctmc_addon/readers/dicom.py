@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Step, Steps, within
-from ..core.workers import in_batches
 from .headers import (
     WHAT,
     Broken,
@@ -27,7 +26,7 @@ from .headers import (
     read_header,
     read_plain,
 )
-from .libraries import imported_steps, quiet, quietly
+from .libraries import imported_steps, quiet, quiet_batches
 from .multiframe import FrameGeometry
 from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
 from .pixels import DoesNotFit, SliceRead, check_codec, fill_slice, output_type, padding_mark
@@ -94,7 +93,7 @@ def read_steps(
         notes.append(f"{found.strays} file{'s' * (found.strays > 1)} named like DICOM left out, being something else")
     for image in {one.image.pixels.syntax: one.image for one in slices}.values():
         if image.pixels.compressed:
-            yield from imported_steps("pydicom", "pydicom", WHAT)
+            yield from within(imported_steps("pydicom", "pydicom", WHAT), SCAN_SHARE, SCAN_SHARE)
             check_codec(image)
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
@@ -148,11 +147,11 @@ def named_after(path: Path) -> Path:
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
     found: list[ImageFile | Broken | None] = []
-    found += yield from within(in_batches(read_plain, files, 1, "Reading headers", at_once=16), 0.0, 0.1)
+    found += yield from within(quiet_batches(read_plain, files, "Reading headers", 16), 0.0, 0.1)
     others = [at for at, image in enumerate(found) if image is None]
     if any(may_be_dicom(files[at]) for at in others):
-        yield from imported_steps("pydicom", "pydicom", WHAT)
-    read = in_batches(read_by_pydicom, [files[at] for at in others], 1, "Reading headers", at_once=16)
+        yield from within(imported_steps("pydicom", "pydicom", WHAT), 0.1, 0.1)
+    read = quiet_batches(read_by_pydicom, [files[at] for at in others], "Reading headers", 16)
     for at, image in zip(others, (yield from within(read, 0.1, 1.0)), strict=True):
         found[at] = image
     return [image for image in found if image is not None]
@@ -317,8 +316,7 @@ def decoded_steps(slices: list[Slice], stack: Stack, values: NDArray[Any]) -> St
     def fill(at: int) -> SliceRead:
         return fill_slice(slices[at].image, slices[at].frame, values[at])
 
-    decoding = in_batches(fill, range(len(values)), 1, "Decoding slices", at_once=batch_size(slices))
-    seen = yield from quietly(decoding)
+    seen = yield from quiet_batches(fill, range(len(values)), "Decoding slices", batch_size(slices))
     return min(one.lowest for one in seen), sum(one.padded for one in seen)
 
 

@@ -8,15 +8,17 @@ import struct
 import sys
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from ..core.errors import ReadError
-from ..core.progress import Step, Steps
+from ..core.progress import Step, Steps, finish
+from ..core.workers import in_batches
 
-T = TypeVar("T")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 STEP_SECONDS = 0.03  # between two steps while a library is imported
 
 # What a parser raises when bytes are not what it expects. Only calls into a library stand under it.
@@ -90,19 +92,17 @@ def quiet() -> Iterator[None]:
                 logger.disabled = False
 
 
-def quietly(steps: Steps[T]) -> Steps[T]:
-    """The same steps, the libraries kept `quiet` while they work."""
-    try:
-        while True:
-            with quiet():
-                try:
-                    step = next(steps)
-                except StopIteration as end:
-                    result: T = end.value
-                    return result
-            yield step
-    finally:
-        steps.close()
+def quiet_batches(
+    work: Callable[[Item], Result], items: Sequence[Item], message: str, at_once: int, threads: int = 1
+) -> Steps[list[Result]]:
+    """`[work(item) for item in items]`, a step after every `at_once`, the libraries kept quiet while they work."""
+    done: list[Result] = []
+    while len(done) < len(items):
+        some = items[len(done) : len(done) + at_once]
+        with quiet():
+            done += finish(in_batches(work, some, threads, message))
+        yield Step(len(done) / len(items), message)
+    return done
 
 
 def reason(error: BaseException) -> str:

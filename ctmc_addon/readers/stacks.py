@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Steps, within
-from ..core.workers import in_batches
 from .images import Picture, grey_slice, picture
-from .libraries import BROKEN, quiet, quietly, reason
+from .libraries import BROKEN, quiet, quiet_batches, reason
 from .paths import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
 from .reading import Reading, Series
 from .streams import fill_steps
@@ -54,7 +53,7 @@ def one_format(images: Sequence[Path]) -> tuple[list[Path], list[str]]:
 def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
     """Read the slices of a folder, one image each."""
     images, notes = one_format(images_in(folder))
-    headers = yield from within(quietly(in_batches(header_of, images, threads, "Reading headers")), 0.0, 0.2)
+    headers = yield from within(quiet_batches(header_of, images, "Reading headers", 16), 0.0, 0.2)
     if len(headers) == 1:
         if headers[0].pages > 1:
             return (yield from tiff_steps(images[0]))
@@ -73,8 +72,8 @@ def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
             )
         values[at] = found
 
-    decoding = in_batches(fill, range(len(headers)), threads, "Decoding slices", at_once=4 * threads)
-    yield from within(quietly(decoding), 0.2, 1.0)
+    decoding = quiet_batches(fill, range(len(headers)), "Decoding slices", 4 * threads, threads)
+    yield from within(decoding, 0.2, 1.0)
     word = WORDS[SAME_FORMAT.get(suffix(images[0]), suffix(images[0]))]
     if word == "JPEG":
         notes.append("JPEG is lossy: the grey values are near the original ones, not equal to them")
