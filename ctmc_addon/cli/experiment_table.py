@@ -57,20 +57,21 @@ class Table:
         return [[column.title for column in self.columns], *shown]
 
     def printed(self) -> str:
-        """For a terminal."""
-        return f"{self.title}\n\n{table(self.cells)}\n\n{listing([*self.facts, *self.made_on])}"
+        """For a terminal: what it was made on, the table, and what a reader must know."""
+        return f"{self.title}\n{listing(self.made_on)}\n\n{table(self.cells)}\n\n{listing(self.facts)}"
 
     def markdown(self) -> str:
-        """Title, facts, table and pictures as Markdown."""
+        """Title, what it was made on, table, facts and pictures as Markdown."""
         lines: list[str] = []
-        for name, fact in [*self.facts, *self.made_on]:
+        for name, fact in self.facts:
             # A name of its own opens a point, an empty one continues it.
             lines.append(f"- {name}: {escaped(fact)}" if name else f"  {escaped(fact)}")
         rows = [" | ".join(escaped(cell) for cell in row) for row in self.cells]
         rule = " | ".join(["---", *["---:"] * (len(self.columns) - 1)])
         body = [f"| {row} |" for row in (rows[0], rule, *rows[1:])]
         pictures = [f"![{caption}]({name})" for name, caption in self.pictures]
-        return "\n".join([f"## {self.title}", "", *body, "", *lines, *(["", *pictures] if pictures else []), ""])
+        head = [f"## {self.title}", "", escaped("; ".join(fact for _, fact in self.made_on)), ""]
+        return "\n".join([*head, *body, "", *lines, *(["", *pictures] if pictures else []), ""])
 
     def write(self, folder: Path) -> list[str]:
         """Write table.csv, table.json and table.md; returns the names of all files in the folder's table."""
