@@ -185,7 +185,7 @@ def _resampling(
         raise ReadError(
             f"the gap of {gaps[widest]:.4g} mm between {names[widest]} at {along[widest]:.1f} mm and "
             f"{names[widest + 1]} at {along[widest + 1]:.1f} mm is more than {WIDEST_GAP:g} times the median gap of "
-            f"{median:.4g} mm; add the missing slices, or read the parts one by one"
+            f"{median:.4g} mm; add the missing slices, or put each part in a folder of its own"
         )
     even = max(EVEN_SHARE * median, EVEN_MM)
     if (np.abs(gaps - median) <= even).all():
