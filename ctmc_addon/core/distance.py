@@ -72,9 +72,9 @@ class TriangleTree:
         yield
         code = yield from _morton(middle)
         yield
-        order = np.argsort(code, kind="stable")
+        self.order = np.argsort(code, kind="stable")
         yield
-        corners = corners[order]
+        corners = corners[self.order]
         yield
         self.corners = np.ascontiguousarray(corners.transpose(1, 2, 0))  # (corner, axis, F)
         # Levels of (low, high) from single triangles up to one box, (3, boxes) each.
@@ -97,14 +97,20 @@ class TriangleTree:
         order = np.argsort(finish(_morton(places.T)), kind="stable")
         for start in range(0, len(order), BLOCK):
             block = order[start : start + BLOCK]
-            out[block] = np.sqrt(self._squared(places[:, block], limit * limit))
+            out[block] = np.sqrt(self.nearest(places[:, block], np.full(len(block), limit * limit))[0])
         return out
 
-    def _squared(self, points: Doubles, limit: float) -> Doubles:
-        best = np.full(points.shape[1], limit)  # no farther than this is the surface, squared
+    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, NDArray[np.int64]]:
+        """Squared distance from every point (3, n) to the nearest triangle, and which of `corners` that is.
+
+        inf and 0 where it is above the point's own limit, which is squared too. Not for very many points at once.
+        """
+        best = limits.copy()  # no farther than this is the surface, squared
         point = np.arange(points.shape[1])
         box = np.zeros(len(point), np.int64)
         for low, high in self.levels[-2::-1]:
+            if not len(point):
+                break
             point = np.repeat(point, BRANCH)
             box = (box[:, None] * BRANCH + np.arange(BRANCH)).ravel()
             if low.shape[1] % BRANCH:
@@ -120,16 +126,17 @@ class TriangleTree:
             best[some] = np.minimum(best[some], np.minimum.reduceat(dot(inside, inside), starts))
             near = dot(outside, outside) <= best[point]
             point, box = point[near], box[near]
-            if not len(point):
-                break
-        squared = np.full(points.shape[1], np.inf)
+        squared, triangle = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
         if len(point):
             a, b, c = (np.take(corner, box, axis=1) for corner in self.corners)
-            starts = _starts(point)
             found = squared_distances(np.take(points, point, axis=1), a, b, c)
+            starts = _starts(point)
             squared[point[starts]] = np.minimum.reduceat(found, starts)
-        squared[squared > limit] = np.inf
-        return squared
+            hits = np.flatnonzero(found == squared[point])
+            hits = hits[_starts(point[hits])]  # the first of equals
+            triangle[point[hits]] = box[hits]
+        squared[squared > limits] = np.inf
+        return squared, triangle
 
 
 def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:

@@ -22,6 +22,7 @@ from .error_bound import ErrorBound
 from .mesh import TriangleMesh, finding_edges
 from .progress import Pauses
 from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, quadrics_rows
+from .undo import History, keep_bound
 
 Ints = NDArray[np.int32]
 Places = NDArray[np.int64]
@@ -123,6 +124,8 @@ class CollapsingMesh:
         self.quadrics = yield from quadrics_rows(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
+            self.name = np.arange(vertex_count, dtype=np.int32)
+            self.history = History(self.positions.copy(), self.normals, self.faces, self.fixed)
             self.bound = ErrorBound(self.limit, self.held)
             yield from self.bound.prepare(self.positions, self.faces, self.edges, self.face_edges)
         yield from self.price()
@@ -323,6 +326,8 @@ class CollapsingMesh:
 
         if self.bound is not None:
             self.bound.accept(face_left)
+            self.history.add(self.name[keep], self.name[drop], collapses.target)
+            self.name = self.name[vertex_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
         yield
@@ -339,9 +344,12 @@ class CollapsingMesh:
         changed[vertex_number[keep]] = True
         yield from self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
 
-    def holds(self) -> Pauses[bool]:
-        """Whether the bound on the error, if there is one, is kept everywhere."""
-        return self.bound is None or (yield from self.bound.holds(self.positions, self.faces))
+    def keep_bound(self) -> Pauses[None]:
+        """Take collapses back until the bound on the error, if there is one, is kept everywhere."""
+        if self.bound is not None:
+            yield from keep_bound(self.history, self.bound.check)
+            history = self.history
+            self.positions, self.normals, self.faces = history.positions, history.normals, history.faces
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""

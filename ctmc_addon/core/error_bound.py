@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import TriangleTree, squared_distances
-from .mesh import TriangleMesh
+from .distance import squared_distances
+from .error_check import ErrorCheck
 from .progress import Pauses
 from .quadrics import dot
 
@@ -31,8 +31,6 @@ Flags = NDArray[np.bool_]
 
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
 MOST_PARTS = 15  # that a side is cut into for samples
-STEEP = 0.5  # how fast a distance grows along a face: the sine of 30 degrees
-CUTS, CUTS_OF_ORIGINAL = 5, 1  # quarterings of a face; the original's faces are small already
 SAMPLE = 8  # of so many samples one is looked at first: most refusals need no more
 
 
@@ -48,7 +46,7 @@ class ErrorBound:
     """
 
     def __init__(self, limit: float, held: float) -> None:
-        self.whole_limit = limit
+        self.check = ErrorCheck(limit)
         self.limit = held * limit
         self.limit_squared = np.float32(self.limit * self.limit)
         self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
@@ -59,12 +57,12 @@ class ErrorBound:
         ends = [np.take(positions, end, axis=1) for end in edges]
         yield
         along = ends[1] - ends[0]
-        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), self.whole_limit)
+        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), self.check.limit)
         yield
         on_edges, edge_of = _spread(ends, self.gap)
         yield
-        self.original = [np.take(positions, corner, axis=1) for corner in faces]
-        in_faces, face_of = _spread(self.original, self.gap)
+        corners = [np.take(positions, corner, axis=1) for corner in faces]
+        in_faces, face_of = _spread(corners, self.gap)
         yield
         self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
 
@@ -74,9 +72,9 @@ class ErrorBound:
         face_at_edge[face_edges.ravel()] = face_at
         self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
         yield
-        self.corners = [np.take(corner, face_of, axis=1) for corner in self.original]
+        self.corners = [np.take(corner, face_of, axis=1) for corner in corners]
         yield
-        self.tree = yield from tree_of(positions, faces)
+        yield from self.check.prepare(positions.copy(), faces)
 
     def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Pauses[Flags]:
         """Which of the n collapses take the surface too far from the original, (n,) bool.
@@ -176,35 +174,11 @@ class ErrorBound:
         farthest[of[far]] = far
         ask = farthest[farthest >= 0]
         for _ in range(2):
-            away = np.isinf(self.tree.distances(places[:, ask].T, self.limit))
+            away = np.isinf(self.check.to_original.tree.distances(places[:, ask].T, self.limit))
             refused[of[ask[away]]] = True
             ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
             yield
         return refused
-
-    def holds(self, positions: Floats, faces: Ints) -> Pauses[bool]:
-        """Whether the whole bound is kept between the samples too, both ways. Yields now and then.
-
-        Every face is cut in four, and its pieces again up to `CUTS` times, wherever a piece could swing out beyond
-        the bound between its middle and its corners, if it stands no steeper than `STEEP` against the other surface.
-        """
-        surface = yield from tree_of(positions, faces)
-        corners = [np.take(positions, corner, axis=1) for corner in faces]
-        for tree, pieces, cuts in ((self.tree, corners, CUTS), (surface, self.original, CUTS_OF_ORIGINAL)):
-            for _ in range(cuts + 1):
-                smaller = []
-                for start in range(0, pieces[0].shape[1], 16 * BLOCK):
-                    yield
-                    some = [corner[:, start : start + 16 * BLOCK] for corner in pieces]
-                    middle = (some[0] + some[1] + some[2]) / np.float32(3.0)
-                    away = tree.distances(middle.T, self.whole_limit)
-                    if np.isinf(away).any():
-                        return False
-                    radius = np.sqrt(np.max([dot(corner - middle, corner - middle) for corner in some], axis=0))
-                    doubtful = away + STEEP * radius > self.whole_limit
-                    smaller.append(_quartered([corner[:, doubtful] for corner in some]))
-                pieces = [np.concatenate(parts, axis=1) for parts in zip(*smaller, strict=True)]
-        return True
 
     def accept(self, face_left: Places) -> None:
         """Take over the homes for the collapses that `exceeded` let pass; (f,) are the faces that are left."""
@@ -212,13 +186,6 @@ class ErrorBound:
         number = np.zeros(max(int(self.home.max()), int(face_left.max())) + 1, np.int64)
         number[face_left] = np.arange(len(face_left))
         self.home = np.where(self.home < 0, -1, number[self.home])
-
-
-def tree_of(positions: Floats, faces: Ints) -> Pauses[TriangleTree]:
-    """The tree of triangles given as columns."""
-    tree = TriangleTree()
-    yield from tree.prepare(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
-    return tree
 
 
 def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
@@ -245,13 +212,6 @@ def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
     if not places:
         return np.empty((3, 0), np.float32), np.empty(0, np.int64)
     return np.concatenate(places, axis=1), np.concatenate(owners)
-
-
-def _quartered(corners: list[Floats]) -> list[Floats]:
-    """Every triangle's three corner pieces and its middle piece."""
-    a, b, c = corners
-    ab, bc, ca = ((one + other) * np.float32(0.5) for one, other in ((a, b), (b, c), (c, a)))
-    return [np.concatenate(parts, axis=1) for parts in ((a, ab, ca, ab), (ab, b, bc, bc), (ca, bc, c, ca))]
 
 
 def _runs(owner: Places, count: int) -> tuple[Places, Places]:

@@ -17,7 +17,7 @@ from .progress import Step, Steps, finish, said
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 260, 800  # of memory for each triangle at the start, without and with a maximum error
 MESSAGE = "Simplifying"
-HELD = 0.75  # of max_error is what samples are held to at first; less where that proves too much between them
+HELD = 0.75  # of max_error is what samples are held to: between them a surface swings out farther
 
 
 def simplify(
@@ -72,18 +72,15 @@ def simplify_steps(
     start = len(mesh.faces)
     if target >= start:
         return mesh
-    fraction, held = 0.0, HELD
-    while True:
-        yield Step(fraction, MESSAGE)
-        work = CollapsingMesh(mesh, max_error, held)
-        yield from said(work.prepare(), fraction, MESSAGE)
-        while work.face_count > target and (yield from said(work.can_collapse(), fraction, MESSAGE)):
-            budget = -(-(work.face_count - target) // 2)
-            yield from said(work.collapse(budget), fraction, MESSAGE)
-            fraction = max(fraction, (start - work.face_count) / (start - target))
-        if (yield from said(work.holds(), fraction, "Checking the error")):
-            break
-        held *= 0.85
+    fraction = 0.0
+    yield Step(fraction, MESSAGE)
+    work = CollapsingMesh(mesh, max_error, HELD)
+    yield from said(work.prepare(), fraction, MESSAGE)
+    while work.face_count > target and (yield from said(work.can_collapse(), fraction, MESSAGE)):
+        budget = -(-(work.face_count - target) // 2)
+        yield from said(work.collapse(budget), fraction, MESSAGE)
+        fraction = max(fraction, (start - work.face_count) / (start - target))
+    yield from said(work.keep_bound(), fraction, "Checking the error")
     message = f"{work.face_count} triangles"
     if max_error is None and work.face_count > target:
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
