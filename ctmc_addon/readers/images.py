@@ -15,6 +15,7 @@ from ..core.errors import ReadError
 from .libraries import BROKEN, needed, quiet, reason
 from .paths import suffix
 
+DECODED = "PNG, JPEG and BMP"
 # Pillow's modes, and the mode to decode them in; None leaves them as they are.
 MODES: dict[str, tuple[str | None, str]] = {
     "1": ("L", "uint8"),
@@ -49,7 +50,7 @@ class Picture(NamedTuple):
 
 def picture(path: Path) -> Picture:
     """Read the header alone."""
-    pillow = needed("PIL.Image", "Pillow", "PNG, JPEG and BMP")
+    pillow = needed("PIL.Image", "Pillow", DECODED)
     try:
         with quiet(), pillow.open(path) as image:
             (columns, rows), mode = image.size, image.mode
@@ -66,7 +67,7 @@ def picture(path: Path) -> Picture:
 
 def grey_slice(header: Picture) -> NDArray[Any]:
     """Grey values (rows, columns) of a picture of one page."""
-    iio = needed("imageio.v3", "imageio", "PNG, JPEG and BMP")
+    iio = needed("imageio.v3", "imageio", DECODED)
     try:
         if header.deep_colour:
             found = _deep_colour(header)

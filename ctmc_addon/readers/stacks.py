@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Steps, within
-from .images import Picture, grey_slice, picture
-from .libraries import BROKEN, quiet, quiet_batches, reason
+from .images import DECODED, Picture, grey_slice, picture
+from .libraries import BROKEN, imported_steps, quiet, quiet_batches, reason
 from .paths import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
 from .reading import Reading, Series
 from .streams import fill_steps
@@ -63,6 +63,8 @@ def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
     shape = (len(headers), first.rows, first.columns)
     require_memory(shape, first.dtype.itemsize, folder.name)
     values = np.empty(shape, first.dtype)
+    if first.mode:
+        yield from within(imported_steps("imageio.v3", "imageio", DECODED), 0.2, 0.2)
 
     def fill(at: int) -> None:
         found = slice_of(headers[at])
@@ -72,7 +74,7 @@ def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
             )
         values[at] = found
 
-    decoding = quiet_batches(fill, range(len(headers)), "Decoding slices", 4 * threads, threads)
+    decoding = quiet_batches(fill, range(len(headers)), "Decoding slices", 2 * threads, threads)
     yield from within(decoding, 0.2, 1.0)
     word = WORDS[SAME_FORMAT.get(suffix(images[0]), suffix(images[0]))]
     if word == "JPEG":
