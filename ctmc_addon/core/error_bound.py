@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distance import squared_distances
-from .error_check import ErrorCheck
+from .error_check import STEPS, ErrorCheck
 from .progress import Pauses
 from .quadrics import dot
 
@@ -72,9 +72,10 @@ class ErrorBound:
         face_at_edge[face_edges.ravel()] = face_at
         self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
         yield
-        self.corners = [np.take(corner, face_of, axis=1) for corner in corners]
-        yield
         yield from self.check.prepare(positions.copy(), faces)
+        number = np.empty(face_count, np.int64)
+        number[self.check.to_original.tree.order] = np.arange(face_count)
+        self.triangle_of = number[face_of]  # of the samples inside faces
 
     def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Pauses[Flags]:
         """Which of the n collapses take the surface too far from the original, (n,) bool.
@@ -103,13 +104,21 @@ class ErrorBound:
         middles = _middles(moved, corners)
         first, faces_of = _runs(owner, count)
         exceeded = np.zeros(count, bool)
-        near = np.empty(len(moving), np.int64)
+        column = np.full(faces.shape[1], -1)
+        column[star] = np.arange(len(star))
+        near = column[self.home[moving]]  # mostly the face where a sample is at home will do, if it remains
         for step in (SAMPLE, 1):
             yield
             rest = np.arange(0, len(moving), step)
             rest = rest[~exceeded[collapse[rest]]]
-            own = collapse[rest]
             places = np.take(self.samples, moving[rest], axis=1)
+            stays = np.flatnonzero(near[rest] >= 0)
+            home = np.take(corners, near[rest[stays]], axis=1)
+            squared = squared_distances(places[:, stays], *(np.take(moved, corner, axis=1) for corner in home))
+            moves = np.ones(len(rest), bool)
+            moves[stays[squared <= self.limit_squared]] = False
+            rest, places = rest[moves], places[:, moves]
+            own = collapse[rest]
             yield
             near[rest], squared = _near_face(
                 places, moved, corners, middles, first[own], faces_of[own], self.limit_squared
@@ -144,14 +153,15 @@ class ErrorBound:
         a, b, c = (np.take(moved, corners[(slot + k) % 3, each], axis=1) for k in range(3))  # a is the one that moves
         on_spokes, spoke = _spread([a, b], self.gap)
         in_faces, face = _spread([a, b, c], self.gap)
-        places = np.concatenate([a, on_spokes, in_faces], axis=1)
+        once = np.flatnonzero(np.diff(owner[column], prepend=-1))  # of every collapse one face, for its new vertex
+        places = np.concatenate([a[:, once], on_spokes, in_faces], axis=1)
         yield
-        face_of = column[np.concatenate([each, spoke, face])]
+        face_of = column[np.concatenate([each[once], spoke, face])]
         of = owner[face_of]
         yield
 
         # Mostly the original's face of the nearest sample at home in the same face will do.
-        inner = moving - (self.samples.shape[1] - self.corners[0].shape[1])
+        inner = moving - (self.samples.shape[1] - len(self.triangle_of))
         inside = np.flatnonzero(inner >= 0)
         inside = inside[np.argsort(near[inside], kind="stable")]
         first, near_to = _runs(near[inside], len(owner))
@@ -160,10 +170,15 @@ class ErrorBound:
         samples = np.take(self.samples, moving[inside], axis=1)
         yield
         nearest = _nearest_point(places[:, some], samples, first[face_of[some]], near_to[face_of[some]])
-        nearest = inner[inside][nearest]
-        squared[some] = squared_distances(
-            places[:, some], *(np.take(corner, nearest, axis=1) for corner in self.corners)
-        )
+        triangle = self.triangle_of[inner[inside][nearest]]
+        to_original = self.check.to_original
+        squared[some] = squared_distances(places[:, some], *to_original.triangles(triangle))
+        yield
+        for _ in range(STEPS):
+            far = np.flatnonzero(squared[some] > self.limit_squared)
+            some, triangle = some[far], to_original.across(places[:, some[far]], triangle[far])
+            found = squared_distances(places[:, some], *to_original.triangles(triangle))
+            squared[some] = np.minimum(squared[some], found)
         yield
 
         # For the others the tree is asked, first for the farthest of each collapse: mostly that decides it.
