@@ -32,7 +32,7 @@ from .paths import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
 from .pixels import DoesNotFit, SliceRead, check_codec, fill_slice, output_type, padding_mark
 from .reading import Reading, Series
 from .slices import Stack, stack_up
-from .values import require_memory
+from .values import PLANES, require_memory
 
 SCAN_SHARE = 0.3  # of the progress goes to headers
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
@@ -357,7 +357,8 @@ def unpadded_steps(values: NDArray[Any], lowest: float, padded: int) -> Steps[li
     if lowest == float("inf"):
         raise ReadError(f"all {padded} pixels of the series are padding; choose another series")
     mark = padding_mark(values.dtype)
-    yield Step(1.0, "Clearing padding")
-    for plane in values:
-        plane[plane == mark] = lowest
+    for at in range(0, len(values), PLANES):
+        yield Step(1.0, "Clearing padding")
+        some = values[at : at + PLANES]
+        some[some == mark] = lowest
     return [f"{padded} padding pixels were set to the lowest value, {lowest:g}"]
