@@ -391,7 +391,7 @@ def dress(stage: Stage, cells: Sequence[Cell], look: Look) -> None:
             copy.visible_shadow = shown.opacity == 1.0  # or walls that touch would speckle each other
             width = min(EDGE_MM * stage.unit, EDGE_SHARE * mean_edge(copy)) if line else 0.0
             stage.made.append(put_on(copy, figure_material(NAME, face, line, width, shown.opacity, look.engine)))
-            if line and look.engine == "workbench":
+            if line and look.engine != "cycles":
                 stage.made.append(edge_geometry(copy, line, width))
 
 

@@ -83,7 +83,7 @@ def figure_material(
     name: str, face: Colour, edge: Colour | None, width: float, opacity: float, engine: str
 ) -> bpy.types.Material:
     """The material of a surface in a figure; `width` of its edges in scene units."""
-    drawn = edge is not None and engine != "workbench"  # which has no nodes: its edges are geometry
+    drawn = edge is not None and engine == "cycles"  # the others have geometry for edges
     material = edged_material(name, face, edge, width) if edge and drawn else surface_material(name, face)
     if opacity < 1.0:
         see_through(material, opacity)
@@ -132,7 +132,10 @@ def opacity_socket(tree: Any, opacity: float) -> Any:
 
 
 def edge_geometry(thing: bpy.types.Object, edge: Colour, width: float) -> bpy.types.Material:
-    """For Workbench: triangle edges as bars of their own material; returns that."""
+    """Triangle edges as bars of their own material; returns that.
+
+    For Workbench, which has no nodes, and for EEVEE, whose wireframe node leaves dark stains from Blender 5.0 on.
+    """
     material = surface_material("CTMC Edges", edge)
     thing.data.materials.append(material)
     wire = thing.modifiers.new("CTMC Edges", "WIREFRAME")
