@@ -55,6 +55,24 @@ def test_stages_are_named_after_the_steps_that_end_them():
     assert seconds["first"] >= 0.02
 
 
+def test_gaps_have_the_name_shown_meanwhile_and_esc_is_timed():
+    pytest.importorskip("bpy")
+    from benchmarks.steps import CONCLUSION, ESC, PRESS, gaps
+
+    def job():
+        yield Step(0.0, "first")
+        yield Step(0.5, "first")
+        time.sleep(0.02)
+        yield Step(1.0, "second")
+        return lambda: time.sleep(0.01)
+
+    found = gaps(job, 60.0)
+    assert {name: gap.steps for name, gap in found.items()} == {PRESS: 1, "first": 2, "second": 1, CONCLUSION: 1}
+    assert found["first"].longest >= 0.02
+    assert found[CONCLUSION].longest >= 0.01
+    assert list(gaps(job, 0.0)) == [ESC]
+
+
 def test_bytes_read_and_written_take_their_own_time():
     assert least_seconds(10.0, 6.0, {"read": 5.0, "write": 2.0}) == 5.0
 
