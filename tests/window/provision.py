@@ -1,7 +1,7 @@
 """A real Blender with a window, in a folder of its own under the user's cache: `provision.py SUITE` prints the folder.
 
 Debian trixie brings Blender 4.3 (Python 3.13), sid brings 5.2 (Python 3.14). Nothing is mounted and nothing is
-written outside the folder. It takes root and debootstrap, one to two minutes and 2 GB each, once. Debian's mirror is
+written outside the folder. It takes root and debootstrap, one to two minutes and 1.4 GB each, once. Debian's mirror is
 the one this machine's own apt uses, or that of the variable CTMC_DEBIAN_MIRROR. Several checkouts share the folders:
 a lock beside each lets many use it and one make it.
 """

@@ -213,6 +213,7 @@ def test_the_rotation_test_runs_and_puts_everything_back(desk):
     before = desk.ask(STATE)
     desk.press(ROTATE, "rotation_test")
     desk.wait(f"({IDLE}) and {TABLE} is not None")
+    desk.find("bpy.ops.ctmc.rotation_save()")  # below the table, which is in sight then
     desk.look("16-rotation-table")
     rounds = desk.ask(f"answer = {TABLE}.rounds")
     assert [len(one) for one in rounds] == [2, 2, 2]
