@@ -345,10 +345,11 @@ class CollapsingMesh:
         yield from self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
 
     def keep_bound(self) -> Pauses[None]:
-        """Take collapses back until the bound on the error, if there is one, is kept everywhere."""
+        """Take collapses back until the bound on the error, if there is one, is kept everywhere: last of all."""
         if self.bound is not None:
-            yield from keep_bound(self.history, self.bound.check)
-            history = self.history
+            history, check, self.bound = self.history, self.bound.check, None  # the samples are not needed any more
+            del self.quadrics, self.cost, self.edges, self.face_edges
+            yield from keep_bound(history, check)
             self.positions, self.normals, self.faces = history.positions, history.normals, history.faces
 
     def mesh(self) -> TriangleMesh:

@@ -57,9 +57,12 @@ class ErrorBound:
         ends = [np.take(positions, end, axis=1) for end in edges]
         yield
         along = ends[1] - ends[0]
-        self.gap = max(2.0 * float(np.median(np.sqrt(dot(along, along)))), self.check.limit)
+        length = np.sqrt(dot(along, along))
+        self.gap = max(2.0 * float(np.median(length)), self.check.limit)
         yield
-        on_edges, edge_of = _spread(ends, self.gap)
+        long = np.flatnonzero(length > 2.0 * self.check.limit)  # between the ends of others little can go wrong
+        on_edges, edge_of = _spread([np.take(end, long, axis=1) for end in ends], self.gap)
+        edge_of = long[edge_of]
         yield
         corners = [np.take(positions, corner, axis=1) for corner in faces]
         in_faces, face_of = _spread(corners, self.gap)
@@ -92,9 +95,7 @@ class ErrorBound:
         collapse_at = np.full(faces.shape[1], -1, np.int32)
         collapse_at[collapses.faces] = collapses.owner
         moving = np.flatnonzero((np.take(collapse_at, self.home) >= 0) & (self.home >= 0))
-        collapse = collapse_at[self.home[moving]].astype(np.int64)
-        order = np.argsort(collapse, kind="stable")
-        moving, collapse = moving[order], collapse[order]
+        collapse = collapse_at[self.home[moving]]
         yield
 
         left = np.flatnonzero(~collapses.gone)

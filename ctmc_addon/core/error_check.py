@@ -24,7 +24,7 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Pieces = list[Floats]  # three corners, (3, n) each
 
-BLOCK = 4096  # pieces that are looked at together: they stay in the cache
+BLOCK, ASKED = 4096, 1024  # pieces looked at, and points the tree is asked for, together: they stay in the cache
 STEEP = 0.5  # how fast a distance grows along a piece: the sine of 30 degrees
 CUTS = 5  # quarterings of a face
 STEPS = 2  # from triangle to triangle in search of a nearer one, at each quartering
@@ -52,6 +52,15 @@ class Target:
     def triangles(self, number: Places) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
         return (np.take(corner, number, axis=1) for corner in self.tree.corners)
+
+    def nearest(self, points: Floats, limits: Doubles) -> Pauses[tuple[Doubles, Places]]:
+        """`TriangleTree.nearest` of any number of points, (3, n)."""
+        squared, near = np.empty(len(limits)), np.empty(len(limits), np.int64)
+        for start in range(0, len(limits), ASKED):
+            block = slice(start, start + ASKED)
+            squared[block], near[block] = self.tree.nearest(points[:, block].astype(np.float64), limits[block])
+            yield
+        return squared, near
 
     def across(self, points: Floats, number: Places) -> Places:
         """The neighbour across the side that each point (3, n) lies beyond most, or the triangle itself."""
@@ -82,44 +91,53 @@ class ErrorCheck:
         """Take in the simplified surface: positions (3, W) and faces (3, G)."""
         self.positions, self.faces, self.to_simplified = positions, faces, Target()
         yield from self.to_simplified.prepare(positions, faces)
-        squared, near = yield from _nearest(self.to_simplified.tree, self.original, self.limit)
+        squared, near = yield from self.to_simplified.nearest(self.original, self._limits(self.original))
         self.far, self.near = np.isinf(squared), near
         self.nearest = self.to_simplified.tree.order[near]  # face of every vertex of the original, if it is not far
-        self._steepness()
-        yield
+        yield from self._steepness()
 
     def faces_away(self, some: Places) -> Pauses[Places]:
         """Which of some faces of the simplified surface are somewhere farther than the limit from the original."""
         pieces = _pieces(self.positions, self.faces[:, some])
-        _, near = yield from _nearest(self.to_original.tree, _middle(pieces), self.limit)
+        middle = _middle(pieces)
+        _, near = yield from self.to_original.nearest(middle, self._limits(middle))
         away = yield from _away(self.to_original, pieces, near, self.steep[some], self.limit)
         return some[away]
 
     def original_away(self, some: Places) -> Pauses[Places]:
         """Which of some faces of the original are somewhere farther than the limit from the simplified surface."""
         far = self.far[self.original_faces[:, some]].any(axis=0)
-        rest = some[~far]
-        for corner in self.original_faces:
-            pieces = _pieces(self.original, self.original_faces[:, rest])
-            rest = rest[~_near_one(pieces, self.to_simplified, self.near[corner[rest]], self.limit)]
+        open_ = []
+        for start in range(0, len(some), BLOCK):
             yield
+            rest = some[start : start + BLOCK][~far[start : start + BLOCK]]
+            for corner in self.original_faces:
+                pieces = _pieces(self.original, self.original_faces[:, rest])
+                rest = rest[~_near_one(pieces, self.to_simplified, self.near[corner[rest]], self.limit)]
+            open_.append(rest)
+        rest = np.concatenate(open_) if open_ else some
         pieces = _pieces(self.original, self.original_faces[:, rest])
         near = self.near[self.original_faces[0, rest]]
         away = yield from _away(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
         return np.concatenate([some[far], rest[away]])
 
-    def _steepness(self) -> None:
+    def _limits(self, points: Floats) -> Doubles:
+        return np.full(points.shape[1], self.limit * self.limit)
+
+    def _steepness(self) -> Pauses[None]:
         """How steep faces stand against the other surface there: sines, at most `STEEP`."""
         normals = []
         for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
             normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
             length = np.sqrt(dot(normal, normal))
             normals.append(normal / np.where(length > 0, length, 1.0))
+            yield
         at_vertex = np.zeros(self.original.shape[1])
         for corner in self.original_faces:
             along = dot(normals[0], np.take(normals[1], self.nearest[corner], axis=1))
             sine = np.where(along > 0, np.sqrt(np.maximum(0.0, 1.0 - along * along)), 1.0)
             np.maximum.at(at_vertex, corner, np.minimum(sine, STEEP))
+            yield
         self.steep_original = at_vertex[self.original_faces].max(axis=0)
         # A face that no vertex is nearest to stands as its neighbours do.
         steep, around = np.zeros(self.faces.shape[1]), np.zeros(self.positions.shape[1])
@@ -132,17 +150,6 @@ class ErrorCheck:
 
 def _pieces(positions: Floats, faces: Ints) -> Pieces:
     return [np.take(positions, corner, axis=1) for corner in faces]
-
-
-def _nearest(tree: TriangleTree, points: Floats, limit: float) -> Pauses[tuple[NDArray[np.float64], Places]]:
-    """`TriangleTree.nearest` of any number of points, within one limit."""
-    squared, near = np.empty(points.shape[1]), np.empty(points.shape[1], np.int64)
-    for start in range(0, points.shape[1], BLOCK):
-        block = slice(start, start + BLOCK)
-        some = points[:, block].astype(np.float64)
-        squared[block], near[block] = tree.nearest(some, np.full(some.shape[1], limit * limit))
-        yield
-    return squared, near
 
 
 def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: float) -> Pauses[Flags]:
@@ -170,7 +177,7 @@ def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: fl
             squared[open_[closer]], near[open_[closer]] = found[closer], across[closer]
         # The nearest triangle of all is worth finding only where it can decide.
         ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
-        found, nearer = target.tree.nearest(middle[:, ask].astype(np.float64), np.minimum(squared[ask], limit * limit))
+        found, nearer = yield from target.nearest(middle[:, ask], np.minimum(squared[ask], limit * limit))
         closer = found < squared[ask]
         squared[ask[closer]], near[ask[closer]] = found[closer], nearer[closer]
         away[face[ask[squared[ask] > limit * limit]]] = True
