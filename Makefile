@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments figures clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments figures sidebar-pictures clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -45,6 +45,9 @@ experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/ex
 
 figures: setup  ## the pictures of docs/figures.md, by the commands on that page
 	@$(python) tools/make_figures.py $(ARGS)
+
+sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
+	@PYTHONPATH=tests $(python) -m window.sidebar_pictures
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches
 	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -1,0 +1,162 @@
+"""`make sidebar-pictures`: the pictures of docs/sidebar.md, of the phantom, taken in a windowed Blender 5.2.
+
+One Blender goes through the page's steps in their order. The whole screens are kept in out/sidebar, their parts that
+the page shows in docs/pictures/sidebar.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from window.desk import SCAN, Desk
+from window.provision import NoWindowError, provide, require_means, used
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "out" / "sidebar"
+SHOWN = ROOT / "docs" / "pictures" / "sidebar"
+SUITE = "sid"
+VIEW = 560  # pixels of the viewport beside the sidebar
+DISTANCE = 9.0  # of the eye
+MOST_BYTES = 150_000
+IDLE = "ours('ui.jobs').running() is None"
+COUNTED = "isinstance(ours('ui.session').of(bpy.context.scene).price, ours('ui.live').Bill)"
+QUIET = "ours('ui.live').live.changed is None"
+SCENE = """
+bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
+for name in ("CTMC_PT_rotation", "CTMC_PT_results", "CTMC_PT_figure"):
+    open_panel(name)
+space = viewport().space
+space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
+space.overlay.show_axis_x = space.overlay.show_axis_y = space.show_gizmo = space.show_region_toolbar = False
+space.overlay.show_text = space.overlay.show_outline_selected = space.overlay.show_object_origins = False
+"""
+# From the patient's front, right and head; the middle of the CT stands at (x, y) of the screen.
+LOOK_AT = """
+from mathutils import Euler, Vector
+about = viewport().space.region_3d
+about.view_perspective, about.view_distance = "ORTHO", {distance}
+about.view_rotation = Euler((1.15, 0, 2.75)).to_quaternion()
+about.view_location = (0.0, 0.0, 0.0)
+about.update()
+right, up = (about.view_rotation @ Vector(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+middle = sum(ours("core.boxes").volume_box(ours("ui.volumes").current(bpy.context.scene))) / 8 * 0.01
+(x, y), (u, _) = on_screen(middle), on_screen(middle + right)
+about.view_location = right * ((x - {x}) / (u - x)) + up * (({y} - y) / (u - x))
+"""
+BEGIN = """
+view = viewport()
+with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
+    bpy.ops.ctmc.{operator}("INVOKE_DEFAULT")
+"""
+# A job that waits for its picture once it is so far.
+HOLD = """
+job = ours("ui.jobs").running()
+go_on = job.advance
+job.advance = lambda: None if job.step.fraction > 0.6 else go_on()
+"""
+PROGRESS = "(lambda job: None if job is None else job.step.fraction)(ours('ui.jobs').running())"
+TABLE = "ours('ui.session').of(bpy.context.scene).rotation"
+
+
+def main() -> int:
+    """Take every picture; 0 if all went well, or if this machine has no means for a window."""
+    try:
+        require_means()
+        provide(SUITE)
+        with used(SUITE) as root:
+            desk = Desk(root, OUT)
+            try:
+                prepare(desk)
+                take(desk)
+            finally:
+                desk.close()
+    except NoWindowError as reason:
+        print(f"The pictures of the sidebar are left out: {reason}")
+    return 0
+
+
+def prepare(desk: Desk) -> None:
+    """A Blender with the extension, its sidebar open, and the phantom loaded."""
+    for command in (
+        ["tools/build_extension.py", "--platform=linux-x64", f"--output={OUT}"],
+        ["-m", "ctmc_addon", "phantom", str(OUT / "ct"), "--format", "nifti"],
+    ):
+        subprocess.run([sys.executable, *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    (package,) = OUT.glob("*.zip")
+    desk.install(package)
+    volume = desk.bring(OUT / "ct" / "volume-0.nii.gz")
+    desk.open()
+    desk.ask(SCENE)
+    desk.wait("bring_tab('CTMC')")
+    desk.ask(f"bpy.context.scene.ctmc.preview = False; bpy.ops.ctmc.load(filepath='{volume}')")
+
+
+def take(desk: Desk) -> None:
+    """A picture for every step of the page."""
+    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (2, 2, 1)")
+    desk.wait(COUNTED)
+    rows = rows_of(desk, up=True)
+    load, copy = rows["bpy.ops.ctmc.load()"], rows["bpy.ops.ctmc.copy_command()"]
+    keep(desk, "load", load - 45, rows["ctmc.surface_from"] - 1, view=False)
+    keep(desk, "surface", rows["ctmc.surface_from"] - 4, rows["ctmc.soften_mm"] + 20)
+    desk.ask("bpy.context.scene.ctmc.preview = True")
+    desk.wait(f"{QUIET} and {COUNTED}")
+    keep(desk, "preview", rows["ctmc.soften_mm"] - 5, copy + 22)
+    desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.reduction = 0.9")
+    desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
+    desk.wait(f"{PROGRESS} > 0.6")
+    keep(desk, "reconstruct", rows["ctmc.simplifier"] - 7, copy + 22, view=False)
+    desk.ask("del ours('ui.jobs').running().advance")
+    desk.wait(IDLE)
+    desk.ask("bpy.context.scene.ctmc_view.show_slice = False; viewport().space.shading.color_type = 'VERTEX'")
+    desk.ask("bpy.ops.ctmc.deviation_map()")
+    rows = rows_of(desk, up=False)
+    keep(desk, "results", rows["bpy.ops.ctmc.deviation_map()"] - 225, rows["bpy.ops.ctmc.adopt_settings()"] + 22)
+    desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
+    desk.ask(BEGIN.format(operator="rotation_test"))
+    desk.wait(f"{TABLE} is not None and {IDLE}")
+    rows = rows_of(desk, up=False)
+    top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 22
+    keep(desk, "rotation", top, bottom, view=False)
+    keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 22)
+
+
+def rows_of(desk: Desk, *, up: bool) -> dict[str, int]:
+    """Scroll the sidebar to one end, and where on the screen the fields and buttons then in sight are."""
+    left, top, width, height = box(desk)
+    desk.turn_wheel(left + 12, top + height // 2, up=up, clicks=100)
+    x = left + round(0.65 * width)
+    found: dict[str, int] = {}
+    for y in range(top + SCAN, top + height, SCAN):
+        found.setdefault(desk.under(x, y), y)
+    desk.move(left // 2, top + 10)
+    return found
+
+
+def box(desk: Desk) -> list[int]:
+    """Left, top, width and height of the sidebar on the screen."""
+    answer: list[int] = desk.ask("""
+view = viewport()
+bar = view.sidebar
+answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
+""")
+    return answer
+
+
+def keep(desk: Desk, name: str, top: int, bottom: int, *, view: bool = True) -> None:
+    """Keep a strip of the sidebar between two rows, with the viewport beside it unless told, as a small PNG."""
+    left, _, width, _ = box(desk)
+    desk.ask(LOOK_AT.format(distance=DISTANCE, x=left - VIEW // 2, y=(top + bottom) // 2))
+    part = desk.look(name).crop((left - (VIEW if view else 0), top, left + width, bottom))
+    target = SHOWN / f"{name}.png"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part.save(target, "PNG", optimize=True)
+    size = target.stat().st_size
+    assert size <= MOST_BYTES, f"{target.name} has {size} bytes"
+    print(f"{target.relative_to(ROOT)}: {part.width} x {part.height}, {size} bytes", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
