@@ -38,7 +38,7 @@ from .workers import in_batches, worker_count
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab at most, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
-SLABS = 4  # at least, if that leaves a quarter of as many: for threads to share
+KEPT_BYTES = 1 << 23  # more than any array of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
 
 
@@ -151,10 +151,12 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
         raise ThresholdError(f"threshold {threshold} is not a number; give a grey value of the volume")
+    # The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger
+    # piece was freed before. This is one; nothing is written to it.
+    np.empty(KEPT_BYTES, np.uint8)
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
-    height = max(1, SLAB_SAMPLES // (rows * pitch))
-    ranges = [(low, min(low + height, layers)) for low in range(0, layers, height)]
+    ranges = _even_parts(np.full(layers, rows * pitch / SLAB_SAMPLES))
     compare = in_batches(
         lambda part: inside_bits(grid, threshold, *part, bits), ranges, threads, "Comparing with the threshold"
     )
@@ -173,12 +175,16 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
 
 def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
     """Ranges of sample layers of about equal work each, by every sixteenth row of words."""
-    layers, layer_words = len(bits) - 1, bits[0].size
     mixed = np.count_nonzero(bits[:-1, ::16] + np.uint64(1) > 1, axis=(1, 2)) * 16  # neither no sample nor all
-    most = min(SLAB_MIXED, max(SLAB_MIXED // 4, mixed.sum() // SLABS))
-    work = np.maximum(mixed / most, layer_words / SLAB_WORDS)
-    slab = np.floor(np.cumsum(work) - work).astype(int)
-    firsts = [0, *(np.flatnonzero(np.diff(slab)) + 1), layers]
+    return _even_parts(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
+
+
+def _even_parts(work: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Ranges (low, high) of layers that share the work evenly: an even number, of a work of 1 at most."""
+    done = np.cumsum(work)
+    parts = 2 * max(1, math.ceil(done[-1] / 2))
+    part = np.floor((done - work / 2) * (parts / done[-1]))
+    firsts = [0, *(np.flatnonzero(np.diff(part)) + 1), len(work)]
     return [(int(low), int(high)) for low, high in pairwise(firsts)]
 
 

@@ -48,14 +48,15 @@ class Sampler:
 
     def slope(self, place: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
         """Difference of the values along an axis (0, 1, 2 for x, y, z), each for one voxel; one-sided at the border."""
-        size, step = self.size[axis], self.steps[axis]
-        if not len(place) or (coordinate.min() > 0 and coordinate.max() < size - 1):
-            rise = self.take(place + step) - self.take(place - step)
-            rise *= 0.5
-            return rise
-        above, below = coordinate < size - 1, coordinate > 0
-        rise = self.take(place + above * step) - self.take(place - below * step)
-        rise /= above.astype(self.working_type) + below.astype(self.working_type)
+        step = self.steps[axis]
+        first, last = np.flatnonzero(coordinate == 0), np.flatnonzero(coordinate == self.size[axis] - 1)
+        above, below = place + step, place - step
+        above[last] -= step
+        below[first] += step
+        rise = self.take(above) - self.take(below)
+        rise *= 0.5
+        rise[first] *= 2.0
+        rise[last] *= 2.0
         return rise
 
 

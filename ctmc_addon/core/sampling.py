@@ -157,8 +157,9 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     first_layer, end_layer = max(low, z.closed), min(high, z.count - z.closed)
     columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), (y.closed, y.count - y.closed)
     pitch = grid.words * WORD
-    rows = min(end_row - first_row, max(1, CHUNK_SAMPLES // pitch))
-    layers = max(1, CHUNK_SAMPLES // (rows * pitch)) if z.stride == 1 else 1
+    chunk = CHUNK_SAMPLES // (pitch * x.stride * y.stride)  # rows
+    rows = min(end_row - first_row, max(1, chunk))
+    layers = max(1, chunk // rows) if z.stride == 1 else 1
     buffer = np.zeros((min(layers, high - low), rows, pitch), bool)
     for layer in range(first_layer, end_layer, layers):
         end = min(layer + layers, end_layer)
@@ -185,12 +186,21 @@ def _compare(
     near = layers[:, rows, x.start : x.stop] if skip else layers[:, rows[0] : rows[-1] + 1, x.start : x.stop]
     inside = near >= lowest
     step = 1 if skip else y.stride
-    regular = inside[:, ::step, :: x.stride]
+    regular = _every(x.stride, inside[:, ::step])
     count = regular.shape[1:]
     out[:, : count[0], : count[1]] = regular
     out[:, : count[0], count[1] :] = inside[:, ::step, -1:]
     out[:, count[0] :, : count[1]] = inside[:, -1:, :: x.stride]
     out[:, count[0] :, count[1] :] = inside[:, -1:, -1:]
+
+
+def _every(stride: int, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Every so many of the samples along the rows."""
+    width = inside.shape[2]
+    if stride not in (2, 4, 8) or width % stride:
+        return inside[..., ::stride]
+    # The lowest byte of every 2, 4 or 8: several times faster than stepping from byte to byte.
+    return inside.view(f"<u{stride}").astype(np.uint8).view(bool)
 
 
 def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from .active import EIGHT, Slab
 from .cases import EDGES, Corners
 
-MAP_EIGHTS = 1 << 18  # eights of samples whose numbers are looked up at once: they stay in the cache
+MAP_EIGHTS = 1 << 17  # eights of samples whose numbers are looked up at once: they stay in the cache
+AT_ONCE = 1 << 14  # voxels whose corners are looked up at once, for the same reason
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -34,7 +35,7 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     place_of_edge += [own * size for own in range(3, 6)]
     corners = slab.tables.corners
     row_of_corner = np.array(row_of_edge, np.intp)[corners.edges]
-    place_of_corner = np.array(place_of_edge, np.intp)[corners.edges]
+    place_of_corner = np.array(place_of_edge, np.int32)[corners.edges]
 
     kind = corners.kind.take(slab.row)
     kind *= slab.whole
@@ -42,20 +43,19 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     ends = np.cumsum(np.bincount(kind)).tolist()
     start = 0
     for number, (begin, end) in enumerate(pairwise(ends), 1):
-        if begin == end:
-            continue
-        voxel = by_kind[begin:end]
         looked_up, columns = Corners.columns(number)
-        corner = corners.first.take(slab.row.take(voxel)) + np.arange(looked_up)[:, None]
-        at = row_of_corner.take(corner)
-        at += voxel
-        place = cells.take(at)
-        place += place_of_corner.take(corner)
-        vertices = vertex_of.take(place, mode="clip")
-        part = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
-        start += len(columns) // 3 * len(voxel)
-        for column, looked in enumerate(columns):
-            part[:, column] = vertices[looked]
+        for first in range(begin, end, AT_ONCE):
+            voxel = by_kind[first : min(first + AT_ONCE, end)]
+            corner = corners.first.take(slab.row.take(voxel)) + np.arange(looked_up)[:, None]
+            at = row_of_corner.take(corner)
+            at += voxel
+            place = cells.take(at)
+            place += place_of_corner.take(corner)
+            vertices = vertex_of.take(place, mode="clip")
+            part = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
+            start += len(columns) // 3 * len(voxel)
+            for column, looked in enumerate(columns):
+                part[:, column] = vertices[looked]
 
 
 def _first_layer(slab: Slab | None) -> NDArray[np.intp]:
@@ -65,12 +65,12 @@ def _first_layer(slab: Slab | None) -> NDArray[np.intp]:
     return slab.eight[: np.searchsorted(slab.eight, slab.rows * slab.pitch // EIGHT)]
 
 
-def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.intp]:
+def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
     """Cells of every voxel and of those one row, one layer and both further, (4, n); at random where not active."""
     in_row = slab.pitch // EIGHT
     in_layer = slab.rows * in_row
     eights = np.concatenate([slab.eight, top + (slab.high - slab.low) * in_layer])
-    first_cell = np.empty((3, len(slab.eight)), np.intp)
+    first_cell = np.empty((3, len(slab.eight)), np.int32)
     height = max(1, MAP_EIGHTS // in_layer - 1)
     for low in range(0, slab.high - slab.low, height):
         high = min(low + height, slab.high - slab.low)
@@ -83,8 +83,8 @@ def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.intp]:
         for step, cell in zip((in_row, in_layer, in_layer + in_row), first_cell, strict=True):
             cell[begin:end] = number.take(here + step, mode="clip")
     first_cell *= EIGHT
-    eight, within = slab.cell >> 3, slab.cell & 7
-    cells = np.empty((4, len(slab.cell)), np.intp)
+    eight, within = slab.cell >> 3, (slab.cell & 7).astype(np.int32)
+    cells = np.empty((4, len(slab.cell)), np.int32)
     cells[0] = slab.cell
     for row, cell in zip(cells[1:], first_cell, strict=True):
         np.take(cell, eight, out=row, mode="clip")
