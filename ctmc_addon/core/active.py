@@ -72,15 +72,16 @@ class Slab:
     def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
         """Sample numbers along x, y and z of the lowest corners of some of the voxels."""
         cell = self.cell.take(voxels)
-        x, y, z = (along.take(cell >> 3) for along in self.eight_samples())
+        x, y, z = self.eight_samples(cell >> 3)
         return x + (cell & 7), y, z
 
-    def eight_samples(self) -> tuple[NDArray[np.intp], ...]:
-        """Sample numbers along x, y and z of the first sample of every eight."""
+    def eight_samples(self, some: NDArray[np.intp] | None = None) -> tuple[NDArray[np.intp], ...]:
+        """Sample numbers along x, y and z of the first sample of every eight, or of some of them."""
+        eight = self.eight if some is None else self.eight.take(some)
         in_row = self.pitch // EIGHT
-        row = self.eight // in_row
+        row = eight // in_row
         layer = row // self.rows
-        return (self.eight - row * in_row) * EIGHT, row - layer * self.rows, layer + self.low
+        return (eight - row * in_row) * EIGHT, row - layer * self.rows, layer + self.low
 
 
 def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:

@@ -25,16 +25,19 @@ def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab
     ambiguous = np.flatnonzero(NEEDS.take(slab.row) & slab.whole)
     row = slab.row.copy()
     case = slab.row[ambiguous].astype(np.uint8)
-    row[ambiguous] = resolve(corner_values(slab, ambiguous, grid, sampler), threshold, case)
+    row[ambiguous] = resolve(corner_values(slab.samples(ambiguous), grid, sampler), threshold, case)
     inner = ambiguous[tables().own_count[row[ambiguous]] > 0]
     return replace(slab, row=row, inner=inner, tables=tables())
 
 
-def corner_values(slab: Slab, voxels: NDArray[np.intp], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
-    """Grey values at the eight corners of some voxels, (n, 8); outside samples of a closed border repeat theirs."""
+def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
+    """Grey values at the corners, (n, 8), of the voxels whose lowest is at the samples along x, y and z.
+
+    Outside samples of a closed border repeat theirs.
+    """
     x, y, z = (
         np.stack([along.index[:-1], along.index[1:]]).take(at, axis=1)  # (2, n)
-        for along, at in zip((grid.x, grid.y, grid.z), slab.samples(voxels), strict=True)
+        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
     )
     place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
     return sampler.take(place).astype(np.float64).reshape(8, -1).T
@@ -52,11 +55,11 @@ def fill_inner(
     count = slab.tables.own_count.take(slab.row.take(slab.inner))
     at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
     voxel = slab.inner.take(at)
-    row, values = slab.row.take(voxel), corner_values(slab, voxel, grid, sampler)
-    samples = np.stack(slab.samples(voxel), axis=1)  # (vertices, 3)
-    begin, end = np.empty_like(samples, np.float32), np.empty_like(samples, np.float32)
+    row, samples = slab.row.take(voxel), slab.samples(voxel)
+    values = corner_values(samples, grid, sampler)
+    begin, end = np.empty((2, len(voxel), 3), np.float32)
     for axis, along in enumerate((grid.x, grid.y, grid.z)):
-        begin[:, axis], end[:, axis] = along.position.take(samples[:, axis]), along.position.take(samples[:, axis] + 1)
+        begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
     side = end - begin
 
     share = crossings(values, threshold)

@@ -219,7 +219,7 @@ def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float
     low, high = (values.T[list(ends)] for ends in zip(*EDGES, strict=True))  # (12, n)
     crossed = (low >= threshold) != (high >= threshold)
     share = (threshold - low) / np.where(crossed, high - low, 1.0)
-    return np.where(crossed, np.clip(share, NEAREST, 1 - NEAREST), 0.5).T
+    return np.where(crossed, np.minimum(np.maximum(share, NEAREST), 1 - NEAREST), 0.5).T
 
 
 def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.float64]:
