@@ -27,7 +27,7 @@ def loaded(scene, ball_file):
     scene.ctmc.threshold = 100.0
     chosen = scene.ctmc_figure
     chosen.figure_width_mm, chosen.figure_dpi = 40.0, 50.0
-    chosen.sheet_width_mm, chosen.sheet_dpi = 60.0, 50.0
+    chosen.sheet_width_mm, chosen.sheet_dpi = 90.0, 50.0
     chosen.turntable_width_mm, chosen.turntable_dpi = 30.0, 40.0
     chosen.seconds, chosen.fps = 1.0, 3
     return scene
