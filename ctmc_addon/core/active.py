@@ -43,6 +43,8 @@ class Slab:
         Which of the voxels own a crossed edge along x, y, z: one vertex each.
     inner : (n_inner,) intp
         Which of the voxels have vertices of their own inside them; none in the classic topology.
+    inner_values : (n_inner, 8) float64
+        Grey values at their corners.
     tables : TriangleTables
     """
 
@@ -56,6 +58,7 @@ class Slab:
     whole: NDArray[np.bool_]
     owned: tuple[NDArray[np.intp], ...]
     inner: NDArray[np.intp]
+    inner_values: NDArray[np.float64]
     tables: TriangleTables
 
     @property
@@ -131,6 +134,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         whole=_bits_of(~half, at_eight).take(cell).view(bool),
         owned=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
         inner=np.zeros(0, np.intp),
+        inner_values=np.zeros((0, 8)),
         tables=CLASSIC,
     )
 

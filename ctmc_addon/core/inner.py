@@ -25,9 +25,10 @@ def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab
     ambiguous = np.flatnonzero(NEEDS.take(slab.row) & slab.whole)
     row = slab.row.copy()
     case = slab.row[ambiguous].astype(np.uint8)
-    row[ambiguous] = resolve(corner_values(slab.samples(ambiguous), grid, sampler), threshold, case)
-    inner = ambiguous[tables().own_count[row[ambiguous]] > 0]
-    return replace(slab, row=row, inner=inner, tables=tables())
+    values = corner_values(slab.samples(ambiguous), grid, sampler)
+    row[ambiguous] = found = resolve(values, threshold, case)
+    has = np.flatnonzero(tables().own_count.take(found))
+    return replace(slab, row=row, inner=ambiguous[has], inner_values=values[has], tables=tables())
 
 
 def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
@@ -46,7 +47,6 @@ def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sa
 def fill_inner(
     slab: Slab,
     grid: Grid,
-    sampler: Sampler,
     threshold: float,
     targets: list[Target],
     directions: NDArray[np.float32] | None,
@@ -55,8 +55,7 @@ def fill_inner(
     count = slab.tables.own_count.take(slab.row.take(slab.inner))
     at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
     voxel = slab.inner.take(at)
-    row, samples = slab.row.take(voxel), slab.samples(voxel)
-    values = corner_values(samples, grid, sampler)
+    row, samples, values = slab.row.take(voxel), slab.samples(voxel), slab.inner_values[at]
     begin, end = np.empty((2, len(voxel), 3), np.float32)
     for axis, along in enumerate((grid.x, grid.y, grid.z)):
         begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
@@ -65,7 +64,7 @@ def fill_inner(
     share = crossings(values, threshold)
     points = own_points(row, number, share)
     linear = (begin + points * side).astype(np.float32)
-    middle = (begin + own_points(row, number, np.full((1, 12), 0.5)) * side).astype(np.float32)
+    middle = (begin + tables().own_middle[row, number] * side).astype(np.float32)
     for alpha, position in targets:
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
     if directions is not None:

@@ -62,6 +62,8 @@ class Tables(TriangleTables):
         The share that each edge's vertex has in the place of each own vertex, of which there are 0, 1 or 3.
     own_offset : (rows, 3, 3) float64
         Place of each own vertex if all edges' vertices stood at their edges' low corners.
+    own_middle : (rows, 3, 3) float64
+        Place of each own vertex if the edges' vertices stand at the edges' midpoints.
     row_of : (256 * 64, 9) int16
         Row of 64 times a case with a bit for each face whose inside corners are joined, and 1 + the number of its
         tunnel.
@@ -71,6 +73,7 @@ class Tables(TriangleTables):
 
     own_weights: NDArray[np.float64]
     own_offset: NDArray[np.float64]
+    own_middle: NDArray[np.float64]
     row_of: NDArray[np.int16]
     may_tunnel: NDArray[np.bool_]
 
@@ -109,6 +112,7 @@ def tables() -> Tables:
         own_count=np.array([len(groups) for _, groups in rows], np.uint8),
         own_weights=own_weights,
         own_offset=own_offset,
+        own_middle=_moved(own_weights, own_offset, np.full(12, 0.5)),
         row_of=row_of,
         may_tunnel=(row_of[:, 1:] != row_of[:, :1]).any(axis=1),
     )
@@ -230,11 +234,17 @@ def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[n
     row : (n,) intp
     number : (n,) intp
         Which of the voxel's own vertices: below `own_count`.
-    share : (n or 1, 12) float64
-        Where the vertices stand on the voxel's edges: `crossings`, or 0.5 for the midpoints.
+    share : (n, 12) float64
+        Where the vertices stand on the voxel's edges: `crossings`.
     """
-    moved = tables().own_weights[row, number].reshape(-1, 3, 4) * share.reshape(-1, 3, 4)  # an axis has four edges
-    points = tables().own_offset[row, number]
+    return _moved(tables().own_weights[row, number], tables().own_offset[row, number], share)
+
+
+def _moved(
+    weights: NDArray[np.float64], offset: NDArray[np.float64], share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    moved = (weights * share).reshape(*offset.shape, 4)  # an axis has four edges
+    points = offset.copy()
     for edge in range(4):
-        points += moved[:, :, edge]
+        points += moved[..., edge]
     return points

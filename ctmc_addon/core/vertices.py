@@ -52,7 +52,6 @@ def _fill(
         fill_inner(
             slab,
             grid,
-            sampler,
             threshold,
             [(alpha, position[on_edges:]) for alpha, position in targets],
             None if directions is None else directions[on_edges:],
