@@ -29,7 +29,7 @@ EXTRA = {"trixie": [], "sid": ["python3-cattr"]}
 STAMP = "ctmc-packages"
 DESKS = "ctmc-desk-"  # begins the name of every test run's own folder, in the Debian's /tmp
 ANSWER_LIMIT = 30.0  # seconds for the mirror's first answer
-MAKE_LIMIT = 1800.0  # seconds for any one of the commands below
+MAKE_LIMIT = 900.0  # seconds for any one of the commands below
 
 
 class NoWindowError(Exception):
