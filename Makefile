@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy experiments figures sidebar-pictures clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy topology experiments figures sidebar-pictures clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -39,6 +39,9 @@ bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extr
 
 accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
+
+topology: setup  ## how often parts and Euler numbers are not the trilinear surface's; ARGS="100" for a hundred
+	@PYTHONPATH=tests $(python) -m benchmarks.topology $(ARGS)
 
 experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/experiments.md; ARGS="--cases phantom-29"
 	@$(python) tools/make_experiments.py $(ARGS)
