@@ -190,8 +190,8 @@ class ErrorBound:
         farthest[of[far]] = far
         ask = farthest[farthest >= 0]
         for _ in range(2):
-            away = np.isinf(self.check.to_original.tree.distances(places[:, ask].T, self.limit))
-            refused[of[ask[away]]] = True
+            asked, _ = yield from to_original.nearest(places[:, ask], np.full(len(ask), self.limit * self.limit))
+            refused[of[ask[np.isinf(asked)]]] = True
             ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
             yield
         return refused
