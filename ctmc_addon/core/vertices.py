@@ -5,6 +5,8 @@ Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,6 +68,7 @@ def _fill_edges(
     targets: list[Target],
     directions: NDArray[np.float32] | None,
 ) -> None:
+    axes = (grid.x, grid.y, grid.z)
     ends = np.cumsum([0] + [len(voxels) for voxels in slab.owned])
     parts = [slice(ends[axis], ends[axis + 1]) for axis in range(3)]
     cell = slab.cell.take(np.concatenate(slab.owned))
@@ -74,23 +77,19 @@ def _fill_edges(
     x = first_x.take(eight)
     x += cell & 7
 
-    # Along y and z all samples of an eight are the same, so what depends on them is worked out for each eight.
-    along_row = grid.x.index * sampler.steps[0]
+    def at_edges(axis: int, by_sample: NDArray[Any], part: slice = slice(None)) -> NDArray[Any]:
+        """What belongs to the edges' low ends; along y and z all samples of an eight are the same."""
+        return by_sample.take(x[part]) if axis == 0 else by_sample.take((y, z)[axis - 1]).take(eight[part])
+
     place = sampler.place(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z)).take(eight)
-    place += along_row.take(x)
+    place += at_edges(0, grid.x.index * sampler.steps[0])
     beyond = place.copy()
-    beyond[parts[0]] += np.diff(along_row, append=0).take(x[parts[0]])
-    beyond[parts[1]] += (np.diff(grid.y.index, append=0) * sampler.steps[1]).take(y).take(eight[parts[1]])
-    beyond[parts[2]] += (np.diff(grid.z.index, append=0) * sampler.steps[2]).take(z).take(eight[parts[2]])
-    begins = [grid.x.position.take(x), grid.y.position.take(y).take(eight), grid.z.position.take(z).take(eight)]
-    begin = np.concatenate([begins[axis][parts[axis]] for axis in range(3)])
-    side = np.concatenate(
-        [
-            np.diff(grid.x.position, append=np.float32(0)).take(x[parts[0]]),
-            np.diff(grid.y.position, append=np.float32(0)).take(y).take(eight[parts[1]]),
-            np.diff(grid.z.position, append=np.float32(0)).take(z).take(eight[parts[2]]),
-        ]
-    )
+    coordinates = [at_edges(axis, along.position) for axis, along in enumerate(axes)]
+    begin, side = np.empty(len(cell), np.float32), np.empty(len(cell), np.float32)
+    for axis, (along, part) in enumerate(zip(axes, parts, strict=True)):
+        beyond[part] += at_edges(axis, np.diff(along.index, append=0) * sampler.steps[axis], part)
+        begin[part] = coordinates[axis][part]
+        side[part] = at_edges(axis, np.diff(along.position, append=np.float32(0)), part)
     low = sampler.take(place)
     rise = sampler.take(beyond) - low
     # The outside sample of a closed border repeats its neighbour's value: no rise, so the cap lies half-way.
@@ -105,12 +104,11 @@ def _fill_edges(
     middle = begin + np.float32(0.5) * side
     linear = (begin + t * side).astype(np.float32)
     for alpha, position in targets:
-        for axis in range(3):
-            position[:, axis] = begins[axis]
         mixed = linear if alpha is None else blend(middle, linear, alpha)
         for axis, part in enumerate(parts):
-            position[part, axis] = mixed[part]
+            coordinates[axis][part] = mixed[part]
+            position[:, axis] = coordinates[axis]
     if directions is not None:
-        index = [grid.x.index.take(x), grid.y.index.take(y).take(eight), grid.z.index.take(z).take(eight)]
+        index = [at_edges(axis, along.index) for axis, along in enumerate(axes)]
         edge_normals(sampler, index, place, parts, linear, directions)
         directions[on_cap] = 0.0
