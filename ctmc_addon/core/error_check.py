@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distance import TriangleTree, squared_distances
-from .mesh import TriangleMesh
+from .mesh import TriangleMesh, finding_edges
 from .progress import Pauses
 from .quadrics import cross, dot
 
@@ -38,16 +38,15 @@ class Target:
         self.tree = TriangleTree()
         yield from self.tree.prepare(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
         faces = faces[:, self.tree.order]
-        start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
-        keys = np.minimum(start, end).astype(np.int64) * positions.shape[1] + np.maximum(start, end)
-        yield
-        order = np.argsort(keys, kind="stable")
-        yield
-        pair = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+        edges, face_edges = yield from finding_edges(faces.astype(np.int32), positions.shape[1])
         face = np.tile(np.arange(faces.shape[1]), 3)
-        beside = face.copy()  # of itself, at a border
-        beside[order[pair]], beside[order[pair + 1]] = face[order[pair + 1]], face[order[pair]]
-        self.beside = beside.reshape(faces.shape)
+        first, last = np.empty(edges.shape[1], np.int64), np.empty(edges.shape[1], np.int64)
+        last[face_edges.ravel()] = face
+        yield
+        first[face_edges.ravel()[::-1]] = face[::-1]
+        yield
+        first, last = np.take(first, face_edges), np.take(last, face_edges)
+        self.beside = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
 
     def triangles(self, number: Places) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
