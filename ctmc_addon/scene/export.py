@@ -26,7 +26,7 @@ from .evaluate import evaluated_copy, scale_of
 from .outputs import require_complete, require_room, written_whole
 from .placement import moved, to_patient
 from .stage import prepare_scene
-from .surfaces import refresh_normals
+from .surfaces import refresh_normals, require_left_alone
 
 MM_PER_M = 1000.0
 
@@ -51,10 +51,11 @@ def export(
     OutputError
         For an unknown suffix, or a place that cannot be written to.
     MeshError
-        If Blender does not evaluate the object.
+        If Blender does not evaluate the object, or it is in edit mode.
     """
     target = Path(path)
     writer = writer_of(target)
+    require_left_alone(thing)
     refresh_normals(thing)
     with written_whole(target) as beside:
         try:
@@ -69,7 +70,7 @@ def writer_of(path: Path) -> Callable[..., tuple[int, int]]:
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         suffixes = ", ".join(WRITERS)
-        raise OutputError(f"{path.name} has no known suffix; the formats are {suffixes}")
+        raise OutputError(f"{path.name or 'an empty name'} has no known suffix; the formats are {suffixes}")
     return writer
 
 

@@ -275,6 +275,11 @@ def require_changeable(thing: bpy.types.Object) -> None:
         raise MeshError(f"{thing.name} is no mesh; choose a reconstructed object")
     if thing.library is not None or thing.override_library is not None or thing.data.library is not None:
         raise MeshError(f"{thing.name} is linked from another file; make it local first")
+    require_left_alone(thing)
+
+
+def require_left_alone(thing: bpy.types.Object) -> None:
+    """Raise `MeshError` for an object in edit mode: until that is left, its mesh is not the one that is shown."""
     if thing.mode == "EDIT":
         raise MeshError(f"{thing.name} is in edit mode; leave it first")
 

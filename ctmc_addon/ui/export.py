@@ -36,6 +36,9 @@ class CTMC_OT_export(bpy.types.Operator):
         if context.object is None or context.object.type != "MESH":
             cls.poll_message_set("Choose a surface first")
             return False
+        if context.object.mode == "EDIT":
+            cls.poll_message_set("Leave edit mode first")
+            return False
         return True
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

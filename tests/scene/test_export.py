@@ -14,7 +14,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.core.errors import OutputError  # noqa: E402
+from ctmc_addon.core.errors import MeshError, OutputError  # noqa: E402
 from ctmc_addon.core.mesh import TriangleMesh  # noqa: E402
 from ctmc_addon.scene import SUFFIXES, add_reconstruction, evaluated_triangles, export, meshes  # noqa: E402
 
@@ -264,3 +264,13 @@ def test_a_full_disk_leaves_the_older_file_and_nothing_half_written(thing, tmp_p
     assert target.read_bytes() == b"older"
     assert thing.name == "leber ü"
     assert len(bpy.data.scenes) == 1
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_surface_in_edit_mode_is_refused_before_anything_is_written(thing, tmp_path, suffix):
+    bpy.context.view_layer.objects.active = thing
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(MeshError, match="edit mode; leave it first"):
+        export(thing, tmp_path / f"surface{suffix}")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert not list(tmp_path.iterdir())

@@ -69,6 +69,8 @@ def test_update_refuses_what_it_cannot_change(loaded):
     bpy.ops.object.mode_set(mode="EDIT")
     with pytest.raises(RuntimeError, match="edit mode"):
         bpy.ops.ctmc.update()
+    with pytest.raises(RuntimeError, match="Leave edit mode first"):
+        bpy.ops.ctmc.export()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.ctmc.update() == {"FINISHED"}
 
