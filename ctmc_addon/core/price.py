@@ -28,6 +28,7 @@ from .volume import Volume
 VERTEX_BYTES, FACE_BYTES, ACTIVE_BYTES = 36, 12, 40
 BLENDER_VERTEX_BYTES, BLENDER_FACE_BYTES = 60, 52
 WIDEST = 16
+BOUNDED_TIMES = 20  # what a largest distance costs a triangle, in removals: 10 on smooth surfaces, 35 on bone
 BALL = 112  # samples along an axis of the ball that a fresh process is measured on
 
 
@@ -85,6 +86,7 @@ class Calibration:
     vertex: float = 0.0
     face: float = 0.0
     removed: float = 0.0
+    bounded: float = 0.0  # a triangle of a surface that is simplified to a largest distance
     placed: float = 2.0e-6  # a triangle measured and handed to Blender
     known: bool = False
 
@@ -105,6 +107,7 @@ class Calibration:
         start = time.perf_counter()
         simplify(surface.at(1.0), reduction=0.5)
         self.removed = (time.perf_counter() - start) / (0.5 * counts.faces)
+        self.bounded = BOUNDED_TIMES * self.removed
         self.known = True
 
     def learn(self, price: Price, result: Reconstruction, placed: float) -> None:
@@ -116,7 +119,10 @@ class Calibration:
             made = took["Extracting the surface"] + took.get("Placing it in the patient", 0.0) - price.scanned
             self.vertex = self.face = max(made, 0.0) / counted
         if "Simplifying" in took and removed > 1000:
-            self.removed = took["Simplifying"] / removed
+            if result.settings.max_error_mm is not None:
+                self.bounded = took["Simplifying"] / result.full_faces
+            else:
+                self.removed = took["Simplifying"] / removed
         if price.faces > 1000:
             self.placed = placed / price.faces
 
@@ -218,7 +224,10 @@ def seconds_of(counts: Counts, settings: ReconstructionSettings) -> float:
     work = CALIBRATION
     seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.placed)
     if settings.simplifies and settings.simplifier == "builtin":
-        seconds += (counts.faces - goal_faces(counts.faces, settings)) * work.removed
+        if settings.max_error_mm is not None:
+            seconds += counts.faces * work.bounded
+        else:
+            seconds += (counts.faces - goal_faces(counts.faces, settings)) * work.removed
     return seconds
 
 
