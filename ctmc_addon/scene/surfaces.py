@@ -25,6 +25,7 @@ MEMORY = "ctmc"
 KEY = "alpha"
 DECIMATE = "CTMC Decimate"
 NAME_BYTES = 63  # Blender 4 cuts longer names
+STRUCTURE_BYTES = 40  # of them for a label's name at most
 
 
 def add_reconstruction(
@@ -33,6 +34,7 @@ def add_reconstruction(
     scale: float = SCALE,
     color: Colour | None = None,
     mesh: bpy.types.Mesh | None = None,
+    structure: str = "",
 ) -> bpy.types.Object:
     """A new object in `scene` for a surface, at its place in the patient.
 
@@ -44,14 +46,17 @@ def add_reconstruction(
         Linear; None takes the colour of the label.
     mesh : Mesh or None
         What `surface_mesh` has made of it at this scale; None makes it now.
+    structure : str
+        What the label is called, for the object's name; empty where the CT does not say.
 
     Raises
     ------
     MeshError
         If the surface has no triangles.
     """
-    name = object_name(result)
+    name = object_name(result, structure)
     mesh = surface_mesh(result, None, scale) if mesh is None else mesh
+    mesh.name = name
     placement = centred(result.mesh.vertices, scale)
     mesh.materials.append(surface_material(name, color or colour_of(result.settings.label)))
     thing = bpy.data.objects.new(name, mesh)
@@ -151,11 +156,16 @@ def memory_of(thing: bpy.types.Object) -> Any:
     return memory
 
 
-def object_name(result: Reconstruction) -> str:
-    """The file's stem and the label, short enough for every Blender to keep the label."""
-    label = "" if result.settings.label is None else f" label {result.settings.label}"
-    room = NAME_BYTES - 4 - len(label)  # 4 for the .001 of a second one
-    return result.name.encode("utf-8", "replace")[:room].decode("utf-8", "ignore") + label
+def object_name(result: Reconstruction, structure: str = "") -> str:
+    """The file's stem and the label or what it is called, short enough for every Blender to keep the label."""
+    label = "" if result.settings.label is None else f" {structure or f'label {result.settings.label}'}"
+    label = cut(label, STRUCTURE_BYTES)
+    return cut(result.name, NAME_BYTES - 4 - len(label.encode())) + label  # 4 for the .001 of a second one
+
+
+def cut(text: str, size: int) -> str:
+    """The beginning of a text, of so many bytes at most."""
+    return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 
 def surface_mesh(

@@ -48,7 +48,10 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         loaded = in_memory(scene)
         runs = scene.ctmc.all_settings()
         into = {} if self.new else surfaces.targets(context, loaded.volume.name, runs)
-        wanted = [Wanted(run, scene.ctmc.colour_of(run.label), into.get(run)) for run in runs]
+        names = loaded.volume.label_names
+        wanted = [
+            Wanted(run, scene.ctmc.colour_of(run.label), into.get(run), names.get(run.label or 0, "")) for run in runs
+        ]
         return surfaces_steps(loaded, wanted, scene.session_uid)
 
 

@@ -24,11 +24,12 @@ from .translations import say
 
 @dataclass(frozen=True)
 class Wanted:
-    """A surface to make: its settings, its colour, and the object that takes it; None for a new one."""
+    """A surface to make: its settings, colour, the object that takes it (None for a new one), and its label's name."""
 
     settings: ReconstructionSettings
     color: tuple[float, float, float] | None = None
     target: int | None = None
+    structure: str = ""
 
 
 def is_surface(thing: bpy.types.Object | None) -> bool:
@@ -144,7 +145,7 @@ def place(
             # Undo may have taken the mesh, and a deleted object its place: then another is made.
             mesh = meshes.get(known.mesh) if known.target == (None if thing is None else one.target) else None
             if thing is None:
-                thing = scenes.add_reconstruction(result, scene, machine().scale, one.color, mesh)
+                thing = scenes.add_reconstruction(result, scene, machine().scale, one.color, mesh, one.structure)
             else:
                 scenes.update_reconstruction(thing, result, mesh)
                 set_alpha(thing, result.settings.alpha)

@@ -87,6 +87,11 @@ def test_the_name_is_the_files_and_the_label(scene, torus):
     long = add_reconstruction(torus(label=31, threshold=None, name="肝臓" * 40), scene)
     assert long.name.endswith(" label 31")
     assert long.name.startswith("肝臓肝臓")
+    known = add_reconstruction(torus(label=5, threshold=None, name="volume-3"), scene, structure="liver")
+    assert (known.name, known.data.name, known.data.materials[0].name) == ("volume-3 liver",) * 3
+    long = add_reconstruction(torus(label=5, threshold=None, name="ct" * 40), scene, structure="肝臓" * 40)
+    assert long.name.startswith("ctctct")
+    assert " 肝臓肝臓" in long.name
 
 
 def test_labels_have_different_colours_and_a_given_colour_wins(scene, torus):

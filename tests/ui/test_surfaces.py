@@ -131,6 +131,21 @@ def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene,
     assert len(scene.objects) == 2
 
 
+def test_a_label_that_has_a_name_gives_it_to_its_object(scene, tmp_path):
+    values = np.zeros((20, 24, 28), np.uint8)
+    values[4:12, 4:12, 4:12], values[4:12, 4:12, 18:26] = 1, 5
+    (tmp_path / "organs.nrrd").write_bytes(
+        b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 28 24 20\nencoding: raw\n"
+        b"space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n"
+        b"Segment0_LabelValue:=1\nSegment0_Name:=spleen\n\n" + values.tobytes()
+    )
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "organs.nrrd"))
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    assert [thing.name for thing in scene.objects] == ["organs spleen", "organs label 5"]
+
+
 def test_ticks_and_the_label_setting_go_together(scene, labels_file):
     bpy.ops.ctmc.load(filepath=str(labels_file), spacing=(1, 1, 1))
     scene.ctmc.label = 2
