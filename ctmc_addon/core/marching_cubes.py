@@ -36,9 +36,9 @@ from .vertices import fill_vertices
 from .workers import in_batches, worker_count
 
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
-SLAB_WORDS = 1 << 20  # words of 64 samples in a slab at most, for little memory
+SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
-KEPT_BYTES = 1 << 23  # more than any array of a slab; see _scan_steps
+KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
 
 
@@ -74,7 +74,7 @@ def marching_cubes(
         Sides of a voxel in pixels, one number for all three. The last, partial voxel is kept.
     alpha : float
         0 puts vertices at the edges' midpoints, 1 at the linear crossings (Su and Ma, eq. 7). A crossing
-        keeps 2**-10 of the edge from its ends, so no two vertices coincide.
+        keeps 2**-10 of the edge from its ends, so no two vertices coincide, up to 16,000 pixels along an axis.
     close_border : bool
         Cap the surface half a pixel outside the outermost samples.
     normals : bool
@@ -109,7 +109,7 @@ def marching_cubes(
     if not 0 <= alpha <= 1:
         raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")
     grid = make_grid(checked_values(values), stride, close_border)
-    return finish(_extract_steps(grid, threshold, (alpha,), normals, threads, None, topology))[0]
+    return finish(_extract_steps(grid, float(threshold), (alpha,), normals, threads, None, topology))[0]
 
 
 def extract_steps(
@@ -121,13 +121,13 @@ def extract_steps(
     topology: str = "classic",
 ) -> Steps[Surface]:
     """The surface of a grid with both ends of alpha, in index space, as steps."""
-    ends = yield from _extract_steps(grid, threshold, (0.0, None), normals, threads, memory_limit, topology)
+    ends = yield from _extract_steps(grid, float(threshold), (0.0, None), normals, threads, memory_limit, topology)
     return Surface(ends[0].vertices, ends[1].vertices, ends[0].faces, ends[0].normals)
 
 
 def count_steps(grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic") -> Steps[Counts]:
     """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
-    slabs = yield from _scan_steps(grid, threshold, worker_count(threads), topology)
+    slabs = yield from _scan_steps(grid, float(threshold), worker_count(threads), topology)
     return Counts(
         grid.voxels,
         sum(int(slab.whole.sum()) for slab in slabs),
@@ -180,7 +180,7 @@ def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
 
 
 def _even_parts(work: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Ranges (low, high) of layers that share the work evenly: an even number, of a work of 1 at most."""
+    """Ranges (low, high) of layers that share the work about evenly, near 1 each: an even number, if there are layers."""
     done = np.cumsum(work)
     parts = 2 * max(1, math.ceil(done[-1] / 2))
     part = np.floor((done - work / 2) * (parts / done[-1]))
@@ -200,8 +200,8 @@ def _extract_steps(
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
     slabs = yield from _scan_steps(grid, threshold, threads, topology)
-    first_vertex = np.cumsum([0] + [slab.vertices for slab in slabs])
-    first_face = np.cumsum([0] + [slab.faces for slab in slabs])
+    first_vertex = np.cumsum([0] + [slab.vertices for slab in slabs], dtype=np.int64)
+    first_face = np.cumsum([0] + [slab.faces for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
         check_threshold(threshold, grid.values)
         raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")

@@ -233,7 +233,7 @@ def seconds_of(counts: Counts, settings: ReconstructionSettings) -> float:
 
 def memory_of(counts: Counts, settings: ReconstructionSettings, made: Field, volume: Volume) -> int:
     """Bytes at the highest: the softened values, the surface, and the larger of simplifier and Blender's own."""
-    softened = 0 if made.values.base is volume.values or made.values is volume.values else made.values.nbytes
+    softened = 0 if np.may_share_memory(made.values, volume.values) else made.values.nbytes
     surface = VERTEX_BYTES * counts.vertices + FACE_BYTES * counts.faces + ACTIVE_BYTES * counts.active
     builtin = settings.simplifies and settings.simplifier == "builtin"
     left = goal_faces(counts.faces, settings) if builtin else counts.faces

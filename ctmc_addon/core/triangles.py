@@ -75,7 +75,6 @@ def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
     for low in range(0, slab.high - slab.low, height):
         high = min(low + height, slab.high - slab.low)
         begin, end, known = np.searchsorted(eights, np.array([low, high, high + 1]) * in_layer)
-        end = min(end, len(slab.eight))
         number = np.empty((high - low + 1) * in_layer, np.int32)
         here = eights[begin:known] - low * in_layer
         number[here] = np.arange(begin, known, dtype=np.int32)

@@ -9,7 +9,7 @@ from ctmc_addon.core import marching_cubes
 from ctmc_addon.core.errors import CtmcError, SettingsError, ThresholdError, VolumeError
 from ctmc_addon.core.marching_cubes import count_steps, extract_steps
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.sampling import make_grid
+from ctmc_addon.core.sampling import in_values_type, make_grid
 
 
 def noise(shape, seed=0, dtype=np.uint8):
@@ -199,12 +199,19 @@ def test_every_type_and_byte_order_gives_the_same_mesh(dtype):
     ],
 )
 def test_any_memory_layout_gives_the_same_mesh(layout):
-    values = noise((7, 9, 11), dtype=np.int16)
+    values = noise((7, 9, 12), dtype=np.int16)
     other = layout(values)
     assert (other == values).all()
-    mesh, expected = marching_cubes(other, 127.5), marching_cubes(values, 127.5)
-    for name in ("vertices", "faces", "normals"):
-        assert getattr(mesh, name).tobytes() == getattr(expected, name).tobytes()
+    for threshold, stride in ((127.5, 1), (np.float64(127.5), (2, 2, 1))):  # NumPy 2 keeps the wider type
+        mesh, expected = marching_cubes(other, threshold, stride), marching_cubes(values, 127.5, stride)
+        for name in ("vertices", "faces", "normals"):
+            assert getattr(mesh, name).tobytes() == getattr(expected, name).tobytes()
+
+
+@pytest.mark.parametrize("threshold", [0.7, 0.1, 1 / 3, -0.7, 1e300])
+def test_values_are_compared_with_the_lowest_of_their_type_that_reaches_the_threshold(threshold):
+    lowest = in_values_type(threshold, np.dtype(np.float32))
+    assert float(np.nextafter(lowest, np.float32(-np.inf))) < threshold <= float(lowest)
 
 
 def test_the_counts_are_those_of_the_surface():
