@@ -180,7 +180,7 @@ def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
 
 
 def _even_parts(work: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Ranges (low, high) of layers that share the work about evenly, near 1 each: an even number, if there are layers."""
+    """Ranges (low, high) of layers with about equal shares of the work, near 1: an even number, given the layers."""
     done = np.cumsum(work)
     parts = 2 * max(1, math.ceil(done[-1] / 2))
     part = np.floor((done - work / 2) * (parts / done[-1]))
