@@ -77,17 +77,32 @@ def column_of(title: str, where: str) -> tuple[str, str, Parse]:
     """What kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
     known: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
     for name, about in described().items():
-        column = ("settings", name, parse_of(name, about))
-        known[name] = known[flag_of(name, about).lstrip("-").replace("-", "_")] = column
+        known[name] = known[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
     for name, parse in READING.items():
         known[name] = ("reading", name, parse)
-    column = known.get(title.lower().lstrip("-").replace("-", "_"), ("", "", str))
+    column = known.get(underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
-            f"{where}: unknown column '{title}'; the columns are input, case, {', '.join(described())}, "
-            f"{', '.join(READING)}"
+            f"{where}: unknown column '{title}'; the columns are input, case, "
+            f"{', '.join([*map(word_of, described()), *READING])}"
         )
     return column
+
+
+def word_of(name: str) -> str:
+    """The title of a column: a setting's flag without its dashes, else the name itself.
+
+    Examples
+    --------
+    >>> word_of("soften_mm"), word_of("keep_parts"), word_of("case")
+    ('soften', 'keep-parts', 'case')
+    """
+    return flag_of(name, described()[name]).lstrip("-") if name in described() else name
+
+
+def underscored(title: str) -> str:
+    """A title as names are written: 'keep_parts' of '--keep-parts'."""
+    return title.lstrip("-").replace("-", "_")
 
 
 def require_columns(names: list[str], where: str) -> None:
@@ -96,7 +111,7 @@ def require_columns(names: list[str], where: str) -> None:
         raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
     for name in names:
         if names.count(name) > 1:
-            raise ReadError(f"{where}: column '{name}' is there twice; keep one")
+            raise ReadError(f"{where}: column '{word_of(name)}' is there twice; keep one")
 
 
 def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> Row:
@@ -108,7 +123,7 @@ def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path
         try:
             found[kind][name] = parse(cell)
         except ValueError as error:
-            raise SettingsError(f"{where}: {name} cannot be '{cell}'; {error}") from error
+            raise SettingsError(f"{where}: {word_of(name)} cannot be '{cell}'; {error}") from error
     if "input" not in found[""]:
         raise ReadError(f"{where}: the input is missing; give a file or a folder")
     path = folder / found[""]["input"]

@@ -14,8 +14,8 @@ from .batch_cases import Case
 from .reconstruct import source_of
 
 PROCESS_BYTES = 400 << 20  # Python, NumPy and Blender
-# The most that was measured, on 52 million voxels with 3.7 million triangles and a thumbnail; a smooth surface has 4.
-VOXEL_BYTES = 24
+# The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
+VOXEL_BYTES = 32
 SHARE = 0.85  # of the memory that is there
 
 

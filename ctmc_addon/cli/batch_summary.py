@@ -108,10 +108,10 @@ def picture(folder: Path, row: Row) -> str:
 
 
 def numbers(row: Row) -> list[str]:
-    """Triangles, millilitres and seconds for a person."""
+    """Triangles, millilitres and seconds for a person; an open surface has no volume."""
     return [
         "" if row.faces is None else f"{row.faces}",
-        "" if row.volume_mm3 is None else f"{row.volume_mm3 / 1000:.3f}",
+        f"{row.volume_mm3 / 1000:.3f}" if row.volume_mm3 is not None else "-" if row.faces else "",
         "" if row.seconds is None else f"{row.seconds:.1f}",
     ]
 

@@ -12,12 +12,11 @@ import numpy as np
 
 from ..core import Reconstruction, ReconstructionSettings, Step, Steps, TriangleMesh, reconstruct_steps, simplify_steps
 from ..core.errors import SettingsError
-from ..core.output import made_folder
 from ..core.progress import within
 from ..core.quality import roughness, triangle_shapes
 from .blender import blender_at_work, load_scene
 from .experiment_common import add_common, facts_of, measuring_fact, prepared, require_builtin
-from .experiment_table import Column, Row, Table, number, once, plain, require_fresh
+from .experiment_table import Column, Row, Table, experiment_folder, number, once, plain
 from .plot import Panel, write_plot
 
 DESCRIPTION = (
@@ -51,10 +50,16 @@ def add_parser(commands: Any) -> None:
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, measure, render every alpha, write the table, and print it."""
-    folder = require_fresh(chosen.output, chosen.overwrite)
+    with experiment_folder(chosen.output, chosen.overwrite) as folder:
+        done = table_of(chosen, folder)
+        done.write(folder)
+    print(done.printed())
+
+
+def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+    """The table; its pictures are written to `folder`."""
     settings, volume, notes, progress = prepared(chosen, require_alpha)
     every = [replace(settings, alpha=alpha) for alpha in once(chosen.alphas)]  # checks the limits
-    made_folder(folder)
     with progress:
         full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
         result = progress.drive(within(reconstruct_steps(volume, full, chosen.threads), 0.1, 0.4))
@@ -70,9 +75,7 @@ def run(chosen: argparse.Namespace) -> None:
         ("compared", "with the linear surface (alpha 1) before any simplification"),
         measuring_fact(),
     ]
-    done = Table("Alpha", facts, COLUMNS, rows, [("plot.png", "Roughness, shape and distance over alpha"), *pictures])
-    done.write(folder)
-    print(done.printed())
+    return Table("Alpha", facts, COLUMNS, rows, [("plot.png", "Roughness, shape and distance over alpha"), *pictures])
 
 
 def require_alpha(settings: ReconstructionSettings) -> None:
@@ -136,7 +139,7 @@ def rows_of(measured: Sequence[Measured]) -> list[Row]:
                 "shape_mean": float(shapes.mean()),
                 "shape_worst": float(np.percentile(shapes, 1)),
                 "faces": len(one.mesh.faces),
-                "volume_mm3": one.mesh.volume if one.mesh.closed else None,
+                "volume_mm3": one.mesh.enclosed,
                 "area_mm2": one.mesh.area,
                 "mean_mm": one.mean_mm,
                 "max_mm": one.max_mm,

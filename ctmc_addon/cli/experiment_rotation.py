@@ -11,13 +11,12 @@ from typing import Any
 
 from ..core import TriangleMesh, reconstruct_steps
 from ..core.errors import SettingsError
-from ..core.output import made_folder
 from ..core.progress import within
 from ..core.settings import described
 from .arguments import flag_of, given_settings
 from .blender import blender_at_work, load_scene, quiet
 from .experiment_common import add_common, facts_of, levels_of, prepared, require_builtin
-from .experiment_table import Column, Row, Table, number, once, plain, require_fresh
+from .experiment_table import Column, Row, Table, experiment_folder, number, once, plain
 from .output import Progress, by
 from .plot import Panel, write_plot
 
@@ -42,7 +41,13 @@ def add_parser(commands: Any) -> None:
         help="share of the triangles to remove, 0 to 99 (default 0 50 90)",
     )
     parser.add_argument("--rounds", type=int, default=5, metavar="N", help="turns of each level (default 5)")
-    parser.add_argument("--step", type=float, default=20.0, metavar="DEGREES", help="between frames (default 20)")
+    parser.add_argument(
+        "--step",
+        type=float,
+        default=20.0,
+        metavar="DEGREES",
+        help="between frames (default 20); what it leaves of a turn is left out",
+    )
     parser.add_argument(
         "--resolution", nargs=2, type=int, metavar=("W", "H"), help="px (default 640 480; with Cycles 160 120)"
     )
@@ -54,34 +59,51 @@ def add_parser(commands: Any) -> None:
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, simplify, rotate, write the table and the plot, and print the table."""
-    folder = require_fresh(chosen.output, chosen.overwrite)
+    with experiment_folder(chosen.output, chosen.overwrite) as folder:
+        done = table_of(chosen, folder)
+        done.write(folder)
+    print(done.printed())
+
+
+def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+    """The table; its plot is written to `folder`."""
     levels = levels_of(chosen.levels)
     require_turning(chosen)
     scene = load_scene()
     engine, why = engine_of(chosen.engine, scene)
     size = tuple(chosen.resolution) if chosen.resolution else scene.turntable.SIZES[engine]
     mesh, facts, progress = surface_of(chosen)
-    made_folder(folder)
     with progress:
         simplified = progress.drive(within(scene.turntable.simplified_steps(mesh, once(levels, first=0)), 0.2, 0.4))
         steps = scene.turntable.rotation_test_steps(simplified, engine, chosen.rounds, chosen.step, size)
         turned = progress.drive(within(quiet(steps), 0.4, 1.0))
     frames = scene.turntable.frames_of(chosen.step)
+    turn = turn_told(frames, chosen.step)
     name = "Workbench" if engine == ENGINES["workbench"] else "Cycles"
     rows = rows_of(turned, name, size, frames)
     facts += [
         ("engine", f"{name}, off screen, {by(size)} px{why}"),
-        ("timed", f"one turn about z: {frames} frames, {chosen.step:g} degrees apart, each a whole render: Blender"),
+        ("timed", f"{turn} about z: {frames} frames, {chosen.step:g} degrees apart, each a whole render: Blender"),
         ("", "evaluates the scene, hands the mesh to the engine, draws, and reads the picture"),
         ("not timed", "reading, simplifying, building, and a first frame of every level in every round"),
         ("rounds", f"{chosen.rounds}, the levels in turn; every level is a static mesh with no modifier and no key"),
     ]
     if rows[0]["draw_rounds"]:
         facts.append(("drawing", "the triangles alone, by GPUOffScreen: they are on the GPU before the clock starts"))
-    write_plot(folder / "plot.png", panels(rows))
-    done = Table("Rotation", facts, columns(chosen.rounds), rows, [("plot.png", "Time of one turn over the level")])
-    done.write(folder)
-    print(done.printed())
+    write_plot(folder / "plot.png", panels(rows, turn))
+    return Table("Rotation", facts, columns(chosen.rounds), rows, [("plot.png", f"Time of {turn} over the level")])
+
+
+def turn_told(frames: int, step_degrees: float) -> str:
+    """How far the frames turn the surface.
+
+    Examples
+    --------
+    >>> turn_told(18, 20.0), turn_told(51, 7.0)
+    ('one turn', '357 degrees')
+    """
+    degrees = frames * step_degrees
+    return "one turn" if abs(degrees - 360.0) < 1e-6 else f"{degrees:g} degrees"
 
 
 def require_turning(chosen: argparse.Namespace) -> None:
@@ -165,11 +187,17 @@ def columns(rounds: int) -> list[Column]:
     ]
 
 
-def panels(rows: Sequence[Row]) -> list[Panel]:
-    """One turn, as whole frames and as drawing alone."""
+def panels(rows: Sequence[Row], turn: str) -> list[Panel]:
+    """The time of a turn, as whole frames and as drawing alone."""
     labels = [f"{row['level_percent']:g} %" for row in rows]
     across = "share of the triangles removed"
-    made = [Panel("One turn, whole frames, s", across, labels, {"seconds": [row["average"] for row in rows]})]
+    made = [
+        Panel(f"{turn.capitalize()}, whole frames, s", across, labels, {"seconds": [row["average"] for row in rows]})
+    ]
     if rows[0]["draw_average"] is not None:
-        made.append(Panel("One turn, drawing alone, s", across, labels, {"s": [row["draw_average"] for row in rows]}))
+        made.append(
+            Panel(
+                f"{turn.capitalize()}, drawing alone, s", across, labels, {"s": [row["draw_average"] for row in rows]}
+            )
+        )
     return made

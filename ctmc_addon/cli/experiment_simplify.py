@@ -8,15 +8,15 @@ import statistics
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from ..core import Step, Steps, TriangleMesh, reconstruct_steps, simplify
 from ..core.errors import SettingsError
-from ..core.output import made_folder
 from ..core.progress import within
 from .blender import blender_at_work, load_scene
 from .experiment_common import add_common, facts_of, levels_of, measuring_fact, prepared, require_builtin
-from .experiment_table import Column, Row, Table, number, require_fresh
+from .experiment_table import Column, Row, Table, experiment_folder, number, runs_told
 from .plot import Panel, write_plot
 
 BUILTIN, DECIMATE = "built-in", "Decimate"
@@ -58,13 +58,19 @@ def add_parser(commands: Any) -> None:
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, simplify, measure, write the table and the plot, and print the table."""
-    folder = require_fresh(chosen.output, chosen.overwrite)
+    with experiment_folder(chosen.output, chosen.overwrite) as folder:
+        done = table_of(chosen, folder)
+        done.write(folder)
+    print(done.printed())
+
+
+def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+    """The table; its plot is written to `folder`."""
     levels = levels_of(chosen.levels)
     if chosen.repeats < 1:
         raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
     settings, volume, notes, progress = prepared(chosen, require_builtin)
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-    made_folder(folder)
     with progress:
         result = progress.drive(within(reconstruct_steps(volume, full, chosen.threads), 0.1, 0.2))
         measured = progress.drive(within(simplify_levels_steps(result.mesh, levels, chosen.repeats), 0.2, 1.0))
@@ -73,14 +79,12 @@ def run(chosen: argparse.Namespace) -> None:
     facts = [
         *facts_of(volume, full, result.threshold, [*notes, *result.notes]),
         ("surface", f"{len(result.mesh.faces)} triangles, {'closed' if result.mesh.closed else 'open'}"),
-        ("seconds", f"median of {chosen.repeats} runs of each, in turn"),
+        ("seconds", runs_told(chosen.repeats)),
         ("timed", "built-in: arrays to arrays; Decimate: the modifier, from a mesh in Blender to its evaluated mesh"),
         ("compared", "with the surface before simplification"),
         measuring_fact(),
     ]
-    done = Table("Simplification", facts, COLUMNS, rows, [("plot.png", "Time and error over the level")])
-    done.write(folder)
-    print(done.printed())
+    return Table("Simplification", facts, COLUMNS, rows, [("plot.png", "Time and error over the level")])
 
 
 def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: int) -> Steps[list[Measured]]:
@@ -131,7 +135,7 @@ def rows_of(measured: Sequence[Measured]) -> list[Row]:
             "mean_mm": one.mean_mm,
             "max_mm": one.max_mm,
             "closed": one.mesh.closed,
-            "volume_mm3": one.mesh.volume if one.mesh.closed else None,
+            "volume_mm3": one.mesh.enclosed,
             "runs": one.runs,
         }
         for one in measured

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..core.output import whole_file, write_json
+from ..core.output import made_folder, whole_file, write_json
 from .machine import machine, versions
 from .output import listing, require_empty, table
 
@@ -117,12 +118,36 @@ def write_text(path: Path, text: str) -> None:
         beside.write_bytes(text.encode())
 
 
-def require_fresh(path: str, overwrite: bool) -> Path:
-    """The folder `path` if it is empty or not there yet, or may be overwritten; else an `OutputError`."""
+@contextmanager
+def experiment_folder(path: str, overwrite: bool) -> Iterator[Path]:
+    """The folder `path`, made with its parents; what was made and has nothing in it at the end is removed again.
+
+    Raises
+    ------
+    OutputError
+        If it is not empty and may not be overwritten, or cannot be made.
+    """
     folder = Path(path)
     if not overwrite:
         require_empty(folder, "replace an older experiment with --overwrite, or choose another folder")
-    return folder
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        yield made_folder(folder)
+    finally:
+        with suppress(OSError):  # rmdir removes no folder that holds something
+            for one in missing:
+                one.rmdir()
+
+
+def runs_told(repeats: int) -> str:
+    """How often each was timed.
+
+    Examples
+    --------
+    >>> runs_told(5), runs_told(1)
+    ('median of 5 runs of each, in turn', 'one run of each')
+    """
+    return "one run of each" if repeats == 1 else f"median of {repeats} runs of each, in turn"
 
 
 def number(value: float | None, places: int) -> str:

@@ -7,16 +7,16 @@ import gc
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from ..core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, finish, reconstruct_steps
 from ..core.captions import side_of
 from ..core.errors import SettingsError
-from ..core.output import made_folder
 from ..core.progress import within
 from .blender import load_scene
 from .experiment_common import add_common, facts_of, measuring_fact, prepared, require_builtin
-from .experiment_table import Column, Row, Table, number, once, require_fresh
+from .experiment_table import Column, Row, Table, experiment_folder, number, once, runs_told
 from .output import by
 from .plot import Panel, write_plot
 
@@ -74,13 +74,19 @@ def sides_of(word: str) -> tuple[int, int]:
 
 def run(chosen: argparse.Namespace) -> None:
     """Read, measure, write the table and the plot, and print the table."""
-    folder = require_fresh(chosen.output, chosen.overwrite)
+    with experiment_folder(chosen.output, chosen.overwrite) as folder:
+        done = table_of(chosen, folder)
+        done.write(folder)
+    print(done.printed())
+
+
+def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+    """The table; its plot is written to `folder`."""
     settings, volume, notes, progress = prepared(chosen, require_builtin)
     if chosen.repeats < 1:
         raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
     sides = [(x, y, settings.stride[2]) for x, y in once(chosen.strides, first=(1, 1))]
     every = [replace(settings, stride=stride) for stride in sides]  # checks the limits of all before the work
-    made_folder(folder)
     with progress:
         steps = voxels_steps(volume, every, chosen.repeats, chosen.threads)
         measured = progress.drive(within(steps, 0.1, 1.0))
@@ -90,16 +96,14 @@ def run(chosen: argparse.Namespace) -> None:
     stages = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
     facts = [
         *facts_of(volume, every[0], result.threshold, [*notes, *result.notes]),
-        ("seconds", f"median of {chosen.repeats} runs of each, in turn, after one that is not counted; a run repeats "),
+        ("seconds", f"{runs_told(chosen.repeats)}, after one that is not counted; a run repeats "),
         ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
         ("timed", f"{stages}; neither reading nor writing"),
         ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
         ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
         measuring_fact(),
     ]
-    done = Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
-    done.write(folder)
-    print(done.printed())
+    return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
 
 
 def voxels_steps(
@@ -144,12 +148,12 @@ def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | N
 def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
     """What table.json says of every voxel side."""
     first = statistics.median(measured[0].runs)
-    true = enclosed_mm3(measured[0].result)
+    true = measured[0].result.mesh.enclosed
     rows = []
     for one in measured:
         x, y, z = one.sides
         seconds = statistics.median(one.runs)
-        volume_mm3 = enclosed_mm3(one.result)
+        volume_mm3 = one.result.mesh.enclosed
         rows.append(
             {
                 "stride": x if x == y else f"{x}x{y}",
@@ -168,11 +172,6 @@ def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
             }
         )
     return rows
-
-
-def enclosed_mm3(result: Reconstruction) -> float | None:
-    """The volume that a closed surface encloses; an open one has none."""
-    return result.mesh.volume if result.mesh.closed else None
 
 
 def sides_px(row: Row) -> str:

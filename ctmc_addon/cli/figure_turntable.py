@@ -47,6 +47,9 @@ def run(chosen: argparse.Namespace) -> None:
     scene.require_engine(chosen.engine)
     target = common.output_file(chosen.output)
     scene.require_turntable(target, page, chosen.resume, chosen.overwrite)
+    if chosen.resume and scene.finished_film(target):
+        print(f"{target.name} is there already and was left as it is; --overwrite makes it anew")
+        return
     film = scene.is_film(target)
     blend = common.blend_of(chosen, target if film else target.with_name(target.name + ".blend"))
     work = Work()

@@ -183,10 +183,11 @@ def summary(result: Reconstruction, volume: Volume, outputs: Outputs, notes: lis
     if report["full_faces"] != report["faces"]:
         faces += f" of {report['full_faces']}"
     shape = "closed" if report["closed"] else "open"
+    volume_mm3 = report["volume_mm3"]
     parts = f"{report['parts']} {'part' if report['parts'] == 1 else 'parts'}"
     facts = [
         ("triangles", faces),
-        ("volume", f"{report['volume_mm3'] / 1000:.3f} ml ({report['volume_mm3']:.1f} mm3)"),
+        ("volume", "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f} ml ({volume_mm3:.1f} mm3)"),
         ("area", f"{report['area_mm2'] / 100:.2f} cm2"),
         ("surface", f"{shape}, {parts}, Euler number {report['euler']}"),
         ("threshold", f"{result.threshold:.6g}"),

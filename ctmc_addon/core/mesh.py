@@ -58,6 +58,11 @@ class TriangleMesh:
         corners = self.vertices[self.faces].astype(np.float64) - middle  # (F, 3, 3)
         return float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
 
+    @property
+    def enclosed(self) -> float | None:
+        """The volume that a closed mesh encloses; an open one has none."""
+        return self.volume if self.closed else None
+
     @cached_property
     def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Every undirected edge once, (E, 2) with the lower vertex first, and its number of triangles, (E,)."""
@@ -84,7 +89,8 @@ class TriangleMesh:
         if not len(self.faces) or (self.edges[1] != 2).any():
             return False
         start, end = self.faces[:, (0, 1, 2)].ravel().astype(np.int64), self.faces[:, (1, 2, 0)].ravel()
-        return len(np.unique(start * len(self.vertices) + end)) == len(start)
+        directed = np.sort(start * len(self.vertices) + end)
+        return bool((directed[1:] != directed[:-1]).all())
 
     @property
     def euler(self) -> int:

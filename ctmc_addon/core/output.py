@@ -103,7 +103,8 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     """`path` if a file can be put there and has one of the suffixes, else an `OutputError`; leaves nothing behind."""
     target = Path(path)
     if suffixes and target.suffix.lower() not in suffixes:
-        raise OutputError(f"{target.name} needs one of the suffixes {', '.join(suffixes)}; they choose the format")
+        name = target.name or "an empty name"
+        raise OutputError(f"{name} needs one of the suffixes {', '.join(suffixes)}; they choose the format")
     if target.is_dir():
         raise refused(target, IsADirectoryError(errno.EISDIR, ""))
     try:

@@ -58,7 +58,7 @@ def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volum
         Keep this many with their cavities; 0 keeps all. A part counts by what its outer wall encloses,
         equal parts in the order of their numbers.
     min_volume : float
-        Drop parts and fill cavities below it, in the cube of the mesh's unit; applied together with `largest`.
+        Drop parts and fill cavities below it, mm3 of a mesh in mm; applied together with `largest`.
 
     Returns
     -------
@@ -86,8 +86,8 @@ def keeping_parts(surface: Surface, mesh: TriangleMesh, largest: int, min_volume
     keep = sizes >= min_volume
     if not keep[bodies].any():
         raise MeshError(
-            f"no part has a volume of {min_volume:g} or more: the largest of {bodies.sum()} has {sizes.max():.4g}; "
-            "lower the smallest part"
+            f"no part has a volume of {min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
+            f"{sizes.max():.4g} mm3; lower the smallest part"
         )
     if largest:
         keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[largest:]]] = False

@@ -80,7 +80,7 @@ class Reconstruction:
             "faces": len(mesh.faces),
             "vertices": len(mesh.vertices),
             "full_faces": self.full_faces,
-            "volume_mm3": mesh.volume,
+            "volume_mm3": mesh.enclosed,
             "area_mm2": mesh.area,
             "closed": mesh.closed,
             "euler": mesh.euler,

@@ -10,7 +10,7 @@ from .deviation import Deviation, Reference, deviation
 from .evaluate import evaluated_triangles
 from .export import SUFFIXES, export, writer_of
 from .figures import figure_steps, render_figure, require_png
-from .film import Turn, is_film, require_turntable, turntable_steps
+from .film import Turn, finished_film, is_film, require_turntable, turntable_steps
 from .gpu_drawing import can_draw
 from .imports import MESH_SUFFIXES, read_mesh
 from .looks import ENGINES, STYLES, require_engine
@@ -43,6 +43,7 @@ __all__ = [
     "evaluated_triangles",
     "export",
     "figure_steps",
+    "finished_film",
     "holds_others",
     "is_film",
     "make_final",

@@ -237,7 +237,7 @@ def note_of(stage: Stage, page: Page, look: Look, turn: Turn) -> dict[str, Any]:
 
 
 def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> None:
-    """Raise `OutputError` for a film this Blender cannot write, or a folder that is taken.
+    """Raise `OutputError` for a film this Blender cannot write, or a place that is taken.
 
     A folder that holds anything but a turntable is never touched.
     """
@@ -252,6 +252,13 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
         raise OutputError(f"{folder.name} holds {names[0]} and no turntable; choose another folder")
     if names and not resume and not overwrite:
         raise OutputError(f"{folder.name} is not empty; go on with it (--resume), or begin anew (--overwrite)")
+    if finished_film(path) and not resume and not overwrite:
+        raise OutputError(f"{path.name} is there already; replace it (--overwrite), or choose another name")
+
+
+def finished_film(path: Path) -> bool:
+    """Whether a film is there and no frames wait to become it."""
+    return is_film(path) and path.exists() and not frames_folder(path).exists()
 
 
 def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:

@@ -116,7 +116,7 @@ def facts_of(known: dict[str, Any], result: Any) -> list[tuple[str, str]]:
     return [
         *facts,
         (say("Surface"), say("closed") if measures.closed else say("open")),
-        (say("Volume"), f"{measures.millilitres:.4g} ml"),
+        (say("Volume"), f"{measures.millilitres:.4g} ml" if measures.closed else "-"),
         (say("Area"), f"{measures.square_centimetres:.4g} cm2"),
         (say("Parts"), count(measures.parts)),
     ]

@@ -179,7 +179,7 @@ def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done,
 
 @pytest.mark.usefixtures("scene")
 def test_several_labels_come_from_one_reading_and_fail_one_by_one(ctmc, phantom_folder, tmp_path):
-    words = ["-o", tmp_path, "--label", "1", "2", "9", "--output-format", "ply", "--no-thumbnails"]
+    words = ["-o", tmp_path, "--label", "1", "2", "9", "--close-border", "--output-format", "ply"]
     outcome = ctmc("batch", phantom_folder, *words)
     assert outcome.code == 1
     assert outcome.errors == ["ctmc: 1 of 3 cases failed: volume-4-label-9"]
@@ -188,6 +188,19 @@ def test_several_labels_come_from_one_reading_and_fail_one_by_one(ctmc, phantom_
     assert [row["case"] for row in (liver, tumour, none)] == [f"volume-4-label-{label}" for label in (1, 2, 9)]
     assert liver["volume_mm3"] > tumour["volume_mm3"] > 0
     assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]
+
+
+def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_path):
+    np.save(tmp_path / "open.npy", ball(14))  # reaches over the border
+    out = tmp_path / "out"
+    assert ctmc("batch", tmp_path / "open.npy", "-o", out, *FLAGS, "--no-thumbnails").code == 0
+    [row] = summary(out)
+    assert (row["status"], row["volume_mm3"]) == ("done", None)
+    assert row["faces"] > 0
+    record = json.loads((out / "open.json").read_text("utf-8"))
+    assert (record["closed"], record["volume_mm3"]) == (False, None)
+    assert f"open,done,{row['faces']},," in (out / "summary.csv").read_text("utf-8")
+    assert f"<td>{row['faces']}</td><td>-</td>" in (out / "summary.html").read_text("utf-8")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")

@@ -3,6 +3,7 @@ import gzip
 import numpy as np
 import pytest
 
+from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch_cases import collect
 from ctmc_addon.core.errors import CtmcError
 
@@ -62,6 +63,7 @@ def test_the_output_folder_is_no_case(tmp_path):
 
 def test_a_lone_dicom_slice_is_named_after_its_folder(tmp_path):
     touch(tmp_path, "case 7/1.2.840.dcm")
+    (tmp_path / "case 7" / "1.2.840.dcm").write_bytes(bytes(128) + b"DICM")  # an empty file is of no kind
     assert names(tmp_path / "case 7" / "1.2.840.dcm") == ["case 7"]
 
 
@@ -104,12 +106,12 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
     [
         ("input,colour\na.nii,red\n", ["m.csv, line 1", "unknown column 'colour'", "input, case, threshold"]),
         ("case,label\na,2\n", ["m.csv, line 1", "no column 'input'"]),
-        ("input,soften,soften_mm\n", ["line 1", "'soften_mm' is there twice"]),
+        ("input,soften,soften_mm\n", ["line 1", "'soften' is there twice"]),
         ("input,label\na.nii,1\n\nno.nii,2\n", ["m.csv, line 4", "no file or folder 'no.nii'"]),
         ("input,label\n,2\n", ["m.csv, line 2", "input is missing"]),
         ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number"]),
         ("input,label\na.nii,1 two\n", ["m.csv, line 2", "label cannot be '1 two'; write a whole number"]),
-        ("input,keep_parts\na.nii,1.5\n", ["m.csv, line 2", "keep_parts cannot be '1.5'; write a whole number"]),
+        ("input,keep_parts\na.nii,1.5\n", ["m.csv, line 2", "keep-parts cannot be '1.5'; write a whole number"]),
         ("input,alpha\na.nii,0.1\na.nii,7\n", ["m.csv, line 3", "alpha must be from 0 to 1, not 7"]),
         ("input,close_border\na.nii,perhaps\n", ["line 2", "write true or false"]),
         ("input,stride\na.nii,1 2\n", ["line 2", "write 3 numbers"]),
@@ -130,6 +132,18 @@ def test_a_bad_manifest_is_refused_with_its_line(tmp_path, text, words):
     sentence = refusal(tmp_path / "m.csv")
     for word in words:
         assert word in sentence
+
+
+def test_a_manifests_refusal_names_columns_and_no_flags(tmp_path):
+    touch(tmp_path, "a.nii")
+    for text in ("input,colour\n", "input,soften,soften_mm\n", "input,soften_mm\na.nii,much\n"):
+        (tmp_path / "m.csv").write_text(text, "utf-8")
+        assert "--" not in with_flags(refusal(tmp_path / "m.csv"))  # as the command says it
+    (tmp_path / "m.csv").write_text("input,colour\n", "utf-8")
+    names = refusal(tmp_path / "m.csv").partition("the columns are ")[2].split(", ")
+    (tmp_path / "m.csv").write_text(",".join(names) + "\na.nii\n", "utf-8")
+    assert names[:2] == ["input", "case"]
+    assert len(collect([str(tmp_path / "m.csv")], {}, READING)) == 1  # and all of them are taken
 
 
 def test_a_manifest_in_another_coding_is_said(tmp_path):

@@ -115,6 +115,7 @@ def test_the_side_of_one_pixel_is_always_measured(ctmc, segmentation, tmp_path):
     assert outcome.code == 0, outcome.errors
     assert [row["stride"] for row in rows_in(tmp_path / "t")] == [1, 3]
     assert "alpha does nothing" in outcome.out
+    assert "one run of each, after one that is not counted" in outcome.out
     assert "improved, %" in outcome.out
 
 
@@ -161,6 +162,7 @@ def test_simplify_sets_both_simplifiers_beside_each_other(ctmc, segmentation, tm
     outcome = ctmc("experiment", "simplify", segmentation, *words)
     assert outcome.code == 0, outcome.errors
     assert names_in(tmp_path) == FILES
+    assert "one run of each" in outcome.out
     rows = rows_in(tmp_path)
     assert [(row["level_percent"], row["simplifier"]) for row in rows] == [
         (50, "built-in"), (50, "Decimate"), (90, "built-in"), (90, "Decimate"),
@@ -209,11 +211,22 @@ def test_what_cannot_be_measured_is_refused_in_one_sentence_and_leaves_no_folder
     assert not out.exists()
 
 
-def test_no_surface_at_these_settings_is_refused(refused, segmentation, tmp_path):
-    assert "label 7" in refused("experiment", "voxels", segmentation, "--label", "7", "-o", tmp_path / "t")
-    assert "threshold" in refused(
-        "experiment", "alpha", segmentation, "--threshold", "9", "-o", tmp_path / "t", "--overwrite"
-    )
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["voxels", "--label", "7"], "label 7"),
+        (["voxels", "--label", "2", "--min-part", "9e9"], "no part has a volume of 9e+09 mm3 or more"),
+        (["alpha", "--threshold", "9"], "threshold"),
+        (["simplify", "--threshold", "9"], "threshold"),
+        (["rotation", "--threshold", "9"], "threshold"),
+    ],
+)
+def test_no_surface_at_these_settings_is_refused_and_leaves_no_folder(refused, segmentation, tmp_path, words, said):
+    assert said in refused("experiment", words[0], segmentation, *words[1:], "-o", tmp_path / "new" / "t")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    assert said in refused("experiment", words[0], segmentation, *words[1:], "-o", tmp_path / "mine")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]  # it was there before
 
 
 def test_a_word_that_is_no_side_is_a_usage_error(ctmc, segmentation, tmp_path):

@@ -55,6 +55,14 @@ def test_rotation_has_a_row_for_every_level_with_its_rounds(ctmc, segmentation, 
     assert [float(one["rounds_2"]) for one in flat] == [row["rounds"][1] for row in rows]
 
 
+def test_a_step_that_does_not_divide_the_turn_is_said(ctmc, segmentation, tmp_path):
+    words = ["--label", "2", "--levels", "0", "--rounds", "1", "--step", "110", "--resolution", "64", "48"]
+    outcome = ctmc("experiment", "rotation", segmentation, *words, "-o", tmp_path)
+    assert outcome.code == 0, outcome.errors
+    assert "330 degrees about z: 3 frames, 110 degrees apart" in outcome.out
+    assert "one turn" not in (tmp_path / "table.md").read_text("utf-8").lower()
+
+
 @pytest.mark.parametrize("suffix", [".stl", ".glb", ".blend"])
 def test_rotation_takes_a_mesh(ctmc, segmentation, tmp_path, suffix):
     mesh, report = tmp_path / f"tumour{suffix}", tmp_path / "report.json"

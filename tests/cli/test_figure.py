@@ -53,6 +53,21 @@ def test_a_turntable_becomes_a_film(ctmc, ct, tmp_path):
     assert "3 frames" in done.out
 
 
+def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(ctmc, refused, ct, tmp_path):
+    words = ("--label", 2, "--seconds", 0.5, "--fps", 6, "--dpi", 36, "--width-mm", 30, "--soften", 2, "--no-blend")
+    film = tmp_path / "a.mp4"
+    film.write_bytes(b"mine")
+    sentence = refused("figure", "turntable", ct, *words, "-o", film)
+    assert "a.mp4 is there already; replace it (--overwrite)" in sentence
+    done = ctmc("figure", "turntable", ct, *words, "-o", film, "--resume")
+    assert (done.code, done.errors) == (0, [])
+    assert "a.mp4 is there already and was left as it is" in done.out
+    assert film.read_bytes() == b"mine"
+    assert ctmc("figure", "turntable", ct, *words, "-o", film, "--overwrite").code == 0
+    assert film.stat().st_size > 1000
+    assert [one.name for one in tmp_path.iterdir()] == ["a.mp4"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

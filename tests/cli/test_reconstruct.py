@@ -53,6 +53,19 @@ def test_a_label_becomes_the_mesh_that_python_makes(ctmc, phantom_folder, tmp_pa
     assert str(phantom_folder) not in report.read_text("utf-8")
 
 
+def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
+    report = tmp_path / "report.json"
+    words = ["--threshold", "-300", "-o", tmp_path / "skin.stl", "--report", report]
+    outcome = ctmc("reconstruct", phantom_folder / "dicom", *words)
+    said = json.loads(report.read_text("utf-8"))
+    assert (said["closed"], said["volume_mm3"]) == (False, None)
+    assert "ml" not in outcome.out.split()
+    assert [line.split() for line in outcome.out.splitlines() if line.startswith("volume")] == [["volume", "-"]]
+    closed = ctmc("reconstruct", phantom_folder / "dicom", *words, "--close-border")
+    assert "ml" in closed.out.split()
+    assert json.loads(report.read_text("utf-8"))["volume_mm3"] > 1e5
+
+
 def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_path):
     outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "liver.ply", "--label", "1")
     assert outcome.code == 0, outcome.errors

@@ -32,6 +32,7 @@ def test_turned_inside_out_the_volume_is_negative():
 def test_a_missing_face_opens_three_edges():
     mesh = TriangleMesh(CORNERS, TETRAHEDRON[:3])
     assert not mesh.closed
+    assert mesh.enclosed is None
     assert sorted(map(tuple, mesh.boundary_edges)) == [(1, 2), (1, 3), (2, 3)]
 
 

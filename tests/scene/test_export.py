@@ -219,6 +219,8 @@ def test_the_camera_of_a_blend_sees_the_whole_surface(thing, tmp_path):
 def test_an_unknown_suffix_names_the_known_ones(thing, tmp_path):
     with pytest.raises(OutputError, match=r"a\.xyz.*\.stl, \.ply, \.obj, \.glb, \.blend"):
         export(thing, tmp_path / "a.xyz")
+    with pytest.raises(OutputError, match=r"^an empty name has no known suffix"):
+        export(thing, "")
     assert not list(tmp_path.iterdir())
 
 
