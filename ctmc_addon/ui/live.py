@@ -248,16 +248,20 @@ class Bill:
         return next((price.sentence for price in self.prices if not price.fits), "")
 
 
-def learn(scene: int, made: list[Reconstruction], seconds: list[float]) -> None:
-    """Next time's price is measured on what these surfaces have cost, `seconds` after their last stage."""
+def learn(scene: int, made: list[Reconstruction], seconds: float) -> None:
+    """Next time's price is measured on what these surfaces have cost, `seconds` together after their last stages.
+
+    Each has its share of these by its triangles: a small one beside a large one would make every triangle look dear.
+    """
     where = session.scene_of(scene)
     bill = None if where is None else session.of(where).price
     if not isinstance(bill, Bill):
         return
     prices = dict(zip(bill.settings, bill.prices, strict=True))
-    for result, placed in zip(made, seconds, strict=True):
-        if result.settings in prices:
-            CALIBRATION.learn(prices[result.settings], result, placed)
+    known = [(prices[result.settings], result) for result in made if result.settings in prices]
+    faces = max(1, sum(price.faces for price, _ in known))
+    for price, result in known:
+        CALIBRATION.learn(price, result, seconds * price.faces / faces)
 
 
 def rest_alpha(scene: bpy.types.Scene) -> None:

@@ -127,7 +127,7 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
     """Make all of them, then put them into the scene at once."""
     volume, limits = loaded.volume, machine()
     full: list[Reconstruction] = []
-    seconds: list[float] = []
+    seconds = 0.0  # after the last stages
     made: list[Reconstruction] = []
     measures: list[measure.Result] = []
     for number, one in enumerate(wanted):
@@ -139,16 +139,15 @@ def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> 
         start = time.perf_counter()
         measured = measure.result_steps(made[-1], full[-1])
         measures.append((yield from within(measured, low + 0.8 * share, low + share)))
-        seconds.append(time.perf_counter() - start)
+        seconds += time.perf_counter() - start
     start = time.perf_counter()
     ready = yield from within(surfaces.ready_steps(wanted, made), PLACED, 1.0)
-    readied = time.perf_counter() - start
+    seconds += time.perf_counter() - start
 
     def end() -> str:
         start = time.perf_counter()
         said = conclude(scene, wanted, full, made, measures, ready)
-        placed = (readied + time.perf_counter() - start) / len(made)
-        live.learn(scene, made, [one + placed for one in seconds])
+        live.learn(scene, made, seconds + time.perf_counter() - start)
         return said
 
     return end

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -51,6 +53,23 @@ def test_a_slider_is_followed_first_and_priced_when_the_hand_rests(loaded, reste
     assert bill.faces == len(bpy.context.object.data.polygons)
     assert blocks() != before
     assert live.live.shown is None  # the real one stands there now
+
+
+def test_a_small_surface_beside_a_large_one_does_not_make_every_triangle_dear(loaded, rested, monkeypatch):
+    found = {}
+    loaded.ctmc.threshold = 100.0
+    for stride in ((1, 1, 1), (2, 2, 1)):
+        loaded.ctmc.stride = stride
+        rested()
+        (settings,), (price,) = session.of(loaded).price.settings, session.of(loaded).price.prices
+        found[settings] = price
+    session.of(loaded).price = live.Bill(tuple(found), tuple(found.values()))
+    learnt = []
+    monkeypatch.setattr(live.CALIBRATION, "learn", lambda price, _, placed: learnt.append(placed / price.faces))
+    made = [SimpleNamespace(settings=settings) for settings in found]
+    live.learn(loaded.session_uid, made, 6.0)
+    each = 6.0 / sum(price.faces for price in found.values())
+    assert learnt == pytest.approx([each, each])
 
 
 def test_the_preview_writes_nothing_to_the_file(loaded, rested):
