@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..core.output import made_folder, whole_file, write_json
+from ..core.output import own_folder, whole_file, write_json
 from .machine import machine, versions
 from .output import listing, require_empty, table
 
@@ -120,23 +120,17 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def experiment_folder(path: str, overwrite: bool) -> Iterator[Path]:
-    """The folder `path`, made with its parents; what was made and has nothing in it at the end is removed again.
+    """The folder `path`, made with its parents, and removed again if nothing is written to it.
 
     Raises
     ------
     OutputError
         If it is not empty and may not be overwritten, or cannot be made.
     """
-    folder = Path(path)
     if not overwrite:
-        require_empty(folder, "replace an older experiment with --overwrite, or choose another folder")
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
-    try:
-        yield made_folder(folder)
-    finally:
-        with suppress(OSError):  # rmdir removes no folder that holds something
-            for one in missing:
-                one.rmdir()
+        require_empty(Path(path), "replace an older experiment with --overwrite, or choose another folder")
+    with own_folder(path) as folder:
+        yield folder
 
 
 def runs_told(repeats: int) -> str:

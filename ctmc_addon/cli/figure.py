@@ -28,7 +28,7 @@ def add_parser(commands: Any) -> None:
     common.add_surfaces(parser)
     common.add_map(parser)
     common.add_blend(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=common.in_made_folders(run))
     figure_sheet.add_parser(commands)
     figure_turntable.add_parser(commands)
 
@@ -43,7 +43,7 @@ def run(chosen: argparse.Namespace) -> None:
     page, look = common.page_of(chosen), common.look_of(chosen, len(every) > 1, "")
     scene.require_png(Path(chosen.output))
     scene.require_engine(chosen.engine, chosen.deviation)
-    target = common.output_file(chosen.output)
+    target = Path(chosen.output)
     blend = common.blend_of(chosen, target)
     work = Work()
     with Progress() as progress:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 from ..core import Reconstruction, ReconstructionSettings, Steps, Volume, reconstruct_steps
 from ..core.captions import figure_caption
 from ..core.errors import OutputError, SettingsError
-from ..core.output import made_folder
+from ..core.output import own_folder
 from ..core.progress import within
 from .arguments import add_input, add_settings, given_settings, overridden
 from .blender import blender_at_work, load_scene
@@ -91,10 +91,14 @@ def only_one(settings: Sequence[ReconstructionSettings], what: str) -> Reconstru
     return settings[0]
 
 
-def output_file(path: str) -> Path:
-    """The output as a path, its folder made."""
-    made_folder(Path(path).parent)
-    return Path(path)
+def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
+    """`run` with the folders of its outputs made, and removed again if nothing is written to them."""
+
+    def running(chosen: argparse.Namespace) -> None:
+        with own_folder(Path(chosen.output).parent), own_folder(Path(chosen.blend or chosen.output).parent):
+            run(chosen)
+
+    return running
 
 
 def volume_of(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work, progress: Progress) -> Volume:
@@ -165,7 +169,7 @@ def blend_of(chosen: argparse.Namespace, target: Path) -> Path | None:
     """Where the .blend goes."""
     if chosen.no_blend:
         return None
-    blend = output_file(chosen.blend) if chosen.blend else target.with_suffix(".blend")
+    blend = Path(chosen.blend) if chosen.blend else target.with_suffix(".blend")
     if blend.suffix.lower() != ".blend":
         raise OutputError(f"{blend.name} is no .blend; the figure's scene is written as .blend")
     return blend

@@ -37,7 +37,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--columns", type=int, metavar="N", help="cells side by side")
     common.add_map(parser)
     common.add_blend(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=common.in_made_folders(run))
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -53,7 +53,7 @@ def run(chosen: argparse.Namespace) -> None:
     page, look = common.page_of(chosen), replace(common.look_of(chosen, False, ""), columns=chosen.columns)
     scene.require_png(Path(chosen.output))
     scene.require_engine(chosen.engine, chosen.deviation)
-    target = common.output_file(chosen.output)
+    target = Path(chosen.output)
     blend = common.blend_of(chosen, target)
     work = Work()
     with Progress() as progress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from ..core.progress import within
@@ -34,7 +35,7 @@ def add_parser(commands: Any) -> None:
     again.add_argument("--resume", action="store_true", help="go on where this turntable was stopped")
     again.add_argument("--overwrite", action="store_true", help="replace an older turntable")
     common.add_blend(parser)
-    parser.set_defaults(run=run, font_pt=12.0)
+    parser.set_defaults(run=common.in_made_folders(run), font_pt=12.0)
 
 
 def run(chosen: argparse.Namespace) -> None:
@@ -45,7 +46,7 @@ def run(chosen: argparse.Namespace) -> None:
     turn = scene.Turn(chosen.seconds, chosen.fps, chosen.revolutions)
     page, look = common.page_of(chosen), common.look_of(chosen, len(every) > 1, "")
     scene.require_engine(chosen.engine)
-    target = common.output_file(chosen.output)
+    target = Path(chosen.output)
     scene.require_turntable(target, page, chosen.resume, chosen.overwrite)
     if chosen.resume and scene.finished_film(target):
         print(f"{target.name} is there already and was left as it is; --overwrite makes it anew")

@@ -12,7 +12,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +124,19 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise refused(folder, NotADirectoryError(errno.ENOTDIR, "") if folder.exists() else error) from error
     return folder
+
+
+@contextmanager
+def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """`made_folder`; of what was made, that which has nothing in it at the end is removed again."""
+    folder = Path(path)
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        yield made_folder(folder)
+    finally:
+        with suppress(OSError):  # rmdir removes no folder that holds something
+            for one in missing:
+                one.rmdir()
 
 
 def write_json(path: str | os.PathLike[str], content: Any) -> None:

@@ -81,6 +81,8 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
         (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be seen through"),
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
         (("figure", "-o", "a.png", "--label", 9), "9"),
+        (("figure", "-o", "new/deep/a.png", "--label", 9, "--blend", "other/a.blend"), "9"),
+        (("figure", "sheet", "-o", "new/a.png", "--label", 9, "--levels", 0), "9"),
         (("figure", "sheet", "-o", "a.png"), "give one or two"),
         (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
         (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "columns must be 1 or more"),
@@ -97,6 +99,14 @@ def test_what_makes_no_figure_is_refused_in_a_sentence(refused, ct, tmp_path, mo
     count = 2 if words[1] in ("sheet", "turntable") else 1
     assert said in refused(*words[:count], ct, *words[count:])
     assert [one.name for one in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize("name", ["new/a.mp4", "new/a"])
+def test_a_turntable_of_nothing_leaves_no_folder(ctmc, ct, tmp_path, name):
+    done = ctmc("figure", "turntable", ct, "--label", 9, "-o", tmp_path / name)
+    assert done.code == 1
+    assert "label 9 is empty here" in done.errors[-1]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_names_the_commands(ctmc):
