@@ -82,12 +82,12 @@ def mark(properties: Any, name: str) -> None:
 
 
 def move_alpha(scene: bpy.types.Scene, alpha: float) -> None:
-    """Move the active surface of the scene, through its shape key, and the preview."""
+    """Move the selected surfaces of the scene, through their shape keys, and the preview."""
     context = bpy.context
     if context.scene == scene:
-        thing = surfaces.active_surface(context)
-        if thing is not None and thing.library is None and thing.override_library is None:
-            set_alpha(thing, alpha)
+        for thing in surfaces.chosen_surfaces(context):
+            if thing.library is None and thing.override_library is None:
+                set_alpha(thing, alpha)
     if live.shown is not None:
         live.shown.move(alpha)
         session.redraw_viewports()
@@ -267,9 +267,9 @@ def learn(scene: int, made: list[Reconstruction], seconds: float) -> None:
 def rest_alpha(scene: bpy.types.Scene) -> None:
     """Alpha has come to rest: before Blender 4.5 shading is set right now."""
     live.alpha_moved = False
-    thing = surfaces.active_surface(bpy.context) if bpy.context.scene == scene else None
-    if thing is not None and thing.library is None and thing.mode == "OBJECT":
-        refresh_normals(thing)
+    for thing in surfaces.chosen_surfaces(bpy.context) if bpy.context.scene == scene else ():
+        if thing.library is None and thing.mode == "OBJECT":
+            refresh_normals(thing)
 
 
 def draw() -> None:

@@ -43,6 +43,11 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
     return thing if is_surface(thing) and thing.select_get() else None
 
 
+def chosen_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Every selected object that was reconstructed by us."""
+    return [thing for thing in context.view_layer.objects.selected if is_surface(thing)]
+
+
 def selected_surfaces(context: bpy.types.Context, name: str) -> list[bpy.types.Object]:
     """The selected surfaces of the CT of this name, the active one first."""
     active = context.view_layer.objects.active

@@ -129,6 +129,11 @@ def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene,
     scene.ctmc.soften_mm = 0.5
     bpy.ops.ctmc.reconstruct()
     assert len(scene.objects) == 2
+    scene.ctmc.alpha = 0.25  # both are selected
+    assert [thing.data.shape_keys.key_blocks["alpha"].value for thing in (first, second)] == [0.25, 0.25]
+    first.select_set(False)
+    scene.ctmc.alpha = 0.75
+    assert [thing.data.shape_keys.key_blocks["alpha"].value for thing in (first, second)] == [0.25, 0.75]
 
 
 def test_a_label_that_has_a_name_gives_it_to_its_object(scene, tmp_path):
@@ -228,6 +233,16 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     known.results.clear()
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
     assert known.results[thing.session_uid].measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
+
+
+def test_results_give_an_open_surface_no_volume(loaded):
+    from ctmc_addon.scene import remembered
+    from ctmc_addon.ui.sub_panels import facts_of
+
+    loaded.ctmc.threshold = 20.0  # the ball reaches over the border
+    bpy.ops.ctmc.reconstruct()
+    facts = dict(facts_of(remembered(active()), session.of(loaded).results[active().session_uid]))
+    assert (facts["Surface"], facts["Volume"]) == ("open", "-")
 
 
 def test_make_final_and_use_its_settings(loaded):
