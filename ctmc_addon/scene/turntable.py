@@ -140,7 +140,7 @@ def rotation_steps(
                 drawing.draw(level)
                 total += time.perf_counter() - start
                 done += 1
-                yield Step(done / frames, f"Rotating at {level.percent:g} %, round {turn + 1} of {rounds}")
+                yield Step(done / frames, f"Timing {level.percent:g} %, round {turn + 1} of {rounds}")
             times.append(total)
     return seconds
 
