@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..core import CtmcError
 from ..scene import SUFFIXES, export
 from . import jobs
+from .paths import RELATIVE, with_suffix
 from .translations import say
 
 
@@ -18,9 +19,13 @@ class CTMC_OT_export(bpy.types.Operator):
 
     bl_idname = "ctmc.export"
     bl_label = "Export Surface"
-    bl_description = f"Write the active surface in millimetres; the suffix chooses the format: {', '.join(SUFFIXES)}"
+    bl_description = (
+        f"Write the active surface in millimetres; the suffix chooses the format, else STL: {', '.join(SUFFIXES)}"
+    )
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options=RELATIVE)
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
     space: EnumProperty(
         name="Space",
         description="Axes of STL, PLY and OBJ",
@@ -48,9 +53,14 @@ class CTMC_OT_export(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    def check(self, _context: bpy.types.Context) -> bool:
+        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
+        before, self.filepath = self.filepath, with_suffix(self.filepath, SUFFIXES[0])
+        return bool(before != self.filepath)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write it."""
-        path = Path(bpy.path.abspath(self.filepath))
+        path = Path(bpy.path.abspath(with_suffix(self.filepath, SUFFIXES[0])))
         try:
             export(context.object, path, space=self.space, scene=context.scene)
         except CtmcError as error:

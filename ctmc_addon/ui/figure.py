@@ -26,6 +26,7 @@ from ..scene.stage import angles_of
 from ..scene.surfaces import settings_of
 from . import jobs, session, surfaces, volumes
 from .figure_properties import FRAMES
+from .paths import RELATIVE
 from .preferences import machine
 from .properties import as_written
 from .translations import say
@@ -44,7 +45,7 @@ class FigureOperator(jobs.LongOperator):
     named = "figure"
     """At the end of the file's name."""
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
     filter_glob: StringProperty(default="*.png", options={"HIDDEN"})
 
@@ -272,7 +273,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         if not (jobs.idle(cls) and has_surfaces(cls, context) and has_volume(cls, context)):
             return False
         thing = context.view_layer.objects.active
-        if not surfaces.is_surface(thing) or not of_volume(thing, context.scene):
+        if not surfaces.is_of_ct(thing, context.scene):
             cls.poll_message_set("Make a surface of this CT active first")
             return False
         return True
@@ -295,12 +296,6 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
             machine().threads,
         )
         return told(work, scene.session_uid, target)
-
-
-def of_volume(thing: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Whether a surface was made of the CT in memory."""
-    volume = volumes.current(scene)
-    return volume is not None and surfaces.remembered_name(thing) == volume.name
 
 
 class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):

@@ -155,7 +155,7 @@ def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
     sentence = say(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
     where = session.scene_of(scene)
     if where is not None:
-        session.of(where).message = sentence
+        setattr(session.of(where), getattr(operator, "message", "message"), sentence)
     operator.report({"ERROR"}, sentence)
     session.redraw_panels()
     return {"CANCELLED"}
@@ -168,6 +168,8 @@ class LongOperator:
     """Whether a person started it in a window."""
     locks = False
     """Whether it keeps things of its own in the file between two steps, so that nothing else may happen there."""
+    message = "message"
+    """Where `Session` keeps what it refuses."""
 
     def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
         """Read the context once, and return the work."""

@@ -43,7 +43,6 @@ class Live:
     """
 
     scene: int = 0
-    fingerprint: str = ""
     preview: Preview | None = None
     prepared: Prepared | None = None
     shown: PreviewSurface | None = None

@@ -16,6 +16,7 @@ from ..core.survey import survey_steps
 from ..readers.paths import KNOWN_SUFFIXES
 from ..scene.materials import colour_of
 from . import jobs, marks, session, volumes
+from .paths import RELATIVE
 from .preferences import machine
 from .translations import say
 
@@ -30,9 +31,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     bl_label = "Load CT"
     bl_description = "Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy"
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    message = "load_message"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
-    directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
     spacing: FloatVectorProperty(
         name="Spacing",
         description="Distance between samples along x, y and z [mm]. 0 = as the files say",
@@ -67,8 +69,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Read the file, and look through it."""
         scene = context.scene
-        session.of(scene).message = ""
-        stored = scene.ctmc
+        known, stored, expected = session.of(scene), scene.ctmc, ""
+        known.message = known.load_message = ""
         path = self.filepath or self.directory
         reading: dict[str, Any] = {
             "spacing": tuple(self.spacing) if any(self.spacing) else None,
@@ -80,12 +82,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             reading = reading_of(stored)
             if self.series:
                 reading["series"] = self.series
+            if reading == known_reading(scene):
+                expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid)
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected)
 
-    def steps(self, path: Path, reading: dict[str, Any], scene: int) -> Steps[jobs.Conclusion]:
-        """The work: series, values, survey."""
+    def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
+        """The work: series, values, survey; the CT of this fingerprint is expected there, if any."""
         series = yield from within(readers.list_series_steps(path), 0.0, 0.1)
         read = readers.read_volume_steps(path, **reading, threads=machine().threads)
         volume = yield from within(read, 0.1, 0.9)
@@ -100,7 +104,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             number_of(series, reading["series"]),
             readers.segmentation_sibling(path),
         )
-        return lambda: conclude(found, scene)
+        return lambda: conclude(found, scene, expected)
 
 
 def number_of(series: tuple[readers.Series, ...], chosen: str | None) -> int:
@@ -120,7 +124,13 @@ def reading_of(stored: Any) -> dict[str, Any]:
     }
 
 
-def conclude(found: volumes.Loaded, uid: int) -> str:
+def known_reading(scene: bpy.types.Scene) -> Any:
+    """How the CT that the scene knows was read."""
+    loaded = volumes.loaded(scene)
+    return reading_of(scene.ctmc) if loaded is None else loaded.reading
+
+
+def conclude(found: volumes.Loaded, uid: int, expected: str) -> str:
     """Make a volume the scene's."""
     scene = session.scene_of(uid)
     if scene is None:
@@ -137,7 +147,11 @@ def conclude(found: volumes.Loaded, uid: int) -> str:
         stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in found.survey.labels])
     if found.volume.kind == "label" and found.survey.labels and not (stored.use_threshold or stored.use_label):
         stored.label = found.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
-    session.of(scene).message = ""
+    known = session.of(scene)
+    known.message = known.load_message = ""
+    if expected not in ("", found.survey.fingerprint):
+        text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
+        known.load_message = say(text).format(name=found.path.name)
     marks.changed(stored, "volume")
     columns, rows, slices = found.volume.size
     return say("Loaded {name}: {size}").format(name=found.volume.name, size=f"{columns} x {rows} x {slices}")

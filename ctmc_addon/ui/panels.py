@@ -47,9 +47,10 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
         draw_job(layout)
     else:
         layout.operator("ctmc.load", icon="FILE_FOLDER")
-    message = session.of(scene).message
-    if message:
-        draw_text(layout.box(), context, message, "ERROR")
+    known = session.of(scene)
+    for message in (known.load_message, known.message):
+        if message:
+            draw_text(layout.box(), context, message, "ERROR")
     if volumes.missing(scene):
         draw_missing(layout, context)
     loaded = volumes.loaded(scene)
@@ -271,9 +272,7 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     if job is not None and job.title != LOADING:
         draw_job(row)
     else:
-        volume = volumes.current(scene)
-        active = surfaces.active_surface(context)
-        updates = volume is not None and active is not None and surfaces.remembered_name(active) == volume.name
+        updates = surfaces.is_of_ct(surfaces.active_surface(context), scene)
         text = "Update Surface" if updates else "Reconstruct Surface"
         row.operator("ctmc.reconstruct", text=text, icon="FILE_REFRESH" if updates else "MESH_ICOSPHERE")
         if updates:
@@ -284,6 +283,9 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
+    if settings.preview and sum(item.chosen for item in settings.labels) > 1:
+        text = say("The preview shows the first label that is ticked")
+        draw_text(layout, context, text, "INFO")
     row = draw_pair(layout, context, 0.4)
     row.operator("ctmc.export", text="Export", icon="EXPORT")
     row.operator("ctmc.copy_command", icon="COPYDOWN")

@@ -47,10 +47,11 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         loaded = in_memory(scene)
         runs = scene.ctmc.all_settings()
-        into = {} if self.new else surfaces.targets(context, loaded.volume.name, runs)
-        names = loaded.volume.label_names
+        into = {} if self.new else surfaces.targets(context, runs)
+        names, fingerprint = loaded.volume.label_names, loaded.survey.fingerprint
         wanted = [
-            Wanted(run, scene.ctmc.colour_of(run.label), into.get(run), names.get(run.label or 0, "")) for run in runs
+            Wanted(run, scene.ctmc.colour_of(run.label), into.get(run), names.get(run.label or 0, ""), fingerprint)
+            for run in runs
         ]
         return surfaces_steps(loaded, wanted, scene.session_uid)
 
@@ -76,7 +77,8 @@ class CTMC_OT_update(jobs.LongOperator, bpy.types.Operator):
         scene, thing = context.scene, context.view_layer.objects.active
         loaded = in_memory(scene)
         require_changeable(thing)
-        wanted = Wanted(scene.ctmc.to_settings(), target=thing.session_uid)
+        fingerprint = loaded.survey.fingerprint
+        wanted = Wanted(scene.ctmc.to_settings(), target=thing.session_uid, fingerprint=fingerprint)
         return surfaces_steps(loaded, [wanted], scene.session_uid)
 
 

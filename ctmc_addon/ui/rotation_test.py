@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from .. import scene as scenes
 from ..core import CtmcError, Steps, TriangleMesh
-from ..core.errors import MeshError
+from ..core.errors import MeshError, SettingsError
 from ..core.output import whole_file
 from ..core.progress import within
 from ..core.rotation_table import RotationTable, parsed_levels
@@ -22,6 +22,7 @@ from ..scene.gpu_drawing import can_draw
 from ..scene.placement import SCALE
 from ..scene.surfaces import placement_of
 from . import jobs, live, session, simplify, surfaces
+from .paths import RELATIVE
 from .translations import say
 
 
@@ -34,6 +35,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         "Time how long the active surface takes to turn once around in this viewport, at several levels of "
         "simplification. Esc stops it and puts everything back"
     )
+    locks = True  # its levels stand in the scene meanwhile
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -52,8 +54,11 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         scene, thing = context.scene, context.view_layer.objects.active
         chosen = scene.ctmc
         levels = parsed_levels(chosen.rotation_levels)
+        windowed = self.windowed and not bpy.app.background
+        if chosen.rotation_kind != "rotate" and not windowed:
+            raise SettingsError(f"{chosen.rotation_kind} is timed in a window alone; choose rotate without one")
         mesh = full_mesh(scene, thing)
-        view = None if bpy.app.background or not self.windowed else Viewport(context, chosen.rotation_kind)
+        view = Viewport(context, chosen.rotation_kind) if windowed else None
         options = {"rounds": chosen.rotation_rounds, "step_degrees": float(chosen.rotation_step)}
         return test_steps(scene, thing, mesh, levels, chosen.rotation_kind, options, view)
 
@@ -203,7 +208,9 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
     bl_label = "Save Table"
     bl_description = "Save the table as CSV, times in seconds"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -216,9 +223,14 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    def check(self, _context: bpy.types.Context) -> bool:
+        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
+        before, self.filepath = self.filepath, ensured(self.filepath)
+        return bool(before != self.filepath)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Save it."""
-        path = Path(bpy.path.ensure_ext(bpy.path.abspath(self.filepath), ".csv"))
+        path = Path(ensured(bpy.path.abspath(self.filepath)))
         try:
             with whole_file(path) as beside:
                 beside.write_text(session.of(context.scene).rotation.csv(), encoding="utf-8")
@@ -226,6 +238,11 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
             return jobs.refuse(self, context.scene.session_uid, error)
         self.report({"INFO"}, say("Wrote {name}").format(name=path.name))
         return {"FINISHED"}
+
+
+def ensured(filepath: str) -> str:
+    """The file with the suffix of a table."""
+    return str(bpy.path.ensure_ext(filepath, ".csv"))
 
 
 def has_table(operator: Any, context: bpy.types.Context) -> bool:

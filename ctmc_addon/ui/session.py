@@ -17,13 +17,16 @@ class Session:
     Parameters
     ----------
     message : str
-        What went wrong last; stays until the next load.
+        What went wrong last; stays until something else is done.
+    load_message : str
+        What was wrong with the last load; stays until the next.
     results : dict of object's session_uid to what was measured
     full : dict of object's session_uid to its surface before simplification
         Of the last run only: the next level of simplification needs no extraction.
     """
 
     message: str = ""
+    load_message: str = ""
     results: dict[int, Any] = field(default_factory=dict)
     full: dict[int, Reconstruction] = field(default_factory=dict)
     price: Any = None

@@ -47,11 +47,12 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
         settings = replace(settings_of(thing), **goal)
         full = full_of(scene, thing)
         volume = volumes.current(scene)
-        if full is None and (volume is None or volume.name != surfaces.remembered_name(thing)):
+        if full is None and not surfaces.is_of_ct(thing, scene):
             raise MeshError(
                 f"{thing.name} is simplified already and its full surface is not in memory; load its CT again"
             )
-        wanted = Wanted(settings, target=thing.session_uid)
+        fingerprint = surfaces.fingerprint_of(thing)
+        wanted = Wanted(settings, target=thing.session_uid, fingerprint=fingerprint)
         return simplify_job(full, volume, wanted, scene.session_uid)
 
 

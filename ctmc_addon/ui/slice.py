@@ -7,7 +7,7 @@ from bpy.props import FloatProperty, IntProperty
 
 from ..core.slicing import slice_middle, slice_place
 from . import jobs, volumes
-from .layout import SidePanel, prepare
+from .layout import SubPanel, prepare
 from .translations import say
 from .view_properties import choose
 
@@ -55,12 +55,11 @@ class CTMC_OT_window(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CTMC_PT_slice(SidePanel, bpy.types.Panel):
+class CTMC_PT_slice(SubPanel, bpy.types.Panel):
     """The slice that stands in the viewport."""
 
     bl_idname = "CTMC_PT_slice"
     bl_label = "Slice"
-    bl_parent_id = "CTMC_PT_main"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -47,15 +47,18 @@ class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Levels, step, rounds; then the table."""
-        layout, settings = self.layout, context.scene.ctmc
+        layout, settings = self.layout.column(), context.scene.ctmc
+        prepare(self.layout, lock=False)
         prepare(layout)
         for name in ("rotation_kind", "rotation_levels", "rotation_step", "rotation_rounds"):
             layout.prop(settings, name)
         job = jobs.running()
         if job is not None and job.title == "Run Rotation Test":
-            draw_job(layout)
+            draw_job(self.layout)
         else:
-            layout.operator("ctmc.rotation_test", icon="FILE_3D")
+            self.layout.operator("ctmc.rotation_test", icon="FILE_3D")
+        layout = self.layout.column()
+        layout.enabled = not jobs.locked()
         table = session.of(context.scene).rotation
         if table is not None:
             draw_table(layout, table.rows(say("Round"), say("Average"), say("Saving")))

@@ -17,19 +17,23 @@ from ..core.progress import within
 from ..scene.alpha import set_alpha
 from ..scene.meshes import edges_steps
 from ..scene.surfaces import MEMORY, require_changeable
-from . import session
+from . import session, volumes
 from .preferences import machine
 from .translations import say
+
+FINGERPRINT = "fingerprint"
+"""Where a surface remembers its CT, beside what `scene.surfaces` notes."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A surface to make: its settings, colour, the object that takes it (None for a new one), and its label's name."""
+    """A surface to make: settings, colour, the object that takes it or None, its label's name, its CT's fingerprint."""
 
     settings: ReconstructionSettings
     color: tuple[float, float, float] | None = None
     target: int | None = None
     structure: str = ""
+    fingerprint: str = ""
 
 
 def is_surface(thing: bpy.types.Object | None) -> bool:
@@ -48,21 +52,25 @@ def chosen_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [thing for thing in context.view_layer.objects.selected if is_surface(thing)]
 
 
-def selected_surfaces(context: bpy.types.Context, name: str) -> list[bpy.types.Object]:
-    """The selected surfaces of the CT of this name, the active one first."""
+def selected_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The selected surfaces of the CT in memory, the active one first."""
     active = context.view_layer.objects.active
-    found = [thing for thing in context.selected_objects if is_surface(thing) and remembered_name(thing) == name]
+    found = [thing for thing in context.selected_objects if is_of_ct(thing, context.scene)]
     return sorted(found, key=lambda thing: thing != active)
 
 
-def remembered_name(thing: bpy.types.Object) -> str:
-    """The name of the CT an object was made from."""
-    return str(scenes.remembered(thing).get("name", ""))
+def is_of_ct(thing: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
+    """Whether a surface was made of the CT in memory: of the same values at the same place, whatever its name."""
+    loaded = volumes.loaded(scene)
+    return loaded is not None and is_surface(thing) and fingerprint_of(thing) == loaded.survey.fingerprint
 
 
-def targets(
-    context: bpy.types.Context, name: str, runs: list[ReconstructionSettings]
-) -> dict[ReconstructionSettings, int]:
+def fingerprint_of(thing: bpy.types.Object) -> str:
+    """The fingerprint of the CT a surface was made from; empty where that is not known."""
+    return str(thing[MEMORY].get(FINGERPRINT, ""))
+
+
+def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> dict[ReconstructionSettings, int]:
     """Which selected object each of the wanted surfaces goes into; those not in it get a new object.
 
     A single surface goes into the active one, several into those with the same label.
@@ -72,7 +80,7 @@ def targets(
     MeshError
         If one of the objects cannot be changed.
     """
-    selected = selected_surfaces(context, name)
+    selected = selected_surfaces(context)
     if len(runs) == 1:
         found = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:
@@ -154,6 +162,7 @@ def place(
             else:
                 scenes.update_reconstruction(thing, result, mesh)
                 set_alpha(thing, result.settings.alpha)
+            thing[MEMORY][FINGERPRINT] = one.fingerprint
             made.append(thing)
     finally:
         forget(ready)

@@ -249,3 +249,34 @@ def test_saving_ends_a_job_that_keeps_things_in_the_file_and_no_other(context, t
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
         assert work.closed == locks
         assert operator.modal(context, ESC) == {"CANCELLED"}
+
+
+def test_a_file_saved_during_a_rotation_test_has_none_of_its_levels(context, ball_file, tmp_path):
+    from ctmc_addon.ui import rotation_test
+
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    context.scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.reconstruct()
+    thing = bpy.context.view_layer.objects.active
+
+    class Window:
+        """Draws nothing."""
+
+        __enter__ = show = draw = lambda self, *_: self
+
+        def __exit__(self, *_):
+            pass
+
+    mesh = rotation_test.full_mesh(context.scene, thing)
+    options = {"rounds": 1, "step_degrees": 90.0}
+    steps = rotation_test.test_steps(context.scene, thing, mesh, (0.0, 50.0), "rotate", options, Window())
+    operator = Operator(steps)
+    operator.locks = rotation_test.CTMC_OT_rotation_test.locks
+    operator.invoke(context, MOUSE)
+    while len(bpy.data.objects) == 1:
+        assert operator.modal(context, TIMER) == {"PASS_THROUGH"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"), copy=True)
+    with bpy.data.libraries.load(str(tmp_path / "day.blend")) as (there, _):
+        assert (list(there.objects), list(there.meshes)) == ([thing.name], [thing.data.name])
+    assert not thing.hide_viewport
+    assert operator.modal(context, TIMER) == {"CANCELLED"}

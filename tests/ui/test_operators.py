@@ -142,3 +142,31 @@ def test_the_command_of_blender_is_the_command_line(monkeypatch):
 
     monkeypatch.setattr(cli, "main", lambda arguments: len(arguments))
     assert ctmc_addon.run_command(["info", "x"]) == 2
+
+
+def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_file, tmp_path):
+    from types import SimpleNamespace
+
+    from ctmc_addon.ui import export, rotation_test
+
+    for kind, name, named in (
+        (export.CTMC_OT_export, "bone", "bone.stl"),
+        (export.CTMC_OT_export, "bone.ply", "bone.ply"),
+        (rotation_test.CTMC_OT_rotation_save, "times", "times.csv"),
+    ):
+        properties = getattr(bpy.ops.ctmc, kind.bl_idname.partition(".")[2]).get_rna_type().properties
+        assert properties["check_existing"].default
+        dialog = SimpleNamespace(filepath=str(tmp_path / name))
+        assert kind.check(dialog, None) == (name != named)
+        assert dialog.filepath == str(tmp_path / named)
+    load(ball_file)
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.reconstruct()
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "bone")) == {"FINISHED"}
+    assert (tmp_path / "bone.stl").exists()
+
+
+def test_a_path_beside_the_blend_is_loaded_without_a_warning(scene, ball_file, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    assert bpy.ops.ctmc.load(filepath="//ball.npy", spacing=(1, 1, 2)) == {"FINISHED"}
+    assert volumes.loaded(scene).path == ball_file

@@ -99,3 +99,56 @@ def test_the_panel_says_what_was_loaded(scene, ball_file):
     for fact in ("24 x 24 x 12", "1 x 1 x 2 mm", "left, back, head (LPS)"):
         assert fact in texts
     assert "taken as axial" in " ".join(texts)
+
+
+def test_every_panel_but_the_main_one_begins_closed(scene):
+    ours = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CTMC_PT_")]
+    below = [kind for kind in ours if getattr(kind, "bl_parent_id", "") == "CTMC_PT_main"]
+    assert len(below) > 6
+    assert all("DEFAULT_CLOSED" in kind.bl_options for kind in below)
+
+
+def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
+    says = "The preview shows the first label that is ticked"
+    scene.ctmc.show_labels([(1, "", (1, 0, 0)), (2, "", (0, 1, 0))])
+    scene.ctmc.labels[0].chosen = True
+    assert says not in " ".join(drawn(panels.CTMC_PT_main).texts)
+    scene.ctmc.labels[1].chosen = True
+    assert says in " ".join(drawn(panels.CTMC_PT_main).texts)
+    scene.ctmc.preview = False
+    assert says not in " ".join(drawn(panels.CTMC_PT_main).texts)
+
+
+class Nested(Layout):
+    """Each part of its own, grey with the one it stands in."""
+
+    def __init__(self, above=None):
+        super().__init__()
+        self.above, self.enabled = above, True
+        self.pressed = {} if above is None else above.pressed
+
+    def row(self, **_):
+        return Nested(self)
+
+    box = column = split = grid_flow = row
+
+    def alive(self):
+        return self.enabled and (self.above is None or self.above.alive())
+
+    def operator(self, name, text=None, **_):
+        self.pressed[name] = self.alive()
+        return super().operator(name, text)
+
+
+def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monkeypatch):
+    from ctmc_addon.ui import jobs, rotation_test, session
+
+    operator = rotation_test.CTMC_OT_rotation_test
+    job = jobs.Job(operator.bl_label, iter(()), scene.session_uid, locks=operator.locks)
+    monkeypatch.setattr(jobs, "_running", [job])
+    assert jobs.locked()
+    table = type("Table", (), {"rows": staticmethod(lambda *_: [["Round"]])})()
+    monkeypatch.setattr(session.of(scene), "rotation", table)
+    holder = type("Panel", (), {"layout": Nested()})()
+    sub_panels.CTMC_PT_rotation.draw(holder, bpy.context)
+    assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}

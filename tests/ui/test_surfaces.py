@@ -304,7 +304,7 @@ def test_a_reopened_file_knows_its_ct_and_offers_to_reload(loaded, ball_file, tm
     volumes._loaded.clear()
     with pytest.raises(RuntimeError, match=r"ball\.npy"):
         bpy.ops.ctmc.load(again=True)
-    assert "ball.npy" in session.of(scene).message
+    assert "ball.npy" in session.of(scene).load_message
 
 
 def test_otsu_and_tissues_set_the_threshold(loaded):
@@ -329,3 +329,86 @@ def test_labels_of_hounsfield_units_are_refused_in_the_panel(scene, tmp_path):
     assert "load the label volume" in session.of(scene).message
     bpy.ops.ctmc.tissue(tissue="skin")
     assert scene.ctmc.to_settings() == ReconstructionSettings(threshold=-300.0)
+
+
+@pytest.fixture
+def namesake(tmp_path):
+    """Another patient's CT of the same name: a smaller ball in another folder."""
+    z, y, x = np.indices((12, 24, 24)) - np.array([5.5, 11.5, 11.5])[:, None, None, None]
+    (tmp_path / "other").mkdir()
+    np.save(tmp_path / "other" / "ball.npy", (140 - 10 * np.sqrt(x**2 + y**2 + (2 * z) ** 2)).astype(np.int16))
+    return tmp_path / "other" / "ball.npy"
+
+
+def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, ball_file, namesake):
+    from ui.test_panels import drawn
+
+    from ctmc_addon.ui import panels, surfaces
+
+    bpy.ops.ctmc.reconstruct()
+    first, faces = active(), len(active().data.polygons)
+    assert "ctmc.reconstruct Update Surface" in drawn(panels.CTMC_PT_main).buttons
+    bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
+    assert volumes.current(loaded).name == remembered(first)["name"]
+    assert not surfaces.is_of_ct(first, loaded)
+    assert "ctmc.reconstruct Reconstruct Surface" in drawn(panels.CTMC_PT_main).buttons
+    bpy.ops.ctmc.reconstruct()
+    assert (len(loaded.objects), len(first.data.polygons)) == (2, faces)
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert surfaces.is_of_ct(first, loaded)
+    del first["ctmc"]["fingerprint"]  # as an older file has it
+    assert not surfaces.is_of_ct(first, loaded)
+
+
+def test_a_surface_is_not_extracted_again_from_a_ct_of_the_same_name(loaded, namesake):
+    from ctmc_addon.ui import surfaces
+
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    known = surfaces.fingerprint_of(active())
+    bpy.ops.ctmc.simplify()
+    assert surfaces.fingerprint_of(active()) == known != ""
+    session.forget_all()
+    bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
+    with pytest.raises(RuntimeError, match="load its CT again"):
+        bpy.ops.ctmc.simplify()
+
+
+def test_zoom_and_pan_are_refused_without_a_window(loaded):
+    bpy.ops.ctmc.reconstruct()
+    for kind in ("zoom", "pan"):
+        loaded.ctmc.rotation_kind = kind
+        with pytest.raises(RuntimeError, match=f"{kind} is timed in a window alone"):
+            bpy.ops.ctmc.rotation_test()
+    assert session.of(loaded).rotation is None
+
+
+def test_load_again_says_that_the_content_has_changed(loaded, ball_file):
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+    values = np.load(ball_file)
+    np.save(ball_file, values + 1)
+    bpy.ops.ctmc.load(again=True)
+    assert "not the CT the file knew: ball.npy has changed" in session.of(loaded).load_message
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+    np.save(ball_file, values)
+    volumes._loaded.clear()  # as in a file that was opened
+    bpy.ops.ctmc.load(again=True)
+    assert "not the CT the file knew" in session.of(loaded).load_message
+    loaded.ctmc.spacing = (1, 1, 3)  # another place by the person's own hand
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+
+
+def test_what_could_not_be_read_stays_in_the_panel_until_the_next_load(loaded, ball_file, tmp_path):
+    from ui.test_panels import drawn
+
+    from ctmc_addon.ui import panels
+
+    with pytest.raises(RuntimeError, match="nowhere"):
+        bpy.ops.ctmc.load(filepath=str(tmp_path / "nowhere"))
+    bpy.ops.ctmc.reconstruct()
+    assert "nowhere" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert "nowhere" not in " ".join(drawn(panels.CTMC_PT_main).texts)
