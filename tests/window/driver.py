@@ -68,11 +68,11 @@ def redraw() -> None:
         area.tag_redraw()
 
 
-def open_panel(name: str, order: int = 0) -> None:
-    """Let a closed sub-panel begin open; before it is drawn for the first time. It stands below others of its order."""
+def open_panel(name: str) -> None:
+    """Let a closed sub-panel begin open; before it is drawn for the first time."""
     panel = getattr(bpy.types, name)
     bpy.utils.unregister_class(panel)
-    panel.bl_options, panel.bl_order = panel.bl_options - {"DEFAULT_CLOSED"}, order
+    panel.bl_options = panel.bl_options - {"DEFAULT_CLOSED"}
     bpy.utils.register_class(panel)
 
 

@@ -25,9 +25,8 @@ COUNTED = "isinstance(ours('ui.session').of(bpy.context.scene).price, ours('ui.l
 QUIET = "ours('ui.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
-for name in ("CTMC_PT_rotation", "CTMC_PT_results", "CTMC_PT_figure"):
+for name in ("CTMC_PT_slice", "CTMC_PT_rotation", "CTMC_PT_results", "CTMC_PT_figure"):
     open_panel(name)
-open_panel("CTMC_PT_slice", -1)
 space = viewport().space
 space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
 space.overlay.show_axis_x = space.overlay.show_axis_y = space.show_gizmo = space.show_region_toolbar = False
