@@ -7,6 +7,14 @@ import pytest
 from ctmc_addon.cli.blender import interrupts_held, silence
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Python's own handler, also where the tests were started in the background, which ignores the interrupt."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_an_interrupt_waits_for_the_end_of_the_block():
     reached = []
 
