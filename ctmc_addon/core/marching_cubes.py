@@ -182,7 +182,7 @@ def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
 def _even_parts(work: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Ranges (low, high) of layers with about equal shares of the work, near 1; an even number, where not just one."""
     done = np.cumsum(work)
-    parts = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.5 else 1  # less is not worth a second thread
+    parts = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.25 else 1  # less is not worth a second thread
     part = np.floor((done - work / 2) * (parts / done[-1]))
     firsts = [0, *(np.flatnonzero(np.diff(part)) + 1), len(work)]
     return [(int(low), int(high)) for low, high in pairwise(firsts)]
