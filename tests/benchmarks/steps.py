@@ -107,7 +107,7 @@ class Panel:
     def load(self, path: Path) -> Steps[Any]:
         """Load CT."""
         reading = {"spacing": None, "flip": "", "series": None}
-        return load.CTMC_OT_load.steps(None, path, reading, self.scene.session_uid)
+        return load.CTMC_OT_load.steps(None, path, reading, self.scene.session_uid, "")
 
     def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
         """Reconstruct Surface, or Update Surface of an object."""
