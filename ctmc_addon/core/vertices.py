@@ -28,36 +28,25 @@ def fill_vertices(
     directions: NDArray[np.float32] | None,
 ) -> None:
     """Fill in a slab's vertices: those on edges along x, then y, then z, then those inside voxels."""
+    on_edges = sum(len(voxels) for voxels in slab.owned)
     # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
     with np.errstate(all="ignore"):
-        _fill(grid, sampler, threshold, slab, targets, directions)
-
-
-def _fill(
-    grid: Grid,
-    sampler: Sampler,
-    threshold: float,
-    slab: Slab,
-    targets: list[Target],
-    directions: NDArray[np.float32] | None,
-) -> None:
-    on_edges = sum(len(voxels) for voxels in slab.owned)
-    _fill_edges(
-        grid,
-        sampler,
-        threshold,
-        slab,
-        [(alpha, position[:on_edges]) for alpha, position in targets],
-        None if directions is None else directions[:on_edges],
-    )
-    if on_edges < slab.vertices:
-        fill_inner(
-            slab,
+        _fill_edges(
             grid,
+            sampler,
             threshold,
-            [(alpha, position[on_edges:]) for alpha, position in targets],
-            None if directions is None else directions[on_edges:],
+            slab,
+            [(alpha, position[:on_edges]) for alpha, position in targets],
+            None if directions is None else directions[:on_edges],
         )
+        if on_edges < slab.vertices:
+            fill_inner(
+                slab,
+                grid,
+                threshold,
+                [(alpha, position[on_edges:]) for alpha, position in targets],
+                None if directions is None else directions[on_edges:],
+            )
 
 
 def _fill_edges(
