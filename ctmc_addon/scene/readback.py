@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Reconstruction, Surface, TriangleMesh
+from ..core import Reconstruction, ReconstructionSettings, Surface, TriangleMesh
 from . import meshes
 from .alpha import has_alpha
 from .evaluate import evaluated_object
@@ -38,18 +38,7 @@ def read_back(thing: bpy.types.Object) -> Reconstruction | None:
     else:
         surface = None
         found = TriangleMesh(to_mm(placement, meshes.read_positions(mesh)), faces, normals)
-    return Reconstruction(
-        mesh=found,
-        surface=surface,
-        settings=settings,
-        threshold=known["threshold"],
-        full_faces=known["full_faces"],
-        voxels_visited=known["voxels_visited"],
-        stages=(),
-        spacing_mm=tuple(known["spacing_mm"]),
-        notes=tuple(known["notes"]),
-        name=known["name"],
-    )
+    return _reconstruction(found, surface, settings, known)
 
 
 def own_mesh(thing: bpy.types.Object) -> TriangleMesh:
@@ -71,10 +60,18 @@ def as_shown(thing: bpy.types.Object, scene: bpy.types.Scene | None = None) -> R
     settings, placement, known = settings_of(thing), placement_of(thing), remembered(thing)
     shown = evaluated_object(thing, scene)[0].data
     goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
+    mesh = TriangleMesh(to_mm(placement, meshes.read_positions(shown)), meshes.read_triangles(shown))
+    return _reconstruction(mesh, None, replace(settings, **goals), known)
+
+
+def _reconstruction(
+    mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, known: dict[str, Any]
+) -> Reconstruction:
+    """What an object remembers of its reconstruction, with this mesh."""
     return Reconstruction(
-        mesh=TriangleMesh(to_mm(placement, meshes.read_positions(shown)), meshes.read_triangles(shown)),
-        surface=None,
-        settings=replace(settings, **goals),
+        mesh=mesh,
+        surface=surface,
+        settings=settings,
         threshold=known["threshold"],
         full_faces=known["full_faces"],
         voxels_visited=known["voxels_visited"],
