@@ -18,7 +18,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from .. import scene as scenes
 from ..core import Steps
 from ..core.captions import figure_caption, parsed_numbers, parsed_sides
-from ..core.errors import MeshError, OutputError, ReadError
+from ..core.errors import MeshError, OutputError
 from ..scene.compose import material_colour
 from ..scene.page import PAGES
 from ..scene.readback import as_shown
@@ -29,6 +29,7 @@ from .figure_properties import FRAMES
 from .paths import RELATIVE
 from .preferences import machine
 from .properties import as_written
+from .reconstruct import in_memory
 from .translations import say
 
 ESC = (
@@ -103,11 +104,10 @@ def blend_of(chosen: Any, target: Path) -> Path | None:
     return target.with_suffix(".blend") if chosen.write_blend else None
 
 
-def chosen_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
+def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected reconstructions; where there is none, the active one."""
-    found = [thing for thing in context.selected_objects if surfaces.is_surface(thing)]
     active = context.view_layer.objects.active
-    return found or ([active] if surfaces.is_surface(active) else [])
+    return surfaces.chosen_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
 def shown_of(things: Sequence[bpy.types.Object], meshes: Sequence[Any], chosen: Any) -> tuple[scenes.Shown, ...]:
@@ -128,7 +128,7 @@ def shown_of(things: Sequence[bpy.types.Object], meshes: Sequence[Any], chosen: 
 
 def cell_of(context: bpy.types.Context) -> tuple[scenes.Cell, str]:
     """The selected surfaces as one cell, and a caption."""
-    things = chosen_surfaces(context)
+    things = shown_surfaces(context)
     if not things:
         raise MeshError("no reconstructed surface is selected; choose one or several first")
     seen = [scenes.evaluated_triangles(thing, context.scene) for thing in things]
@@ -158,7 +158,7 @@ def told(work: Steps[Any], scene: int, target: Path) -> Steps[jobs.Conclusion]:
 
 def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
     """Whether there is something to show, with the reason if not."""
-    things = chosen_surfaces(context)
+    things = shown_surfaces(context)
     if not things:
         operator.poll_message_set("Choose a reconstructed surface first")
         return False
@@ -206,14 +206,12 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a CT in memory."""
-        return jobs.idle(cls) and has_volume(cls, context)
+        return jobs.idle(cls) and volumes.has_volume(cls, context)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Every setting in a cell."""
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
-        volume, settings = volumes.current(scene), scene.ctmc.all_settings()[0]
-        if volume is None:
-            raise ReadError("the CT is not in memory; load it first")
+        volume, settings = in_memory(scene).volume, scene.ctmc.all_settings()[0]
         comparison = comparison_of(chosen)
         comparison.variants(settings)  # checks the limits of all before the work
         scenes.require_png(target)
@@ -231,15 +229,6 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
             machine().threads,
         )
         return told(work, scene.session_uid, target)
-
-
-def has_volume(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether a CT is in memory, with the reason if not."""
-    if volumes.current(context.scene) is None:
-        missing = volumes.missing(context.scene)
-        operator.poll_message_set("Load the CT again first" if missing else "Load a CT first")
-        return False
-    return True
 
 
 def comparison_of(chosen: Any) -> Any:
@@ -270,7 +259,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a surface whose CT is in memory."""
-        if not (jobs.idle(cls) and has_surfaces(cls, context) and has_volume(cls, context)):
+        if not (jobs.idle(cls) and has_surfaces(cls, context) and volumes.has_volume(cls, context)):
             return False
         thing = context.view_layer.objects.active
         if not surfaces.is_of_ct(thing, context.scene):
@@ -283,8 +272,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
         scenes.require_png(target)
         scenes.require_engine(chosen.engine, heat=True)
-        volume, thing = volumes.current(scene), context.view_layer.objects.active
-        assert volume is not None, "poll asks for one"
+        volume, thing = in_memory(scene).volume, context.view_layer.objects.active
         work = scenes.deviation_figure_steps(
             volume,
             as_shown(thing, scene),

@@ -12,7 +12,7 @@ from .figure import (
     CTMC_OT_figure_deviation,
     CTMC_OT_figure_sheet,
     CTMC_OT_figure_turntable,
-    chosen_surfaces,
+    shown_surfaces,
 )
 from .figure_properties import FRAMES
 from .layout import SubPanel, draw_job, prepare
@@ -91,7 +91,7 @@ def draw_look(layout: Any, context: bpy.types.Context, chosen: Any) -> None:
     style.active = not mapped
     style.prop(chosen, "style")
     column.prop(chosen, "engine")
-    if chosen.kind in ("figure", "turntable") and len(chosen_surfaces(context)) > 1:
+    if chosen.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
         column.prop(chosen, "opacity", slider=True)
     angles = layout.column(align=True)
     angles.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")

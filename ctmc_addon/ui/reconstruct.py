@@ -85,8 +85,7 @@ class CTMC_OT_update(jobs.LongOperator, bpy.types.Operator):
 def ready(operator: Any, context: bpy.types.Context) -> bool:
     """Whether there is a CT in memory and memory enough, with the reason if not."""
     scene = context.scene
-    if volumes.current(scene) is None:
-        operator.poll_message_set("Load the CT again first" if volumes.missing(scene) else "Load a CT first")
+    if not volumes.has_volume(operator, context):
         return False
     price = session.of(scene).price
     if isinstance(price, live.Bill) and not price.fits and list(price.settings) == settings_or_none(scene):

@@ -33,10 +33,7 @@ class CTMC_OT_fit_region(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a CT in memory."""
-        if volumes.current(context.scene) is None:
-            cls.poll_message_set("Load a CT first")
-            return False
-        return True
+        return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set it, and use it."""

@@ -36,10 +36,7 @@ class CTMC_OT_auto_threshold(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a CT in memory."""
-        if volumes.current(context.scene) is None:
-            cls.poll_message_set("Load a CT first")
-            return False
-        return True
+        return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Find and set it."""
@@ -78,13 +75,10 @@ class CTMC_OT_tissue(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only where values are Hounsfield units."""
         volume = volumes.current(context.scene)
-        if volume is None:
-            cls.poll_message_set("Load a CT first")
-            return False
-        if volume.kind != "HU":
+        if volume is not None and volume.kind != "HU":
             cls.poll_message_set("Tissues are known by their HU, and this volume holds other values")
             return False
-        return True
+        return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set it."""

@@ -74,6 +74,14 @@ def missing(scene: bpy.types.Scene) -> bool:
     return bool(scene.ctmc.volume_path) and loaded(scene) is None
 
 
+def has_volume(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether a CT is in memory, with the reason if not."""
+    if current(context.scene) is None:
+        operator.poll_message_set("Load the CT again first" if missing(context.scene) else "Load a CT first")
+        return False
+    return True
+
+
 def there(path: str) -> bool:
     """Whether something lies at a path that a file has noted."""
     return Path(bpy.path.abspath(path)).exists()
