@@ -109,8 +109,10 @@ def keep_bound(history: History, check: ErrorCheck) -> Pauses[None]:
         faces = yield from check.faces_away(np.flatnonzero(touched | every_face))
         near = (touched[check.nearest] | history.changed[history.becomes])[corners].any(axis=0)
         original = yield from check.original_away(np.flatnonzero(near | every_original))
-        if len(faces) or len(original):
-            history.leave_out(np.concatenate([_last(history, faces), _last_near(history, check, original)]))
+        last = np.concatenate([_last(history, faces), _last_near(history, check, original)])
+        last = last[last >= 0]  # a triangle that no collapse has touched is away by the rounding of the check alone
+        if len(last):
+            history.leave_out(last)
             yield from history.replay()
             yield from check.against(history.positions, history.faces)
             every_face = every_original = False

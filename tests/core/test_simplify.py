@@ -398,3 +398,14 @@ def test_a_goal_outside_its_limits_is_refused_with_its_value(goals, words):
 def test_an_empty_mesh_stays_empty():
     empty = as_mesh(np.empty((0, 3)), np.empty((0, 3)))
     assert len(simplify(empty, reduction=0.5).faces) == 0
+
+
+@pytest.mark.parametrize("shift", [0.0, 500.0, 5000.0])
+def test_a_maximum_error_below_the_rounding_of_the_positions_leaves_the_surface_alone(shift):
+    radius = np.sqrt(((np.indices((14, 14, 14)) - 6.5) ** 2).sum(axis=0)).astype(np.float32)
+    ball = marching_cubes(-radius, -4.6)
+    moved = TriangleMesh(ball.vertices + np.float32(shift), ball.faces)
+    found = simplify(moved, max_error=1e-9)
+    assert found.closed
+    assert np.isclose(found.volume, moved.volume, rtol=1e-6)
+    assert len(found.faces) == len(moved.faces)
