@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
-    for room in ("core", "readers", "cli")
+    for room in ("core", "reporting", "readers", "cli")
     for path in sorted((ROOT / "ctmc_addon" / room).rglob("*.py"))
     if ">>> " in path.read_text(encoding="utf-8")
 ]

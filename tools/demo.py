@@ -13,14 +13,14 @@ from typing import Any
 
 from ctmc_addon import readers
 from ctmc_addon.cli.arguments import command_of
-from ctmc_addon.cli.output import Progress, by, listing, table
-from ctmc_addon.cli.phantom import write_phantom_steps
-from ctmc_addon.cli.phantom_files import WRITERS, require_no_strangers
-from ctmc_addon.cli.reconstruct import Outputs, Work, written_steps
+from ctmc_addon.cli.commands.reconstruct import Outputs, Work, written_steps
+from ctmc_addon.cli.phantom.command import write_phantom_steps
+from ctmc_addon.cli.phantom.files import WRITERS, require_no_strangers
+from ctmc_addon.cli.terminal import Progress, by, listing, table
 from ctmc_addon.core import CtmcError, Reconstruction, ReconstructionSettings, Volume, reconstruct_steps
-from ctmc_addon.core.output import made_folder, write_json
-from ctmc_addon.core.phantom import Phantom, phantom_steps
+from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
 from ctmc_addon.core.progress import within
+from ctmc_addon.reporting.atomic_write import made_folder, write_json
 
 FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
 # Softening shrinks what is round: a ball of radius r by about soften^2 / r. One pixel is 0.74 mm.

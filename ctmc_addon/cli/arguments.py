@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..core import ReconstructionSettings
-from ..core.command import command_of as command_of
-from ..core.command import flag_of as flag_of
 from ..core.errors import SettingsError
 from ..core.settings import Setting, described
-from ..core.settings_file import from_toml
+from ..reporting.command_line import command_of as command_of
+from ..reporting.command_line import flag_of as flag_of
+from ..reporting.settings_toml import from_toml
 
 # Settings of which one at most may be given.
 ALTERNATIVES = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))

@@ -13,8 +13,13 @@ from collections.abc import Sequence
 
 from ..core import CtmcError
 from ..core.version import VERSION
-from . import batch, batch_case, experiment, figure, info, phantom, reconstruct, settings
 from .arguments import figures_named, labels_repeated, single_numbers_repeated, with_flags
+from .batch import case as batch_case
+from .batch import command as batch
+from .commands import info, reconstruct, settings
+from .experiment import command as experiment
+from .figure import command as figure
+from .phantom import command as phantom
 
 COMMANDS = (info, phantom, reconstruct, batch, experiment, figure, settings, batch_case)
 

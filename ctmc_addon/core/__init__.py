@@ -1,14 +1,14 @@
 """Numbers: from grey values to triangles, with NumPy and the standard library alone."""
 
-from .distance import distances
 from .errors import CtmcError
-from .marching_cubes import marching_cubes
-from .mesh import Surface, TriangleMesh
+from .extraction.marching_cubes import marching_cubes
+from .mesh.triangle_mesh import Surface, TriangleMesh
+from .mesh.triangle_tree import distances
 from .pipeline import Reconstruction, reconstruct, reconstruct_steps
 from .progress import Step, Steps, finish
 from .settings import ReconstructionSettings
-from .simplify import simplify, simplify_steps
-from .volume import Volume
+from .simplification.simplify import simplify, simplify_steps
+from .volume.volume import Volume
 
 __all__ = [
     "CtmcError",

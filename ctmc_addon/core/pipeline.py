@@ -9,17 +9,17 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .field import field_steps, region_box
-from .marching_cubes import extract_steps
+from .extraction.grid import make_grid
+from .extraction.marching_cubes import extract_steps
 from .memory import require
-from .mesh import Surface, TriangleMesh, averaging_normals
-from .parts import keeping_parts
+from .mesh.components import keeping_parts
+from .mesh.triangle_mesh import Surface, TriangleMesh, averaging_normals
 from .progress import Pauses, Step, Steps, finish, said, within
-from .sampling import make_grid
 from .settings import ReconstructionSettings
-from .simplify import memory_needed, simplify_steps
+from .simplification.simplify import memory_needed, simplify_steps
 from .version import VERSION
-from .volume import Volume, determinant, normals_to_ras, to_ras_mm
+from .volume.scalar_field import field_steps, region_box
+from .volume.volume import Volume, determinant, normals_to_ras, to_ras_mm
 
 T = TypeVar("T")
 POINTS_AT_ONCE = 1 << 16  # carried to millimetres in one go, so the float64 in between stays small

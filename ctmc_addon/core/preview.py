@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import CtmcError, LabelError
-from .field import region_box
-from .mesh import Surface
+from .mesh.triangle_mesh import Surface
 from .pipeline import full_steps
 from .progress import Steps, finish
 from .settings import ReconstructionSettings
-from .volume import Volume
+from .volume.scalar_field import region_box
+from .volume.volume import Volume
 
 FIRST_PACE = 8e-8  # seconds a voxel, before anything has been measured: slow on purpose
 FINER = 12.0  # how many times the budget a refined surface may take; it can be stopped at any step

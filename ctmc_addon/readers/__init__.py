@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core.errors import ReadError
+from ..core.parallel import worker_count
 from ..core.progress import Step, Steps, finish, within
-from ..core.volume import Volume
-from ..core.workers import worker_count
-from . import dicom, nifti, nrrd, stacks, tiff
-from .paths import (
+from ..core.volume.volume import Volume
+from . import nifti, nrrd
+from .dicom import series as dicom
+from .file_formats import (
     DICOM_SUFFIXES,
     KNOWN_SUFFIXES,
     TIFF_SUFFIXES,
@@ -25,7 +26,9 @@ from .paths import (
     stem,
     suffix,
 )
-from .reading import Reading, Series, checked_flip, checked_spacing, volume_steps, with_notes
+from .images import folder as stacks
+from .images import tiff
+from .result import Reading, Series, checked_flip, checked_spacing, volume_steps, with_notes
 
 __all__ = [
     "Series",

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Steps, within
-from .libraries import BROKEN, imported_steps, needed, quiet, reason
-from .reading import Reading, Series
+from .optional_imports import BROKEN, imported_steps, needed, quiet, reason
+from .result import Reading, Series
 from .streams import check_end, fill_steps, opened, skip
-from .values import PLANES, native_steps, require_memory, scaled_whole_steps
+from .value_kind import PLANES, native_steps, require_memory, scaled_whole_steps
 
 WHAT = "NIfTI"
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}

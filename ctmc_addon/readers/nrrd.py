@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Step, Steps, within
-from .libraries import BROKEN, needed, quiet, reason
-from .paths import natural
-from .reading import Reading, Series
+from .file_formats import natural
+from .optional_imports import BROKEN, needed, quiet, reason
+from .result import Reading, Series
 from .streams import check_end, fill_steps, skip, unpacked
-from .values import native_steps, require_memory
+from .value_kind import native_steps, require_memory
 
 WHAT = "NRRD"
 # Signs that turn a named space's axes to right, anterior, superior.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import ReadError
 from ..core.progress import Step, Steps
-from .libraries import BROKEN, reason
+from .optional_imports import BROKEN, reason
 
 CHUNK = 2**20  # about 0.005 s of unpacking gzip
 

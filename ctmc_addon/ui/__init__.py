@@ -17,32 +17,19 @@ def unregister() -> None:
 
 def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
-    from . import (
-        export,
-        figure,
-        figure_panel,
-        figure_properties,
-        jobs,
-        live,
-        load,
-        panels,
-        preferences,
-        presets,
-        properties,
-        reconstruct,
-        region,
-        results,
-        rotation_test,
-        session,
-        simplify,
-        slice,
-        sub_panels,
-        threshold,
-        translations,
-        view_properties,
-        viewport,
-        volumes,
-    )
+    from . import jobs, translations
+    from .operators import export, figure, load, reconstruct, results, simplify, slice, threshold
+    from .operators import rotation as rotation_test
+    from .panels import figure as figure_panel
+    from .panels import main as panels
+    from .panels import presets, sub_panels
+    from .properties import figure as figure_properties
+    from .properties import preferences
+    from .properties import settings as properties
+    from .properties import view as view_properties
+    from .state import session, volumes
+    from .viewport import live, region
+    from .viewport import overlays as viewport
 
     return (
         translations,

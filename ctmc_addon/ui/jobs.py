@@ -19,8 +19,8 @@ from typing import Any
 import bpy
 
 from ..core import CtmcError, Step, Steps, finish
-from . import session
-from .marks import TAB
+from .state import session
+from .state.change_events import TAB
 from .translations import say
 
 Conclusion = Callable[[], str]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 
-from .marks import OURS
+from .state.change_events import OURS
 
 TABLES = Path(__file__).with_name("languages")
 # What Blender has called the languages from 4.2 on.

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ctmc_addon.core import ReconstructionSettings, reconstruct
-from ctmc_addon.core.phantom import phantom
-from ctmc_addon.core.volume import normals_to_ras
+from ctmc_addon.core.phantom.phantom import phantom
+from ctmc_addon.core.volume.volume import normals_to_ras
 
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order

@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
-import setup_environment as tools  # noqa: E402
+import setup_environment as tools
 
 PEERS = Path(__file__).with_name("peers.txt")
 BLENDER = "5.0.1"  # the last for Python 3.11, which every peer has a wheel for

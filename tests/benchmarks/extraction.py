@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
-from ctmc_addon.core.mesh import TriangleMesh
+from ctmc_addon.core.cost_estimate import CALIBRATION, Prepared, price_steps
+from ctmc_addon.core.extraction.grid import make_grid
+from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
+from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.pipeline import reconstruct
-from ctmc_addon.core.price import CALIBRATION, Prepared, price_steps
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.sampling import make_grid
 from ctmc_addon.core.settings import ReconstructionSettings
-from ctmc_addon.core.volume import Volume
+from ctmc_addon.core.volume.volume import Volume
 
 from . import peers, scenes
 from .measuring import Row, Session, bandwidth, least_seconds, median_seconds, peak_bytes, stage_seconds

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.marching_cubes import count_steps, marching_cubes
+from ctmc_addon.core.extraction.grid import make_grid
+from ctmc_addon.core.extraction.marching_cubes import count_steps, marching_cubes
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.sampling import make_grid
 
 from . import peers, scenes
 from .extraction import mesh_bytes

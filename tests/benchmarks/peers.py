@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.mesh import TriangleMesh
+from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
 PACKAGES = ("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK")
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.cli.phantom_files import write_dicom
+from ctmc_addon.cli.phantom.files import write_dicom
 from ctmc_addon.core.progress import finish
 from ctmc_addon.readers import read_volume
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.phantom import Phantom, centred, phantom
-from ctmc_addon.core.phantom_shapes import Blob, grow_tumours, liver_shape
-from ctmc_addon.core.volume import Volume
+from ctmc_addon.core.phantom.phantom import Phantom, centred, phantom
+from ctmc_addon.core.phantom.shapes import Blob, grow_tumours, liver_shape
+from ctmc_addon.core.volume.volume import Volume
 from ctmc_addon.readers import read_volume
 
 SLICES, SIZE = 250, 512

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.distance import TriangleTree
-from ctmc_addon.core.marching_cubes import marching_cubes
-from ctmc_addon.core.mesh import TriangleMesh
-from ctmc_addon.core.simplify import simplify
+from ctmc_addon.core.extraction.marching_cubes import marching_cubes
+from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+from ctmc_addon.core.mesh.triangle_tree import TriangleTree
+from ctmc_addon.core.simplification.simplify import simplify
 
 from . import peers, scenes
 from .measuring import Row, Session

@@ -21,13 +21,15 @@ from typing import Any
 import bpy
 
 import ctmc_addon
-from ctmc_addon.cli.phantom_files import write_dicom, write_nifti
+from ctmc_addon.blender import export
+from ctmc_addon.blender.surface.readback import own_mesh
+from ctmc_addon.cli.phantom.files import write_dicom, write_nifti
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
-from ctmc_addon.scene import export
-from ctmc_addon.scene.readback import own_mesh
-from ctmc_addon.ui import live, load, reconstruct, results, session, simplify, volumes
-from ctmc_addon.ui.surfaces import Wanted
+from ctmc_addon.ui.operators import load, reconstruct, results, simplify
+from ctmc_addon.ui.state import session, volumes
+from ctmc_addon.ui.state.surfaces import Wanted
+from ctmc_addon.ui.viewport import live
 
 from . import scenes
 

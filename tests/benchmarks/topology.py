@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trilinear_oracle import grid_topology, voxel_topology
+from oracles.trilinear import grid_topology, voxel_topology
 
 from ctmc_addon.core import TriangleMesh, marching_cubes
 from ctmc_addon.core.errors import ThresholdError
-from ctmc_addon.core.marching_cubes import TOPOLOGIES
+from ctmc_addon.core.extraction.marching_cubes import TOPOLOGIES
 
 from .accuracy import PAGE
 from .documents import replaced, table

@@ -58,6 +58,6 @@ def truth(phantom_folder):
 def scene():
     """The package that needs Blender; tests that write surfaces skip without it."""
     pytest.importorskip("bpy", reason="the Python package bpy is not installed")
-    from ctmc_addon import scene
+    from ctmc_addon import blender as scene
 
     return scene

@@ -2,14 +2,7 @@ import argparse
 
 import pytest
 
-from ctmc_addon.cli.arguments import (
-    add_settings,
-    command_of,
-    flag_of,
-    help_of,
-    settings_from,
-    single_numbers_repeated,
-)
+from ctmc_addon.cli.arguments import add_settings, command_of, flag_of, help_of, settings_from, single_numbers_repeated
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.settings import described

@@ -42,7 +42,7 @@ def test_the_demo_leaves_its_files_and_tells_the_truth(demo, tmp_path, capfd):
 
 def test_the_demo_s_own_phantom_loses_less_than_4_per_cent(demo):
     from ctmc_addon.core import reconstruct
-    from ctmc_addon.core.phantom import phantom
+    from ctmc_addon.core.phantom.phantom import phantom
 
     made = phantom()
     error = demo.against(made, reconstruct(made.labels, demo.SETTINGS).mesh.volume)

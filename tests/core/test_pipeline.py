@@ -72,7 +72,7 @@ def test_an_ellipsoid_on_anisotropic_voxels_has_the_spheres_area_and_normals():
 
 def test_a_softened_label_is_the_same_in_the_box_that_is_needed_as_in_the_whole_volume():
     from ctmc_addon.core.progress import finish
-    from ctmc_addon.core.smoothing import soften_steps
+    from ctmc_addon.core.volume.smoothing import soften_steps
 
     labels = np.where(ball((60, 50, 40), 7.0) > 0, 2, 0).astype(np.uint8)
     labels[:3, :3, :3] = 1

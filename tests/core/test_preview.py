@@ -80,7 +80,7 @@ def test_strides_begin_with_the_settings_own_and_even_the_sides_out(ball):
 
 
 def test_a_thinned_volume_has_its_samples_at_their_places(ball):
-    from ctmc_addon.core.volume import to_ras_mm
+    from ctmc_addon.core.volume.volume import to_ras_mm
 
     box = ((4, 60), (6, 50), (3, 33))
     thin = thinned(ball[0], (2, 3, 2), box)

@@ -5,8 +5,8 @@ import pytest
 from ctmc_addon.core import Step, finish
 from ctmc_addon.core.errors import MemoryLimitError, SettingsError
 from ctmc_addon.core.memory import available_bytes, require
+from ctmc_addon.core.parallel import in_batches, worker_count
 from ctmc_addon.core.progress import within
-from ctmc_addon.core.workers import in_batches, worker_count
 
 
 def counting(log):

@@ -17,7 +17,7 @@ from PIL import Image
 
 from ctmc_addon import readers
 from ctmc_addon.core import CtmcError, Volume, finish
-from ctmc_addon.core.volume import determinant, to_ras_mm
+from ctmc_addon.core.volume.volume import determinant, to_ras_mm
 from ctmc_addon.readers import list_series, read_volume, read_volume_steps
 
 SIZE = (4, 5, 6)  # x, y, z

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import ctmc_addon  # noqa: E402
+import ctmc_addon
 
 
 @pytest.fixture

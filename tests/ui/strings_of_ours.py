@@ -9,7 +9,10 @@ from pathlib import Path
 
 import bpy
 
-from ctmc_addon.ui import figure_properties, preferences, properties, view_properties
+from ctmc_addon.ui.properties import figure as figure_properties
+from ctmc_addon.ui.properties import preferences
+from ctmc_addon.ui.properties import settings as properties
+from ctmc_addon.ui.properties import view as view_properties
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ctmc_addon"
 # Calls that show their first argument, or the argument of this name.

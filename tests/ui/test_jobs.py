@@ -8,9 +8,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.core import Step  # noqa: E402
-from ctmc_addon.core.errors import ReadError  # noqa: E402
-from ctmc_addon.ui import jobs, session  # noqa: E402
+from ctmc_addon.core import Step
+from ctmc_addon.core.errors import ReadError
+from ctmc_addon.ui import jobs
+from ctmc_addon.ui.state import session
 
 TIMER = SimpleNamespace(type="TIMER", value="NOTHING")
 ESC = SimpleNamespace(type="ESC", value="PRESS")
@@ -252,7 +253,7 @@ def test_saving_ends_a_job_that_keeps_things_in_the_file_and_no_other(context, t
 
 
 def test_a_file_saved_during_a_rotation_test_has_none_of_its_levels(context, ball_file, tmp_path):
-    from ctmc_addon.ui import rotation_test
+    from ctmc_addon.ui.operators import rotation as rotation_test
 
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     context.scene.ctmc.threshold = 100.0

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.ui import translations  # noqa: E402
+from ctmc_addon.ui import translations
 
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 

@@ -11,7 +11,7 @@ from provision import SUITES, NoWindowError, provide, require_means
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
 
-from run_tests import run_tests  # noqa: E402
+from run_tests import run_tests
 
 
 def main() -> int:

@@ -1,0 +1,1 @@
+"""Figures for print: pages, sheets, distance maps and turntables of surfaces."""

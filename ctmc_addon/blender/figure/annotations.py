@@ -1,0 +1,205 @@
+"""Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
+
+They are placed in page space (see page.py) and stand still before the camera, so that the .blend shows what the picture
+shows. Letters are Blender's own font.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..materials import Colour
+from ..surface import mesh_data as meshes
+from .page import Box
+from .styles import INK, flat_material
+
+LINE_MM = 0.25
+GAP_MM = 1.0
+LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
+PIVOT = "CTMC Orientation"
+OPPOSITE = {"R": "L", "A": "P", "S": "I"}
+CAP = 0.682  # height of a capital letter over the size of the letters
+NO_BREAK = "\N{NO-BREAK SPACE}"
+LEADING = 1.3  # from line to line over the size of the letters
+
+
+@dataclass
+class Board:
+    """The plane before a figure's camera on which is written.
+
+    Parameters
+    ----------
+    scene : Scene
+    unit : float
+        Blender units of a millimetre on the page.
+    size_mm : (width, height)
+    depth : float
+        From the camera, Blender units.
+    font_mm : float
+        Size of the letters.
+    """
+
+    scene: bpy.types.Scene
+    unit: float
+    size_mm: tuple[float, float]
+    depth: float
+    font_mm: float
+    made: list[bpy.types.ID] = field(default_factory=list)
+    inks: dict[Colour, bpy.types.Material] = field(default_factory=dict)
+
+    def ink(self, colour: Colour = INK) -> bpy.types.Material:
+        """The flat material of a colour."""
+        if colour not in self.inks:
+            self.inks[colour] = flat_material("CTMC Ink", colour)
+            self.made.append(self.inks[colour])
+        return self.inks[colour]
+
+    def put(self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None) -> Any:
+        """An object of `shape`, drawn in millimetres, whose origin lies at (x, y) of the page."""
+        thing = bpy.data.objects.new(name, shape)
+        if material is not None:
+            shape.materials.append(material)
+        thing.parent = self.scene.camera
+        thing.location = ((x - self.size_mm[0] / 2) * self.unit, (y - self.size_mm[1] / 2) * self.unit, -self.depth)
+        thing.scale = (self.unit,) * 3
+        self.scene.collection.objects.link(thing)
+        self.made += [thing, shape]
+        # It neither lights nor shades what stands behind it.
+        thing.visible_shadow = thing.visible_diffuse = thing.visible_glossy = thing.visible_transmission = False
+        return thing
+
+    def text(
+        self, body: str, x: float, y: float, across: str = "LEFT", along: str = "BOTTOM_BASELINE", size: float = 1.0
+    ) -> Any:
+        """Letters at (x, y), `size` times the page's."""
+        shape = bpy.data.curves.new("CTMC Text", "FONT")
+        shape.body, shape.align_x, shape.align_y = body, across, along
+        shape.size, shape.space_line = size * self.font_mm, LEADING
+        shape.resolution_u = 4
+        return self.put("CTMC Text", shape, x, y, self.ink())
+
+    def width_of(self, body: str, size: float = 1.0) -> float:
+        """Width of one line of letters, mm."""
+        shape = bpy.data.curves.new("CTMC Text", "FONT")
+        shape.body, shape.size = body, size * self.font_mm
+        thing = bpy.data.objects.new("CTMC Text", shape)
+        self.scene.collection.objects.link(thing)
+        self.scene.view_layers[0].update()
+        width = float(thing.dimensions.x)
+        bpy.data.batch_remove([thing, shape])
+        return width
+
+    def lines_of(self, body: str, width_mm: float, size: float = 1.0) -> list[str]:
+        """The text in lines that fit a width, not broken at no-break spaces; a wider word stays whole."""
+        out = []
+        for line in body.splitlines():
+            words = line.split(" ")
+            shown = words[0]
+            for word in words[1:]:
+                longer = f"{shown} {word}"
+                if self.width_of(longer, size) > width_mm:
+                    out.append(shown)
+                    shown = word
+                else:
+                    shown = longer
+            out.append(shown)
+        return [line.replace(NO_BREAK, " ") for line in out]
+
+    def rectangle(self, box: Box, colour: Colour = INK) -> Any:
+        """A filled rectangle."""
+        left, bottom, right, top = box
+        corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [right - left, top - bottom, 0]
+        shape = meshes.new_mesh("CTMC Bar", corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+        return self.put("CTMC Bar", shape, left, bottom, self.ink(colour))
+
+
+def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float) -> None:
+    """A bar of `length_mm` in the patient, `page_mm` on the page, from (x, y), its length written above."""
+    board.rectangle((x, y, x + page_mm, y + 3 * LINE_MM))
+    board.text(f"{length_mm:g} mm", x, y + 3 * LINE_MM + 0.6)
+
+
+def round_length(most: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, 50... that is not above `most`.
+
+    Examples
+    --------
+    >>> round_length(34.0), round_length(0.7)
+    (20.0, 0.5)
+    """
+    power = 10.0 ** math.floor(math.log10(most))
+    return float(f"{max(factor * power for factor in (1, 2, 5) if factor * power <= most * (1 + 1e-9)):.6g}")
+
+
+def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned: Any) -> Any:
+    """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
+
+    Parameters
+    ----------
+    reach_mm : float
+        From the middle to the letters.
+    turned : Matrix
+        How the patient is turned in the scene, 3 x 3.
+    """
+    camera = board.scene.camera
+    pivot = bpy.data.objects.new(PIVOT, None)
+    pivot.empty_display_size = board.unit
+    place = camera.matrix_world.copy()
+    place.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
+    rotation = turned.to_4x4()
+    for axis in range(3):
+        rotation[axis][3] = place.translation[axis]
+    pivot.matrix_world = rotation
+    board.scene.collection.objects.link(pivot)
+    board.made.append(pivot)
+    lines = axis_lines(0.62 * reach_mm)
+    cross = board.put("CTMC Axes", lines, 0.0, 0.0, board.ink())
+    cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
+    for name, direction in LETTERS:
+        for letter, sign in ((name, 1.0), (OPPOSITE[name], -1.0)):
+            shown = board.text(letter, 0.0, 0.0, "CENTER", "CENTER", 0.9)
+            shown.parent = pivot
+            shown.location = tuple(sign * reach_mm * board.unit * part for part in direction)
+            facing = shown.constraints.new("COPY_ROTATION")
+            facing.target = camera
+    return pivot
+
+
+def local_of(board: Board, x: float, y: float, before_mm: float = 0.0) -> Any:
+    """(x, y) of the page in the camera's space, `before_mm` behind the board."""
+    from mathutils import Vector
+
+    return Vector(
+        (
+            (x - board.size_mm[0] / 2) * board.unit,
+            (y - board.size_mm[1] / 2) * board.unit,
+            -board.depth - before_mm * board.unit,
+        )
+    )
+
+
+def axis_lines(reach_mm: float) -> Any:
+    """Three crossing lines of a visible width."""
+    lines = bpy.data.curves.new("CTMC Axes", "CURVE")
+    lines.dimensions, lines.bevel_depth, lines.bevel_resolution = "3D", LINE_MM / 2, 2
+    for _, direction in LETTERS:
+        line = lines.splines.new("POLY")
+        line.points.add(1)
+        for point, sign in zip(line.points, (-1.0, 1.0), strict=True):
+            point.co = (*(sign * reach_mm * part for part in direction), 1.0)
+    return lines
+
+
+def legend(board: Board, entries: Sequence[tuple[str, Colour]], x: float, y: float) -> None:
+    """Colours with their names, a line each, the last one's baseline at (x, y)."""
+    side = CAP * board.font_mm
+    for at, (name, colour) in enumerate(reversed(entries)):
+        base = y + at * LEADING * board.font_mm
+        board.rectangle((x, base, x + side, base + side), colour)
+        board.text(name, x + side + GAP_MM, base)

@@ -1,0 +1,152 @@
+"""Where everything stands on the page: rows of cells with their captions, a footer, a caption for the whole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ...core.errors import SettingsError
+from .annotations import CAP, LEADING, Board
+from .page import Box, Page
+
+if TYPE_CHECKING:
+    from .compose import Cell, Look
+
+MARGIN_MM = 2.5
+GAP_MM = 3.0  # between cells side by side
+ROW_GAP_MM = 4.0
+FOOTER_GAP_MM = 2.0
+ROOM = 1.04  # around what a cell shows
+HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
+MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
+SMALLEST_MM = 8.0  # a picture
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimetre."""
+
+    height_mm: float
+    unit: float
+    margin: float
+    pictures: tuple[Box, ...]
+    texts: tuple[tuple[str, ...], ...]  # lines under every picture
+    captions_top: float  # below a picture, to the top of its caption's first capital
+    cap_mm: float
+    footer_bottom: float
+    footer_mm: float
+    caption_top: float
+    caption: tuple[str, ...]
+
+    def centre(self, which: int) -> tuple[float, float]:
+        """The middle of a cell's picture."""
+        left, bottom, right, top = self.pictures[which]
+        return (left + right) / 2, (bottom + top) / 2
+
+    def caption_at(self, which: int) -> tuple[float, float]:
+        """Middle of the first baseline of a cell's caption."""
+        left, bottom, right, _ = self.pictures[which]
+        return (left + right) / 2, bottom - self.captions_top - self.cap_mm
+
+
+def laid_out(
+    cells: Sequence[Cell], page: Page, look: Look, extent: tuple[float, float], board: Board, reach_mm: float
+) -> Layout:
+    """Lay out a page.
+
+    Parameters
+    ----------
+    extent : (width, height)
+        What every cell must have room for, Blender units.
+    board : Board
+        Measures letters.
+    reach_mm : float
+        Of the patient's axes.
+
+    Raises
+    ------
+    SettingsError
+        If the page is too small for its cells.
+    """
+    columns = min(look.columns or columns_for(len(cells)), len(cells))
+    rows = math.ceil(len(cells) / columns)
+    inner = page.width_mm - 2 * MARGIN_MM
+    width = (inner - (columns - 1) * GAP_MM) / columns
+    font, cap = page.font_mm, CAP * page.font_mm
+    texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
+    lines = max(len(text) for text in texts)
+    captions = (2.0 + cap + (lines - 1) * LEADING * font + 0.3 * font) if lines else 0.0
+    caption = tuple(board.lines_of(look.caption, inner)) if look.caption else ()
+    caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
+    footer = footer_mm(cells, look, font, reach_mm)
+    below = (
+        MARGIN_MM
+        + caption_mm
+        + (FOOTER_GAP_MM if caption and footer else 0.0)
+        + footer
+        + (FOOTER_GAP_MM if footer or caption else 0.0)
+    )
+    if page.height_mm is None:
+        low, high = HEIGHTS
+        height = width * min(max(extent[1] / extent[0], low), high)
+        total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
+        if total > MOST_HEIGHT_MM:
+            height = max(height - (total - MOST_HEIGHT_MM) / rows, min(height, width * low))
+            total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
+    else:
+        total = page.height_mm
+        height = (total - below - MARGIN_MM - (rows - 1) * ROW_GAP_MM) / rows - captions
+    widest = max((board.width_of(line) for text in texts for line in text), default=0.0)
+    if min(width, height) < SMALLEST_MM or widest > width + GAP_MM:
+        need = max(SMALLEST_MM, widest) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
+        raise SettingsError(
+            f"{columns} x {rows} cells with their captions do not fit {page.width_mm:g} x {total:.0f} mm; "
+            f"choose a width of {math.ceil(need)} mm or more, fewer columns, smaller letters or a larger height"
+        )
+    pictures = []
+    for which in range(len(cells)):
+        row, column = divmod(which, columns)
+        left = MARGIN_MM + column * (width + GAP_MM)
+        top = total - MARGIN_MM - row * (height + captions + ROW_GAP_MM)
+        pictures.append((left, top - height, left + width, top))
+    return Layout(
+        height_mm=total,
+        unit=ROOM * max(extent[0] / width, extent[1] / height),
+        margin=MARGIN_MM,
+        pictures=tuple(pictures),
+        texts=texts,
+        captions_top=2.0,
+        cap_mm=cap,
+        footer_bottom=MARGIN_MM + caption_mm + (FOOTER_GAP_MM if caption and footer else 0.0),
+        footer_mm=footer,
+        caption_top=MARGIN_MM + caption_mm,
+        caption=caption,
+    )
+
+
+def footer_mm(cells: Sequence[Cell], look: Look, font: float, reach_mm: float) -> float:
+    """Height of the footer: scale bar, legend or colour bar, the patient's axes."""
+    named = sum(1 for shown in cells[0].shown if shown.name)
+    heights = [0.0]
+    if look.scale_bar:
+        heights.append(1.4 + font)
+    if look.heat is not None:
+        heights.append(3.0 * LEADING * font)
+    elif named:
+        heights.append((named - 1) * LEADING * font + font)
+    if look.orientation:
+        heights.append(2 * reach_mm + font)
+    return max(heights)
+
+
+def columns_for(count: int) -> int:
+    """Cells side by side: all of up to three, else as many as make the sheet about square.
+
+    Examples
+    --------
+    >>> [columns_for(count) for count in (1, 3, 4, 6, 9)]
+    [1, 3, 2, 3, 3]
+    """
+    return count if count <= 3 else math.ceil(math.sqrt(count))

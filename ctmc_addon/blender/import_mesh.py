@@ -1,0 +1,97 @@
+"""Triangles from mesh files, by Blender's own importers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core import TriangleMesh
+from ..core.errors import MeshError, ReadError
+from .surface import mesh_data as meshes
+from .surface.evaluate import evaluated_object
+from .surface.placement import moved
+
+MESH_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".blend")
+# Every kind of data that an importer may leave in the file.
+KINDS = (
+    *("objects", "meshes", "collections", "materials", "images", "textures", "node_groups", "scenes", "worlds"),
+    *("cameras", "lights", "curves", "armatures", "actions", "libraries"),
+)
+
+
+def read_mesh(path: Path) -> TriangleMesh:
+    """All meshes of a file as one, in the file's own unit, without normals; the Blender file stays as it was.
+
+    Raises
+    ------
+    ReadError
+        If Blender cannot read the file.
+    MeshError
+        If there is not one triangle in it.
+    """
+    if not path.is_file():
+        raise ReadError(f"there is no file {path}; check the path")
+    with nothing_left():
+        try:
+            things = import_objects(path)
+        except RuntimeError as error:  # how Blender's operators report what they could not do
+            raise ReadError(f"{path.name} cannot be read: {' '.join(str(error).split())}") from error
+        home = bpy.data.scenes.new("CTMC Import")
+        for thing in things:
+            if thing.name not in home.collection.objects:
+                home.collection.objects.link(thing)
+        parts = [part_of(thing, home) for thing in things]
+    if not sum(len(part.faces) for part in parts):
+        raise MeshError(f"{path.name} has no triangles; choose a file with a surface in it")
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + np.int32(start) for part, start in zip(parts, starts, strict=False)]
+    return TriangleMesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces).astype(np.int32))
+
+
+def import_objects(path: Path) -> list[bpy.types.Object]:
+    """The mesh objects that the file adds to Blender's."""
+    before = set(bpy.data.objects)
+    suffix, name = path.suffix.lower(), str(path.resolve())
+    if suffix == ".stl":
+        bpy.ops.wm.stl_import(filepath=name)
+    elif suffix == ".ply":
+        bpy.ops.wm.ply_import(filepath=name)
+    elif suffix == ".obj":
+        bpy.ops.wm.obj_import(filepath=name, forward_axis="Y", up_axis="Z")
+    elif suffix == ".glb":
+        bpy.ops.import_scene.gltf(filepath=name)
+    else:
+        append_objects(name, path.name)
+    return [thing for thing in bpy.data.objects if thing not in before and thing.type == "MESH"]
+
+
+def append_objects(path: str, name: str) -> None:
+    """Copy all objects of a .blend into this file."""
+    try:
+        with bpy.data.libraries.load(path) as (there, here):
+            here.objects = list(there.objects)
+    except OSError as error:
+        raise ReadError(f"{name} cannot be read: it is no .blend of this Blender's kind") from error
+
+
+def part_of(thing: bpy.types.Object, home: bpy.types.Scene) -> TriangleMesh:
+    """An object's evaluated triangles where they stand in the scene."""
+    evaluated, _ = evaluated_object(thing, home)
+    matrix = np.array([list(row) for row in evaluated.matrix_world], np.float64)
+    vertices = moved(matrix, meshes.read_positions(evaluated.data)).astype(np.float32)
+    return TriangleMesh(vertices, meshes.read_triangles(evaluated.data))
+
+
+@contextmanager
+def nothing_left() -> Iterator[None]:
+    """Remove from the Blender file whatever the block adds."""
+    before = {kind: set(getattr(bpy.data, kind)) for kind in KINDS}
+    try:
+        yield
+    finally:
+        added = [block for kind in KINDS for block in getattr(bpy.data, kind) if block not in before[kind]]
+        bpy.data.batch_remove(added)

@@ -1,0 +1,169 @@
+"""Camera, light and background for one surface, in Blender units.
+
+The camera is orthographic, so lengths can be compared across a picture. It looks from the patient's front,
+a little from the left and from above, the head upwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .materials import use_nodes
+from .surface import mesh_data as meshes
+from .surface.evaluate import evaluated_object
+from .surface.placement import moved
+
+SIZE = (1200, 900)
+AZIMUTH, ELEVATION = 30.0, 20.0
+MARGIN = 1.12
+SAMPLES = 9
+
+
+def prepare_scene(
+    scene: bpy.types.Scene,
+    thing: bpy.types.Object,
+    size: tuple[int, int] = SIZE,
+    azimuth: float = AZIMUTH,
+    elevation: float = ELEVATION,
+) -> tuple[bpy.types.ID, ...]:
+    """Make `scene` ready to look at and to render: a camera framed on `thing`, a light, a white background.
+
+    Parameters
+    ----------
+    size : (width, height) int
+        Of the picture, pixels.
+    azimuth, elevation : float
+        Where the camera stands, degrees: from the patient's front towards the left, and up.
+
+    Returns
+    -------
+    tuple of ID
+        What was made: objects first, then their data, then the world.
+    """
+    axes = view_axes(azimuth, elevation)
+    evaluated, _ = evaluated_object(thing, scene)
+    matrix = np.array([list(row) for row in evaluated.matrix_world], np.float64)
+    points = moved(matrix, meshes.read_positions(evaluated.data))
+    camera = bpy.data.cameras.new("CTMC Camera")
+    eye = bpy.data.objects.new("CTMC Camera", camera)
+    frame(eye, points, axes, size)
+    scene.collection.objects.link(eye)
+    scene.camera = eye
+    light, sun, world = light_up(scene, azimuth, elevation)
+    set_render(scene, size)
+    return eye, light, camera, sun, world
+
+
+def light_up(
+    scene: bpy.types.Scene, azimuth: float, elevation: float
+) -> tuple[bpy.types.Object, bpy.types.Light, bpy.types.World]:
+    """A sun beyond the right shoulder of the scene's camera, which stands at these angles, and a white world."""
+    sun = bpy.data.lights.new("CTMC Light", "SUN")
+    sun.energy, sun.angle = 2.6, math.radians(4)
+    light = bpy.data.objects.new("CTMC Light", sun)
+    light.matrix_world = rotation(sun_axes(azimuth, elevation), scene.camera.matrix_world.translation)
+    scene.collection.objects.link(light)
+    scene.world = white_world()
+    return light, sun, scene.world
+
+
+def sun_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """The axes of the sun for a camera that stands at these angles; the last one points towards it."""
+    return view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0))
+
+
+def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """A camera's right, up and backward axis as the columns of a (3, 3) rotation; angles in degrees."""
+    turn, rise = math.radians(azimuth), math.radians(elevation)
+    back = (-math.sin(turn) * math.cos(rise), math.cos(turn) * math.cos(rise), math.sin(rise))
+    right = (-math.cos(turn), -math.sin(turn), 0.0)
+    up = np.cross(back, right)
+    return np.array([right, up, back]).T
+
+
+def angles_of(backward: Sequence[float]) -> tuple[float, float]:
+    """Azimuth and elevation of a camera whose backward axis is this, degrees; the inverse of `view_axes`.
+
+    Examples
+    --------
+    >>> angles_of((0.0, 1.0, 0.0)), angles_of((-1.0, 0.0, 0.0)), angles_of((0.0, 0.0, 1.0))
+    ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0))
+    """
+    x, y, z = backward
+    across = math.hypot(x, y)
+    azimuth = math.degrees(math.atan2(-x, y)) if across > 1e-6 else 0.0
+    return azimuth + 0.0, math.degrees(math.atan2(z, across))
+
+
+def rotation(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -> Any:
+    """The 4 x 4 matrix of an object with these axes at `location`."""
+    from mathutils import Matrix
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes
+    matrix[:3, 3] = location
+    return Matrix(matrix.tolist())
+
+
+def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.float64], size: tuple[int, int]) -> None:
+    """Place an orthographic camera so that all (n, 3) points fill a picture of this size, with a margin."""
+    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    extent, middle = high - low, (low + high) / 2
+    longest = max(size)
+    shown = MARGIN * max(extent[0] * longest / size[0], extent[1] * longest / size[1], 1e-6)
+    away = extent[2] / 2 + shown
+    middle[2] += away
+    camera = eye.data
+    camera.type = "ORTHO"
+    camera.ortho_scale = shown
+    camera.clip_start, camera.clip_end = away * 1e-3, 2.0 * away + extent[2]
+    eye.matrix_world = rotation(axes, axes @ middle)
+
+
+def white_world() -> bpy.types.World:
+    """White to the camera, a soft grey to what it lights."""
+    world = bpy.data.worlds.new("CTMC World")
+    use_nodes(world)
+    tree = world.node_tree
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputWorld")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    path = tree.nodes.new("ShaderNodeLightPath")
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    for slot, strength in ((1, 0.55), (2, 1.0)):
+        background = tree.nodes.new("ShaderNodeBackground")
+        background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+        background.inputs["Strength"].default_value = strength
+        tree.links.new(background.outputs[0], mix.inputs[slot])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    return world
+
+
+def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
+    """Cycles on the CPU, which every machine has, with true colours and nothing about this machine in the file."""
+    render = scene.render
+    render.engine = "CYCLES"
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = SAMPLES
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.use_denoising = False
+    scene.cycles.use_light_tree = False
+    scene.cycles.seed = 0
+    scene.cycles.max_bounces = 0
+    scene.view_settings.view_transform = "Standard"
+    render.resolution_x, render.resolution_y = size
+    render.resolution_percentage = 100
+    render.dither_intensity = 0.0  # white stays white
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode = "RGB"
+    render.filepath = "//"
+    for name in [prop.identifier for prop in render.bl_rna.properties]:
+        if name.startswith("use_stamp"):
+            setattr(render, name, False)

@@ -1,0 +1,123 @@
+"""Arrays to Blender meshes and back, without a Python loop over vertices.
+
+Positions here are in an object's local space; placement.py knows how that lies in the patient.
+The fastest paths differ little between Blender 4.2 and 5.2: attributes written whole as float32 and int32.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.mesh.triangle_mesh import finding_edges
+from ...core.progress import Steps, finish, said
+
+Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
+
+# From 4.5 a free vector on every vertex may be the normal; before, Blender stores angles against its own.
+FREE_NORMALS = bpy.app.version >= (4, 5, 0)
+NORMALS = "custom_normal" if FREE_NORMALS else "gradient_normal"
+
+
+def new_mesh(
+    name: str, positions: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges | None = None
+) -> bpy.types.Mesh:
+    """A smooth-shaded mesh.
+
+    Its edges are ours: Blender would find them in one long go, and in an order that hangs on its number of threads,
+    and so would the triangles that Decimate leaves.
+
+    Parameters
+    ----------
+    positions : (V, 3) float32
+    faces : (F, 3) int32
+        Counter-clockwise seen from outside.
+    edges : (2, E) and (3, F) int32
+        As `core.mesh.finding_edges` finds them; None finds them now.
+    """
+    ends, edge_of_corner = finish(edges_steps(faces, len(positions))) if edges is None else edges
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(positions))
+    mesh.loops.add(faces.size)
+    mesh.polygons.add(len(faces))
+    mesh.edges.add(ends.shape[1])
+    if len(faces):
+        write_positions(mesh, positions)
+        corners = np.ascontiguousarray(faces, np.int32).ravel()
+        mesh.attributes[".corner_vert"].data.foreach_set("value", corners)
+        mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+        for attribute, columns in ((".edge_verts", ends), (".corner_edge", edge_of_corner)):
+            mesh.attributes[attribute].data.foreach_set("value", np.ascontiguousarray(columns.T).ravel())
+    mesh.update()
+    return mesh
+
+
+def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
+    """The edges of (F, 3) faces for `new_mesh`."""
+    columns = np.ascontiguousarray(faces.T)
+    return (yield from said(finding_edges(columns, vertex_count), 0.0, "Adding the surface"))
+
+
+def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:
+    """Move the mesh's vertices to (V, 3) float32; of a mesh with keys, only what lies under the keys."""
+    mesh.attributes["position"].data.foreach_set("vector", np.ascontiguousarray(positions, np.float32).ravel())
+
+
+def read_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """The mesh's vertices, (V, 3) float32."""
+    return read_vectors(mesh.attributes["position"].data, "vector", len(mesh.vertices))
+
+
+def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
+    """The vectors `name` of a Blender collection of length `count`, (count, 3) float32."""
+    out = np.empty(3 * count, np.float32)
+    collection.foreach_get(name, out)
+    return out.reshape(-1, 3)
+
+
+def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
+    """The mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
+    if len(mesh.loops) == 3 * len(mesh.polygons) > 0:
+        out = np.empty(len(mesh.loops), np.int32)
+        mesh.attributes[".corner_vert"].data.foreach_get("value", out)
+        return out.reshape(-1, 3)
+    mesh.calc_loop_triangles()
+    out = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("vertices", out)
+    return out.reshape(-1, 3)
+
+
+def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """The normal Blender shades every corner with, (corners, 3) float32."""
+    return read_vectors(mesh.corner_normals, "vector", len(mesh.loops))
+
+
+def remember_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
+    """Keep (V, 3) normals on the mesh; from Blender 4.5 this is also what it is shaded with."""
+    attribute = mesh.attributes.get(NORMALS) or mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "POINT")
+    attribute.data.foreach_set("vector", np.ascontiguousarray(normals, np.float32).ravel())
+
+
+def remembered_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
+    """The normals kept by `remember_normals`, (V, 3) float32, or None."""
+    attribute = mesh.attributes.get(NORMALS)
+    if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
+        return None
+    return read_vectors(attribute.data, "vector", len(mesh.vertices))
+
+
+def encode_normals(mesh: bpy.types.Mesh, positions: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
+    """Before Blender 4.5: shade with (V, 3) normals, right where the vertices stand at `positions`.
+
+    Blender stores them against the normals the mesh has while they are set, so the vertices are moved
+    there and back. A normal of zero means Blender's own.
+    """
+    under_keys = read_positions(mesh)
+    write_positions(mesh, positions)
+    mesh.update()
+    mesh.normals_split_custom_set_from_vertices(normals)
+    write_positions(mesh, under_keys)
+    mesh.update()

@@ -1,0 +1,201 @@
+"""What the cases of a batch are: folders, files, globs and manifests become paths, names and settings.
+
+Only names and first bytes are looked at; nothing is read yet.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ... import readers
+from ...core import CtmcError, ReconstructionSettings
+from ...core.errors import OutputError, ReadError
+from ...readers.dicom import series as dicom
+from ...readers.file_formats import TIFF_SUFFIXES, VOLUME_SUFFIXES, natural, stem, suffix
+from ...readers.images import folder as stacks
+from ...readers.result import checked_flip, checked_spacing
+from ..arguments import overridden
+from .manifest import Row, manifest_rows
+
+DEEPEST = 6  # folders within folders that are searched for cases
+RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
+TAKEN = "summary"
+
+
+@dataclass(frozen=True)
+class Output:
+    """One surface of a case: the stem of its files, and how it is made."""
+
+    name: str
+    settings: ReconstructionSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One volume, how it is read, and the surfaces to make from it: one for each label."""
+
+    name: str
+    path: Path
+    reading: Mapping[str, Any]  # keyword arguments of read_volume
+    outputs: tuple[Output, ...]
+
+
+def collect(
+    inputs: Sequence[str], settings: Mapping[str, Any], reading: Mapping[str, Any], aside: Path | None = None
+) -> list[Case]:
+    """The cases in the order of the inputs, those of a folder in natural order.
+
+    Parameters
+    ----------
+    inputs : sequence of str
+        Folders, files, globs and `.csv` manifests.
+    settings : mapping
+        Of every case, by name; a manifest's own win. `label` may be a list, which gives as many surfaces.
+    reading : mapping
+        Keyword arguments of `read_volume`; a manifest's own win.
+    aside : path, optional
+        A folder to pass over: the output's, where it lies within an input's.
+
+    Raises
+    ------
+    CtmcError
+        If an input is missing, a setting is wrong, or two cases would write the same file.
+    """
+    rows: list[Row] = []
+    for word in inputs:
+        rows += rows_of(word, None if aside is None else aside.resolve())
+    # A glob or a folder's list brings the labels of LiTS along; they belong to their volumes.
+    labels = {readers.segmentation_sibling(row.path) for row in rows if not row.where}
+    rows = [row for row in rows if row.where or row.path not in labels]
+    cases = [case_of(row, settings, reading) for row in rows]
+    require_different_files(cases)
+    return cases
+
+
+def rows_of(word: str, aside: Path | None) -> list[Row]:
+    """The volumes that one input stands for."""
+    place = Path(word)
+    if suffix(place) == ".csv" and place.is_file():
+        return manifest_rows(place)
+    if not place.exists() and glob.has_magic(word):
+        found = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural)  # noqa: PTH207  (absolute too)
+        if not found:
+            raise ReadError(f"no file or folder fits '{word}'; check the pattern")
+        return [row for path in found for row in rows_at(path, aside)]
+    return rows_at(readers.existing(place), aside)
+
+
+def rows_at(place: Path, aside: Path | None) -> list[Row]:
+    """The volumes in a folder, or the one that a file is."""
+    if not place.is_dir():
+        return [Row(place, case_name(place))]
+    found = volumes_in(place, aside, DEEPEST)
+    return [Row(path, name) for path, name in found] or [Row(place, stem(place))]
+
+
+def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
+    """Volumes and their names: a folder's volume files, else itself if it holds slices, else those of its folders.
+
+    A folder with one volume names it; of several, each also keeps its own name. One with none stays in the list: that
+    nothing is in it should be said, not passed over.
+    """
+    files = volume_files(folder)
+    if files:
+        return [(file, stem(file)) for file in files]
+    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural)
+    if any(entry.is_file() and dicom.may_be_dicom(entry) for entry in entries) or stacks.images_in(folder):
+        return [(folder, stem(folder))]
+    found: list[tuple[Path, str]] = []
+    for inner in entries if deepest else []:
+        if inner.is_dir() and inner.resolve() != aside:
+            volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]
+            alone = len(volumes) == 1
+            found += [(path, inner.name if alone else f"{inner.name}-{name}") for path, name in volumes]
+    return found
+
+
+def volume_files(folder: Path) -> list[Path]:
+    """Files that are a volume each, in natural order, without the labels that belong to one of them."""
+    files = sorted((file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file()), key=natural)
+    volumes = [file for file in files if suffix(file) in VOLUME_SUFFIXES]
+    tiffs = [file for file in files if suffix(file) in TIFF_SUFFIXES]
+    if tiffs and not volumes and format_or_none(tiffs[0]) == "tiff":
+        volumes = tiffs
+    labels = {readers.segmentation_sibling(file) for file in volumes}
+    return [file for file in volumes if file not in labels]
+
+
+def format_or_none(file: Path) -> str | None:
+    """The file's format, None if nobody can tell."""
+    try:
+        return readers.file_format(file)
+    except (CtmcError, OSError):
+        return None
+
+
+def case_name(file: Path) -> str:
+    """The file's stem; of a lone slice its folder's name, since a slice's own is often an identifier."""
+    kind = format_or_none(file)
+    if kind == "dicom":
+        return stem(dicom.named_after(file))
+    return stem(file.absolute().parent if kind == "image" else file)
+
+
+def case_of(row: Row, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:
+    """The case of a row: a surface for each of its labels, or one."""
+    values = overridden(settings, row.settings)
+    labels = values.get("label")
+    try:
+        if not isinstance(labels, (list, tuple)):
+            outputs = [Output(row.name, ReconstructionSettings(**values))]
+        elif len(labels) == 1:
+            outputs = [Output(row.name, ReconstructionSettings(**values | {"label": labels[0]}))]
+        else:
+            outputs = [
+                Output(f"{row.name}-label-{label}", ReconstructionSettings(**values | {"label": label}))
+                for label in labels
+            ]
+        asked = {**reading, **row.reading}
+        asked["spacing"], asked["flip"] = checked_spacing(asked["spacing"]), checked_flip(asked["flip"])
+    except CtmcError as error:
+        if not row.where:
+            raise
+        raise type(error)(f"{row.where}: {error}") from error
+    return Case(row.name, row.path, asked, tuple(outputs))
+
+
+def require_different_files(cases: Sequence[Case]) -> None:
+    """Refuse names that no file can have, and two outputs with one name.
+
+    Windows and macOS do not tell upper from lower case, and macOS not one form of an umlaut from the other.
+    """
+    seen: dict[str, Case] = {}
+    for case in cases:
+        for output in case.outputs:
+            require_file_name(output.name)
+            key = unicodedata.normalize("NFC", output.name).casefold()
+            if key in seen:
+                raise OutputError(
+                    f"two cases would write the same file {output.name}: {short(seen[key])} and {short(case)}; "
+                    "give them names in the column 'case' of a manifest"
+                )
+            seen[key] = case
+
+
+def require_file_name(name: str) -> None:
+    """Refuse a name with which no file can be written everywhere."""
+    if name.casefold() == TAKEN:
+        raise OutputError(f"a case called {name} would write the summary's own file; give it another name")
+    if not name or name != name.strip(" .") or re.search(r'[<>:"/\\|?*\x00-\x1f]', name) or RESERVED.fullmatch(name):
+        raise OutputError(f"'{name}' cannot be a file's name everywhere; name the case in a manifest's column 'case'")
+
+
+def short(case: Case) -> str:
+    """The case's path as its last two parts."""
+    return "/".join(case.path.parts[-2:])

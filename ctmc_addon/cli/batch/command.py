@@ -1,0 +1,222 @@
+"""`ctmc batch INPUTS... -o DIR`: a surface for each of many cases, one process a case, with a table of them all."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core import CtmcError, Step, Steps
+from ...core.errors import SettingsError
+from ...core.version import VERSION
+from ...reporting.atomic_write import made_folder, require_writable
+from ..arguments import add_reading, add_settings, given_settings, reading_of
+from ..blender_host import load_scene
+from ..commands.reconstruct import source_of
+from ..terminal import Progress, listing, require_empty, table
+from .cases import Case, collect
+from .cluster import Cluster
+from .files import fingerprint_or_none, read_record, remove_unfinished, stands_for
+from .lock import folder_of_one_batch
+from .memory import jobs_at_once, memory_limit, needed_bytes
+from .process import Event, run_here
+from .summary import Row, counts, numbers, row_of, write_summary
+
+FORMATS = ("stl", "ply", "obj", "glb", "blend")
+GIB = 1 << 30
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`."""
+    parser = commands.add_parser(
+        "batch",
+        help="make surfaces from many volumes",
+        description="Make a surface for each of many cases, one process a case, and a summary of them all. "
+        "Of LiTS, volume-N is a case and segmentation-N beside it has its labels.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="INPUT",
+        help="folder of volumes or slices, file, glob, or a .csv with the columns input, case and any setting",
+    )
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="where to write; made with its parents")
+    add_reading(parser)
+    add_settings(parser, many=("label",))
+    group = parser.add_argument_group("output")
+    group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
+    group.add_argument(
+        "--space", choices=("ras", "lps"), default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
+    )
+    group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
+    again = group.add_mutually_exclusive_group()
+    again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
+    again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
+    group = parser.add_argument_group("work")
+    group.add_argument(
+        "--jobs", type=int, metavar="N", help="cases at once (default: one for each processor, as memory allows)"
+    )
+    group.add_argument("--threads", type=int, metavar="N", help="of each case (default: the processors shared out)")
+    group.add_argument(
+        "--scheduler", metavar="ADDRESS", help="send the cases to a dask.distributed cluster, such as tcp://host:8786"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Collect the cases, do those that are to be done, and print the table; an error if any case failed."""
+    for name, value in (("jobs", chosen.jobs), ("threads", chosen.threads)):
+        if value is not None and value < 1:
+            raise SettingsError(f"--{name} must be 1 or more, not {value}")
+    folder = Path(chosen.output)
+    cases = collect(chosen.inputs, given_settings(chosen), reading_of(chosen), folder)
+    require_blender(chosen.scheduler)
+    if not (chosen.resume or chosen.overwrite):
+        require_empty(folder, "go on with --resume, start again with --overwrite, or choose another")
+    cluster = Cluster(chosen.scheduler) if chosen.scheduler else None
+    try:
+        made_folder(folder)
+        require_writable(folder / "summary.json")
+        with folder_of_one_batch(folder), Progress() as progress:
+            remove_unfinished(folder)
+            try:
+                rows = progress.drive(batch_steps(cases, folder, chosen, cluster))
+            finally:
+                remove_unfinished(folder)
+    finally:
+        if cluster is not None:
+            cluster.close()
+    print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html", flush=True)
+    failed = [row.case for row in rows if row.status != "done"]
+    if failed:
+        raise CtmcError(f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}")
+
+
+def require_blender(scheduler: str | None) -> None:
+    """Say before the start that there is no Blender here; on a cluster the workers need it, not this machine."""
+    if scheduler is None and importlib.util.find_spec("bpy") is None:
+        load_scene()
+
+
+def batch_steps(
+    cases: Sequence[Case], folder: Path, chosen: argparse.Namespace, cluster: Cluster | None
+) -> Steps[list[Row]]:
+    """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
+    rows = {output.name: Row(output.name) for case in cases for output in case.outputs}
+    tasks = [task_of(case, folder, chosen) for case in cases]
+    if chosen.resume:
+        tasks = yield from remaining_steps(tasks, folder, rows)
+    done_before = sum(row.status == "done" for row in rows.values())
+    events = started(tasks, cases, chosen, cluster, done_before)
+    total, over = max(len(tasks), 1), 0
+    write_summary(folder, list(rows.values()), not tasks)
+    try:
+        for event in events:
+            if event is not None:
+                over += event.status == "ended"
+                take(event, rows, folder)
+                write_summary(folder, list(rows.values()), over == len(tasks))
+            yield Step(over / total, counts(list(rows.values())))
+    finally:
+        # What was interrupted is to be done again, and the table does not say that it runs.
+        stopped = [row for row in rows.values() if row.status == "running"]
+        for row in stopped:
+            row.status = "waiting"
+        if stopped:
+            write_summary(folder, list(rows.values()), True)
+    return list(rows.values())
+
+
+def task_of(case: Case, folder: Path, chosen: argparse.Namespace) -> dict[str, Any]:
+    """What a process needs to know of its case, as plain data."""
+    return {
+        "case": case.name,
+        "input": str(case.path.absolute()),
+        "reading": dict(case.reading),
+        "outputs": [{"name": one.name, "settings": one.settings.to_dict()} for one in case.outputs],
+        "folder": str(folder.absolute()),
+        "format": f".{chosen.output_format}",
+        "space": chosen.space,
+        "thumbnails": not chosen.no_thumbnails,
+        "threads": chosen.threads,
+        "version": VERSION,
+    }
+
+
+def remaining_steps(
+    tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, Row]
+) -> Steps[list[dict[str, Any]]]:
+    """The tasks with the outputs that are still to be made; the rows of the others are filled."""
+    left = []
+    for at, task in enumerate(tasks):
+        yield Step(at / len(tasks), f"Checking {task['case']}")
+        open_outputs = []
+        prints: dict[Path, str | None] = {}
+        for output in task["outputs"]:
+            record = read_record(folder, output["name"])
+            if record is not None and stands_for(record, task, output):
+                source, _ = source_of(Path(task["input"]), output["settings"].get("label"))
+                if source not in prints:
+                    prints[source] = fingerprint_or_none(source)
+                if record["fingerprint"] is not None and record["fingerprint"] == prints[source]:
+                    rows[output["name"]].take(record)
+                    continue
+            open_outputs.append(output)
+        if open_outputs:
+            left.append(task | {"outputs": open_outputs})
+    return left
+
+
+def started(
+    tasks: list[dict[str, Any]],
+    cases: Sequence[Case],
+    chosen: argparse.Namespace,
+    cluster: Cluster | None,
+    done_before: int,
+) -> Iterator[Event | None]:
+    """Say what is about to be done and how, and begin it."""
+    facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
+    if cluster is not None:
+        workers = cluster.workers
+        facts.append(("workers", f"{workers} at {cluster.address}" + ("" if workers else "; waiting for the first")))
+        for task in tasks:
+            task["threads"] = task["threads"] or 1
+        events = cluster.run(tasks)
+    elif not tasks:
+        events = iter(())
+    else:
+        wanted = {task["case"] for task in tasks}
+        sizes = {case.name: needed_bytes(case) for case in cases if case.name in wanted}
+        needs = [sizes[task["case"]] for task in tasks]
+        limit = memory_limit()
+        jobs = jobs_at_once(chosen.jobs, needs, limit)
+        for task in tasks:
+            task["threads"] = task["threads"] or max(1, (os.cpu_count() or 1) // jobs)
+        memory = f"; a case needs up to {max(needs, default=0) / GIB:.1f} GiB of memory"
+        memory += "" if limit is None else f", and {limit / GIB:.1f} GiB may be used"
+        facts.append(("at once", f"{jobs}{memory}"))
+        events = run_here(tasks, jobs, needs, limit)
+    print(listing(facts), flush=True)
+    return events
+
+
+def take(event: Event, rows: Mapping[str, Row], folder: Path) -> None:
+    """Bring the rows of a task up to date."""
+    for output in event.task["outputs"]:
+        name = output["name"]
+        if event.status == "running":
+            rows[name].status = "running"
+        else:
+            vars(rows[name]).update(vars(row_of(folder, name)))
+
+
+def table_of(rows: Sequence[Row]) -> str:
+    """The summary for a terminal, errors below."""
+    lines = [["case", "status", "triangles", "ml", "seconds"]]
+    lines += [[row.case, row.status, *numbers(row)] for row in rows]
+    errors = [(row.case, row.error) for row in rows if row.error]
+    return table(lines) + (f"\n\n{listing(errors)}" if errors else "")

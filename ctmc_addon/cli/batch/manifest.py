@@ -1,0 +1,181 @@
+"""A CSV manifest: a line for each case, with its input, its name and settings of its own.
+
+Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, and how
+the input is read. An empty cell means what holds for all cases.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import ReadError, SettingsError
+from ...core.settings import Setting, described
+from ...readers.file_formats import stem
+from ..arguments import flag_of
+
+SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One input, the name of its case, and what it says for itself."""
+
+    path: Path
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    where: str = ""  # such as 'cases.csv, line 3'; empty for what no manifest names
+
+
+def manifest_rows(path: Path) -> list[Row]:
+    """The rows of a manifest.
+
+    Raises
+    ------
+    ReadError
+        If it is no text, has no rows, an unknown column, or names a missing file; with the number of the line.
+    SettingsError
+        If a cell does not fit its column.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReadError(f"{path.name} is not in UTF-8; save it as 'CSV UTF-8'") from error
+    except OSError as error:
+        raise ReadError(f"{path.name} cannot be read ({error.strerror}); check its permissions") from error
+    first = text.partition("\n")[0]
+    # Spreadsheets write semicolons where the comma is the decimal sign.
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in first and "," not in first else ",")
+    rows: list[Row] = []
+    columns: list[tuple[str, str, Parse]] = []
+    for cells in lines:
+        where = f"{path.name}, line {lines.line_num}"
+        cells = [cell.strip() for cell in cells]
+        if not any(cells):
+            continue
+        if not columns:
+            columns = [column_of(cell, where) for cell in cells]
+            require_columns([column[1] for column in columns], where)
+        elif len(cells) > len(columns) and any(cells[len(columns) :]):
+            raise ReadError(f"{where} has {len(cells)} cells and there are {len(columns)} columns; quote a comma")
+        else:
+            rows.append(row_of(columns, cells, path.parent, where))
+    if not rows:
+        raise ReadError(f"{path.name} names no case; it needs a line of columns and a line for each case")
+    return rows
+
+
+Parse = Callable[[str], Any]
+
+
+def column_of(title: str, where: str) -> tuple[str, str, Parse]:
+    """What kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
+    known: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
+    for name, about in described().items():
+        known[name] = known[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
+    for name, parse in READING.items():
+        known[name] = ("reading", name, parse)
+    column = known.get(underscored(title.lower()), ("", "", str))
+    if not column[1]:
+        raise ReadError(
+            f"{where}: unknown column '{title}'; the columns are input, case, "
+            f"{', '.join([*map(word_of, described()), *READING])}"
+        )
+    return column
+
+
+def word_of(name: str) -> str:
+    """The title of a column: a setting's flag without its dashes, else the name itself.
+
+    Examples
+    --------
+    >>> word_of("soften_mm"), word_of("keep_parts"), word_of("case")
+    ('soften', 'keep-parts', 'case')
+    """
+    return flag_of(name, described()[name]).lstrip("-") if name in described() else name
+
+
+def underscored(title: str) -> str:
+    """A title as names are written: 'keep_parts' of '--keep-parts'."""
+    return title.lstrip("-").replace("-", "_")
+
+
+def require_columns(names: list[str], where: str) -> None:
+    """Refuse a manifest without inputs, or one that says a thing twice."""
+    if "input" not in names:
+        raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
+    for name in names:
+        if names.count(name) > 1:
+            raise ReadError(f"{where}: column '{word_of(name)}' is there twice; keep one")
+
+
+def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> Row:
+    """One line of the manifest."""
+    found: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
+    for (kind, name, parse), cell in zip(columns, cells, strict=False):
+        if not cell:
+            continue
+        try:
+            found[kind][name] = parse(cell)
+        except ValueError as error:
+            raise SettingsError(f"{where}: {word_of(name)} cannot be '{cell}'; {error}") from error
+    if "input" not in found[""]:
+        raise ReadError(f"{where}: the input is missing; give a file or a folder")
+    path = folder / found[""]["input"]
+    if not path.exists():
+        raise ReadError(f"{where}: there is no file or folder '{found['']['input']}'; check the path")
+    return Row(path, found[""].get("case", stem(path)), found["settings"], found["reading"], where)
+
+
+def parse_of(name: str, about: Setting) -> Parse:
+    """How a setting's cell is read; `ReconstructionSettings` checks the limits."""
+    if about.type is bool:
+        return switch
+    if name == "label":
+        return lambda cell: [number(word, int) for word in words_of(cell)]
+    if about.size > 1:
+        return lambda cell: numbers(cell, about.type, about.size)
+    return str if about.type is str else lambda cell: number(cell, about.type)
+
+
+def switch(cell: str) -> bool:
+    """Yes or no."""
+    if cell.lower() not in SWITCHES:
+        raise ValueError("write true or false")
+    return SWITCHES[cell.lower()]
+
+
+def numbers(cell: str, kind: type = float, size: int = 3) -> tuple[Any, ...]:
+    """Numbers with spaces between them; one alone stands for three.
+
+    Examples
+    --------
+    >>> numbers("2 2 1", int), numbers("0.5")
+    ((2, 2, 1), (0.5, 0.5, 0.5))
+    """
+    many = tuple(number(word, kind) for word in words_of(cell))
+    many = many * 3 if len(many) == 1 and size == 3 else many
+    if len(many) != size:
+        raise ValueError(f"write {size} numbers with spaces between them")
+    return many
+
+
+def number(word: str, kind: type) -> Any:
+    """A number, whole where `kind` is int."""
+    try:
+        return kind(word)
+    except ValueError as error:
+        raise ValueError("write a whole number" if kind is int else "write a number") from error
+
+
+def words_of(cell: str) -> list[str]:
+    """The words of a cell, parted by spaces, commas or semicolons."""
+    return cell.replace(",", " ").replace(";", " ").split()
+
+
+READING: dict[str, Parse] = {"spacing": numbers, "flip": str, "series": str, "strict": switch}

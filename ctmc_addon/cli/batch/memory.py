@@ -1,0 +1,56 @@
+"""How much memory a case will need, told from its headers before anything is read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from ... import readers
+from ...core import CtmcError
+from ...core.memory import available_bytes
+from ...readers.dicom.header import ImageFile, read_header
+from ...readers.file_formats import files_below
+from ..commands.reconstruct import source_of
+from .cases import Case
+
+PROCESS_BYTES = 400 << 20  # Python, NumPy and Blender
+# The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
+VOXEL_BYTES = 32
+SHARE = 0.85  # of the memory that is there
+
+
+def needed_bytes(case: Case) -> int:
+    """Memory that a case needs, about; too little for one whose headers are broken, which fails at once."""
+    return PROCESS_BYTES + VOXEL_BYTES * voxels_of(case)
+
+
+def voxels_of(case: Case) -> int:
+    """Voxels in the file that will be read, 0 where that cannot be told."""
+    path, _ = source_of(case.path, case.outputs[0].settings.label)
+    try:
+        if path.is_dir() and readers.folder_format(path) == "dicom":
+            # One header instead of hundreds: all slices are taken to be like the first.
+            files = list(files_below(path))
+            first = next((one for one in map(read_header, files) if isinstance(one, ImageFile)), None)
+            return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
+        return max(one.slices * one.size[0] * one.size[1] for one in readers.list_series(path))
+    except (CtmcError, OSError, ValueError):
+        return 0
+
+
+def memory_limit() -> int | None:
+    """What the cases may take together, bytes; None where the system does not say."""
+    available = available_bytes()
+    return None if available is None else int(available * SHARE)
+
+
+def jobs_at_once(asked: int | None, needs: Sequence[int], limit: int | None) -> int:
+    """Processes at once: as many as asked for or as there are processors, and no more than fit by the largest.
+
+    Examples
+    --------
+    >>> jobs_at_once(4, [1 << 30, 2 << 30], 5 << 30)
+    2
+    """
+    jobs = min(asked or os.cpu_count() or 1, max(len(needs), 1))
+    return jobs if limit is None or not needs else max(1, min(jobs, limit // max(needs)))

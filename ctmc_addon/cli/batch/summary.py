@@ -1,0 +1,130 @@
+"""The table of a batch as CSV, JSON and HTML, each written whole whenever a case is over."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import OutputError
+from ...core.version import VERSION
+from .files import put_text, read_record, thumbnail_path
+
+REFRESH = 10  # seconds after which an open page looks again while the batch runs
+STYLE = (
+    "body{font:15px system-ui,sans-serif;margin:2em;color:#222}table{border-collapse:collapse}"
+    "th,td{padding:.3em .8em;border-bottom:1px solid #ddd;text-align:right}"
+    "th:nth-child(2),td:nth-child(2),th:last-child,td:last-child{text-align:left}"
+    "img{display:block;width:120px;height:90px}.failed{color:#b00020}"
+)
+
+
+@dataclass
+class Row:
+    """One output; `status` is waiting, running, done or failed, and what is not known is None."""
+
+    case: str
+    status: str = "waiting"
+    faces: int | None = None
+    volume_mm3: float | None = None
+    seconds: float | None = None
+    error: str | None = None
+
+    def take(self, record: dict[str, Any] | None) -> None:
+        """Fill the row from an output's JSON."""
+        if record is None:
+            self.status, self.error = "failed", "the case left no JSON"
+            return
+        self.status = record["status"]
+        self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
+        self.seconds, self.error = record["seconds"], record["error"]
+
+
+def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
+    """Write summary.csv, summary.json and summary.html.
+
+    While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
+    summary.csv open keeps others from it on Windows, which is no reason to stop.
+    """
+    plain = [asdict(row) for row in rows]
+    texts = {
+        "summary.json": json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+        "summary.csv": csv_text(plain),
+        "summary.html": html_text(folder, rows, over),
+    }
+    for name, text in texts.items():
+        try:
+            put_text(folder / name, text)
+        except OutputError:
+            if over:
+                raise
+
+
+def csv_text(rows: Sequence[dict[str, Any]]) -> str:
+    """The rows as CSV; what is None stays empty."""
+    stream = io.StringIO(newline="")
+    writer = csv.DictWriter(stream, [field.name for field in fields(Row)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def html_text(folder: Path, rows: Sequence[Row], over: bool) -> str:
+    """One page that needs no other file, the thumbnails inside it."""
+    refresh = "" if over else f'<meta http-equiv="refresh" content="{REFRESH}">'
+    lines = [
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">{refresh}',
+        f"<title>CTMC batch</title><style>{STYLE}</style></head><body>",
+        f"<h1>{counts(rows)}</h1><p>ctmc {VERSION}</p><table>",
+        "<tr><th></th><th>case</th><th>status</th><th>triangles</th><th>volume, ml</th><th>seconds</th><th>error</th>"
+        "</tr>",
+        *(html_row(folder, row) for row in rows),
+        "</table></body></html>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def html_row(folder: Path, row: Row) -> str:
+    """One case with its picture, if it has one."""
+    cells = [picture(folder, row), html.escape(row.case), row.status, *numbers(row), html.escape(row.error or "")]
+    return f'<tr class="{row.status}">' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def picture(folder: Path, row: Row) -> str:
+    """The thumbnail as part of the page."""
+    if row.status != "done":
+        return ""
+    try:
+        png = thumbnail_path(folder, row.case).read_bytes()
+    except OSError:
+        return ""
+    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}">'
+
+
+def numbers(row: Row) -> list[str]:
+    """Triangles, millilitres and seconds for a person; an open surface has no volume."""
+    return [
+        "" if row.faces is None else f"{row.faces}",
+        f"{row.volume_mm3 / 1000:.3f}" if row.volume_mm3 is not None else "-" if row.faces else "",
+        "" if row.seconds is None else f"{row.seconds:.1f}",
+    ]
+
+
+def counts(rows: Sequence[Row]) -> str:
+    """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
+    states = [row.status for row in rows]
+    said = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
+    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(said)}"
+
+
+def row_of(folder: Path, name: str) -> Row:
+    """The row of an output that is over."""
+    row = Row(name)
+    row.take(read_record(folder, name))
+    return row

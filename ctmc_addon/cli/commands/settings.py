@@ -1,0 +1,27 @@
+"""`ctmc settings > case.toml`: the settings with their texts, to be edited and read back with --settings."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ...reporting.settings_toml import to_toml
+from ..arguments import add_settings, settings_from
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`."""
+    parser = commands.add_parser(
+        "settings",
+        help="print the settings as TOML, each with its text",
+        description="Print every setting with its text and value, for a file that --settings reads: "
+        "ctmc settings --label 2 > case.toml",
+        allow_abbrev=False,
+    )
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Print the settings that the flags give."""
+    print(to_toml(settings_from(chosen)), end="")

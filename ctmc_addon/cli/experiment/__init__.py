@@ -1,0 +1,1 @@
+"""`ctmc experiment`: the experiments of Su and Ma on any CT."""

@@ -1,0 +1,165 @@
+"""The table of an experiment: printed, and as CSV, JSON and Markdown in a folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...reporting.atomic_write import own_folder, whole_file, write_json
+from ..machine import machine, versions
+from ..terminal import listing, require_empty, table
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that is shown: its title, and what it shows of a row."""
+
+    title: str
+    show: Callable[[Row], str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """An experiment's result.
+
+    Parameters
+    ----------
+    title : str
+    facts : sequence of (name, fact)
+        What a reader must know: input, settings, what was timed and how; an empty name continues the one before.
+    columns : sequence of Column
+        What is shown, of every row.
+    rows : sequence of dict
+        What is written to table.json and table.csv.
+    pictures : sequence of (file name, caption)
+        Beside the table.
+    """
+
+    title: str
+    facts: Sequence[tuple[str, str]]
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    pictures: Sequence[tuple[str, str]] = ()
+    made_on: tuple[tuple[str, str], ...] = field(
+        default_factory=lambda: (("machine", machine()), ("versions", versions()))
+    )
+
+    @property
+    def cells(self) -> list[list[str]]:
+        """The shown table, its titles first."""
+        shown = [[column.show(row) for column in self.columns] for row in self.rows]
+        return [[column.title for column in self.columns], *shown]
+
+    def printed(self) -> str:
+        """For a terminal: what it was made on, the table, and what a reader must know."""
+        return f"{self.title}\n{listing(self.made_on)}\n\n{table(self.cells)}\n\n{listing(self.facts)}"
+
+    def markdown(self) -> str:
+        """Title, what it was made on, table, facts and pictures as Markdown."""
+        lines: list[str] = []
+        for name, fact in self.facts:
+            # A name of its own opens a point, an empty one continues it.
+            lines.append(f"- {name}: {escaped(fact)}" if name else f"  {escaped(fact)}")
+        rows = [" | ".join(escaped(cell) for cell in row) for row in self.cells]
+        rule = " | ".join(["---", *["---:"] * (len(self.columns) - 1)])
+        body = [f"| {row} |" for row in (rows[0], rule, *rows[1:])]
+        pictures = [f"![{caption}]({name})" for name, caption in self.pictures]
+        head = [f"## {self.title}", "", escaped("; ".join(fact for _, fact in self.made_on)), ""]
+        return "\n".join([*head, *body, "", *lines, *(["", *pictures] if pictures else []), ""])
+
+    def write(self, folder: Path) -> list[str]:
+        """Write table.csv, table.json and table.md; returns the names of all files in the folder's table."""
+        rows = [{**row, **dict(self.made_on)} for row in self.rows]
+        write_json(folder / "table.json", rows)
+        write_text(folder / "table.csv", as_csv(rows))
+        write_text(folder / "table.md", self.markdown())
+        return ["table.csv", "table.json", "table.md", *(name for name, _ in self.pictures)]
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """Rows as CSV; a list becomes a column for each of its values, None stays empty.
+
+    Examples
+    --------
+    >>> print(as_csv([{"level_percent": 50, "rounds": [0.25, 0.5], "engine": None}]), end="")
+    level_percent,rounds_1,rounds_2,engine
+    50,0.25,0.5,
+    """
+    flat = []
+    for row in rows:
+        cells: Row = {}
+        for name, value in row.items():
+            many = {f"{name}_{at + 1}": one for at, one in enumerate(value)} if isinstance(value, list) else None
+            cells |= {name: value} if many is None else many
+        flat.append(cells)
+    names = list(dict.fromkeys(name for row in flat for name in row))
+    stream = io.StringIO(newline="")
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flat)
+    return stream.getvalue()
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown leaves as it is, inside a table too."""
+    return "".join("\\" + letter if letter in "\\`*_|<>" else letter for letter in text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text, whole or not at all."""
+    with whole_file(path) as beside:
+        beside.write_bytes(text.encode())
+
+
+@contextmanager
+def experiment_folder(path: str, overwrite: bool) -> Iterator[Path]:
+    """The folder `path`, made with its parents, and removed again if nothing is written to it.
+
+    Raises
+    ------
+    OutputError
+        If it is not empty and may not be overwritten, or cannot be made.
+    """
+    if not overwrite:
+        require_empty(Path(path), "replace an older experiment with --overwrite, or choose another folder")
+    with own_folder(path) as folder:
+        yield folder
+
+
+def runs_told(repeats: int) -> str:
+    """How often each was timed.
+
+    Examples
+    --------
+    >>> runs_told(5), runs_told(1)
+    ('median of 5 runs of each, in turn', 'one run of each')
+    """
+    return "one run of each" if repeats == 1 else f"median of {repeats} runs of each, in turn"
+
+
+def number(value: float | None, places: int) -> str:
+    """A number with so many places; '-' for none."""
+    return "-" if value is None else f"{value:.{places}f}"
+
+
+def plain(value: float) -> float | int:
+    """A whole number without its point."""
+    return int(value) if float(value).is_integer() else value
+
+
+def once(values: Sequence[Any], first: Any = None) -> list[Any]:
+    """The values in their order, each once, `first` ahead of all if it is given.
+
+    Examples
+    --------
+    >>> once([50, 90, 50], first=0)
+    [0, 50, 90]
+    """
+    return list(dict.fromkeys(values if first is None else [first, *values]))

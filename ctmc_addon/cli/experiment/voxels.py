@@ -1,0 +1,205 @@
+"""`ctmc experiment voxels`: time and error of larger voxels (Su and Ma, table 1 and figures 4 to 7)."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ...core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, finish, reconstruct_steps
+from ...core.errors import SettingsError
+from ...core.progress import within
+from ...reporting.captions import side_of
+from ..blender_host import load_scene
+from ..terminal import by
+from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
+from .plot import Panel, write_plot
+from .table import Column, Row, Table, experiment_folder, number, once, runs_told
+
+Sides = tuple[int, int, int]
+# What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
+PREPARING = "Preparing values"
+# A single short reconstruction says more of what else the machine is doing than of itself.
+RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
+DESCRIPTION = (
+    "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
+)
+
+
+@dataclass
+class Measured:
+    """One voxel side: its surface, and the seconds of every run, and of the preparation before it."""
+
+    sides: Sides
+    result: Reconstruction
+    runs: list[float] = field(default_factory=list)
+    preparing: list[float] = field(default_factory=list)
+    mean_mm: float = 0.0
+    max_mm: float = 0.0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the experiment to `ctmc experiment`."""
+    parser = commands.add_parser("voxels", help="table 1: larger voxels", description=DESCRIPTION, allow_abbrev=False)
+    add_common(parser)
+    parser.add_argument(
+        "--strides",
+        nargs="+",
+        type=sides_of,
+        default=[(1, 1), (2, 2), (3, 3)],
+        metavar="N",
+        help="voxel sides in x and y, px: 2, or 2x1 for x and y apart; z is that of --stride (default 1 2 3)",
+    )
+    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="timed runs of each (default 5)")
+    parser.set_defaults(run=run)
+
+
+def sides_of(word: str) -> tuple[int, int]:
+    """Sides in x and y.
+
+    Examples
+    --------
+    >>> sides_of("2"), sides_of("2x1")
+    ((2, 2), (2, 1))
+    """
+    try:
+        return side_of(word)
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Read, measure, write the table and the plot, and print the table."""
+    with experiment_folder(chosen.output, chosen.overwrite) as folder:
+        done = table_of(chosen, folder)
+        done.write(folder)
+    print(done.printed())
+
+
+def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+    """The table; its plot is written to `folder`."""
+    settings, volume, notes, progress = prepared(chosen, require_builtin)
+    if chosen.repeats < 1:
+        raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
+    sides = [(x, y, settings.stride[2]) for x, y in once(chosen.strides, first=(1, 1))]
+    every = [replace(settings, stride=stride) for stride in sides]  # checks the limits of all before the work
+    with progress:
+        steps = voxels_steps(volume, every, chosen.repeats, chosen.threads)
+        measured = progress.drive(within(steps, 0.1, 1.0))
+    rows = rows_of(measured, volume)
+    write_plot(folder / "plot.png", panels(rows))
+    result = measured[0].result
+    stages = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
+    facts = [
+        *facts_of(volume, every[0], result.threshold, [*notes, *result.notes]),
+        ("seconds", f"{runs_told(chosen.repeats)}, after one that is not counted; a run repeats "),
+        ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
+        ("timed", f"{stages}; neither reading nor writing"),
+        ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
+        ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
+        measuring_fact(),
+    ]
+    return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
+
+
+def voxels_steps(
+    volume: Volume, every: Sequence[ReconstructionSettings], repeats: int, threads: int | None = None
+) -> Steps[list[Measured]]:
+    """Reconstruct with each of the settings, `repeats` times in turn, and measure against the first."""
+    share = 1.0 / (len(every) * (repeats + 2))
+    done = 0.0
+    measured = []
+    for settings in every:
+        steps = reconstruct_steps(volume, settings, threads)
+        result = yield from within(steps, done, done + share)
+        measured.append(Measured(settings.stride, result))
+        done += share
+    for turn in range(repeats):
+        for one in measured:
+            yield Step(done, f"Timing voxel sides {by(one.sides[:2])}, run {turn + 1} of {repeats}")
+            gc.collect()
+            preparing, seconds = timed_run(volume, one.result.settings, threads)
+            one.preparing.append(preparing)
+            one.runs.append(seconds)
+            done += share
+    reference = load_scene().Reference(measured[0].result.mesh)
+    for one in measured[1:]:
+        apart = yield from within(reference.deviation_steps(one.result.mesh), done, done + share)
+        one.mean_mm, one.max_mm = apart.mean, apart.maximum
+        done += share
+    return measured
+
+
+def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
+    """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
+    preparing: list[float] = []
+    seconds: list[float] = []
+    while sum(preparing) + sum(seconds) < RUN_SECONDS and len(seconds) < MOST_IN_A_RUN:
+        stages = finish(reconstruct_steps(volume, settings, threads)).stages
+        preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
+        seconds.append(sum(stage.seconds for stage in stages if stage.name != PREPARING))
+    return statistics.median(preparing), statistics.median(seconds)
+
+
+def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
+    """What table.json says of every voxel side."""
+    first = statistics.median(measured[0].runs)
+    true = measured[0].result.mesh.enclosed
+    rows = []
+    for one in measured:
+        x, y, z = one.sides
+        seconds = statistics.median(one.runs)
+        volume_mm3 = one.result.mesh.enclosed
+        rows.append(
+            {
+                "stride": x if x == y else f"{x}x{y}",
+                "seconds": seconds,
+                "improved_percent": 100.0 * (1.0 - seconds / first),
+                "voxels": one.result.voxels_visited,
+                "faces": len(one.result.mesh.faces),
+                "volume_mm3": volume_mm3,
+                "volume_error_percent": (None if volume_mm3 is None or not true else 100.0 * (volume_mm3 / true - 1.0)),
+                "mean_mm": one.mean_mm,
+                "max_mm": one.max_mm,
+                "prepare_seconds": statistics.median(one.preparing),
+                "runs": one.runs,
+                "sides_px": [x, y, z],
+                "sides_mm": [side * gap for side, gap in zip(one.sides, volume.spacing, strict=True)],
+            }
+        )
+    return rows
+
+
+def sides_px(row: Row) -> str:
+    """'2 x 2 px'."""
+    return f"{by(row['sides_px'][:2])} px"
+
+
+COLUMNS = (
+    Column("voxel sides", sides_px),
+    Column("mm", lambda row: by([round(side, 2) for side in row["sides_mm"][:2]])),
+    Column("seconds", lambda row: number(row["seconds"], 4)),
+    Column("improved, %", lambda row: number(row["improved_percent"], 1)),
+    Column("preparing, s", lambda row: number(row["prepare_seconds"], 4)),
+    Column("voxels", lambda row: str(row["voxels"])),
+    Column("triangles", lambda row: str(row["faces"])),
+    Column("volume, ml", lambda row: number(None if row["volume_mm3"] is None else row["volume_mm3"] / 1000, 3)),
+    Column("volume error, %", lambda row: number(row["volume_error_percent"], 2)),
+    Column("mean, mm", lambda row: number(row["mean_mm"], 4)),
+    Column("max, mm", lambda row: number(row["max_mm"], 3)),
+)
+
+
+def panels(rows: Sequence[Row]) -> list[Panel]:
+    """Time and error over the voxel side."""
+    labels = [by(row["sides_px"][:2]) for row in rows]
+    across = "voxel sides in x and y, px"
+    distances = {"mean": [row["mean_mm"] for row in rows], "maximum": [row["max_mm"] for row in rows]}
+    return [
+        Panel("Reconstruction time, s", across, labels, {"seconds": [row["seconds"] for row in rows]}),
+        Panel("Distance to voxels of 1 x 1, mm", across, labels, distances),
+    ]

@@ -1,0 +1,1 @@
+"""`ctmc figure`: figures, sheets and turntables from one command."""

@@ -1,0 +1,1 @@
+"""Marching Cubes on voxels of any stride, in three passes."""

@@ -1,0 +1,97 @@
+"""Decide ambiguous voxels by the trilinear interpolant, and place the vertices inside them.
+
+What `active` finds by cases, `trilinear` decides by grey values; this is where the two meet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.triangle_mesh import Target, blend
+from .active_voxels import Slab
+from .gradients import Sampler
+from .grid import Grid
+from .trilinear_decider import NEEDS, crossings, own_points, resolve, tables
+
+HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
+"""(8, 3) whether a corner is the high one along x, y, z."""
+
+
+def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
+    """The slab with the row of the trilinear interpolant's surface for every ambiguous voxel."""
+    ambiguous = np.flatnonzero(NEEDS.take(slab.row) & slab.whole)
+    row = slab.row.copy()
+    case = slab.row[ambiguous].astype(np.uint8)
+    values = corner_values(slab.samples(ambiguous), grid, sampler)
+    row[ambiguous] = found = resolve(values, threshold, case)
+    has = np.flatnonzero(tables().own_count.take(found))
+    return replace(slab, row=row, inner=ambiguous[has], inner_values=values[has], tables=tables())
+
+
+def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
+    """Grey values at the corners, (n, 8), of the voxels whose lowest is at the samples along x, y and z.
+
+    Outside samples of a closed border repeat theirs.
+    """
+    x, y, z = (
+        np.stack([along.index[:-1], along.index[1:]]).take(at, axis=1)  # (2, n)
+        for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
+    )
+    place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
+    return sampler.take(place).astype(np.float64).reshape(8, -1).T
+
+
+def fill_inner(
+    slab: Slab,
+    grid: Grid,
+    threshold: float,
+    targets: list[Target],
+    directions: NDArray[np.float32] | None,
+) -> None:
+    """Fill in the vertices inside the slab's voxels, and as normals the trilinear interpolant's own gradient."""
+    count = slab.tables.own_count.take(slab.row.take(slab.inner))
+    at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
+    voxel = slab.inner.take(at)
+    row, samples, values = slab.row.take(voxel), slab.samples(voxel), slab.inner_values[at]
+    begin, end = np.empty((2, len(voxel), 3), np.float32)
+    for axis, along in enumerate((grid.x, grid.y, grid.z)):
+        begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
+    side = end - begin
+
+    share = crossings(values, threshold)
+    points = own_points(row, number, share)
+    linear = (begin + points * side).astype(np.float32)
+    middle = (begin + tables().own_middle[row, number] * side).astype(np.float32)
+    for alpha, position in targets:
+        position[:] = linear if alpha is None else blend(middle, linear, alpha)
+    if directions is not None:
+        directions[:] = _outward(values, points, side)
+
+
+def _outward(
+    values: NDArray[np.float64], points: NDArray[np.float64], side: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Unit vectors against the trilinear interpolant's gradient, (n, 3); zero where it vanishes or is unknown.
+
+    Parameters
+    ----------
+    values : (n, 8)
+    points : (n, 3)
+        A place in each voxel's unit cube.
+    side : (n, 3)
+        Sides of the voxels, in voxel indices.
+    """
+    weight = np.stack([1.0 - points.T, points.T])  # of the low and the high corners along x, y, z: (2, 3, n)
+    weights = weight[HIGH, np.arange(3)]  # (8, 3, n)
+    slopes = np.where(HIGH, 1.0, -1.0)[:, :, None] * (weights[:, [1, 2, 0]] * weights[:, [2, 0, 1]])
+    slopes *= values.T[:, None]
+    gradient = np.zeros((3, len(points)))
+    for slope in slopes:
+        gradient += slope
+    gradient /= side.T
+    length = np.sqrt((gradient[0] ** 2 + gradient[1] ** 2) + gradient[2] ** 2)
+    known = (length > 0) & np.isfinite(length)  # unknown where a corner is NaN or infinite
+    return np.where(known, gradient * (-1.0 / np.where(known, length, 1.0)), 0.0).T

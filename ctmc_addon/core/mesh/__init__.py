@@ -1,0 +1,1 @@
+"""The triangles of a surface, and what can be measured on them."""

@@ -1,0 +1,1 @@
+"""An abdominal CT with known truth."""

@@ -1,0 +1,254 @@
+"""An abdominal CT with known truth: body, liver, spine, ribs and irregular tumours, from a seed.
+
+Shapes live in patient millimetres about the middle of the stack: x to the left, y to the back, z to the
+head. Only + - * / sqrt, whole numbers and halves decide a voxel, so every machine makes the same volume.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SettingsError
+from ..memory import require
+from ..progress import Step, Steps, finish
+from ..volume.volume import Volume
+from .shapes import Blob, grow_tumours, liver_shape
+
+FIELD_MM = 379.0  # the field of view for which the anatomy is drawn; other fields scale it
+LIVER, TUMOUR = 1, 2
+
+# HU of a portal venous phase
+AIR, SKIN, FAT, MUSCLE, VISCERA = -1000, 30, -100, 55, 20
+LIVER_HU, TUMOUR_HU, AORTA_HU = 115, 55, 160
+CORTICAL, SPONGY, DISC, CANAL, RIB = 600, 220, 90, 30, 450
+
+
+@dataclass(frozen=True, eq=False)
+class Phantom:
+    """A CT, its labels and its truth.
+
+    Parameters
+    ----------
+    volume : Volume
+        (slices, size, size) int16 HU, axes towards the patient's left, back and head (LPS).
+    labels : Volume
+        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its centre.
+    tumour_volumes_mm3 : tuple of float
+        True volume of every tumour, largest first: the integral of its analytic surface over the sphere of
+        directions, exact to rounding. Counting labelled voxels gives another number, `counted_mm3`, which
+        comes nearer the finer the grid is.
+    liver_volume_mm3 : float
+        True volume of the liver with its tumours, as far as it lies within the stack.
+    tumour_centres_ras_mm : tuple of (x, y, z) float
+        In the order of the volumes.
+    seed : int
+        What it was made from.
+    """
+
+    volume: Volume
+    labels: Volume
+    tumour_volumes_mm3: tuple[float, ...]
+    liver_volume_mm3: float
+    tumour_centres_ras_mm: tuple[tuple[float, float, float], ...]
+    seed: int
+
+    def counted_mm3(self, label: int = TUMOUR) -> float:
+        """Number of voxels with this label times the volume of a voxel."""
+        x, y, z = self.volume.spacing
+        return int(np.count_nonzero(self.labels.values == label)) * x * y * z
+
+
+def phantom(
+    slices: int = 29, size: int = 512, spacing: tuple[float, float, float] | None = None, seed: int = 0
+) -> Phantom:
+    """Make an abdominal CT with known truth.
+
+    Parameters
+    ----------
+    slices : int
+        3 or more. From 4 slices on no tumour reaches the first or the last one.
+    size : int
+        Rows and columns, 16 or more.
+    spacing : (x, y, z) float, millimetres
+        By default the field of view is that of 512 pixels of 0.74 mm, and the slices are 5 mm apart or as
+        near as it takes to cover 145 mm, but not below 0.5 mm. The anatomy is drawn in proportion to the
+        field of view.
+    seed : int
+        0 or more. The same seed gives the same bytes everywhere.
+
+    Returns
+    -------
+    Phantom
+        Every tumour lies within the liver and is labelled in at least two neighbouring slices.
+
+    Raises
+    ------
+    SettingsError
+        If a number is outside its limits.
+    MemoryLimitError
+        If it would not fit.
+
+    Examples
+    --------
+    >>> made = phantom(slices=5, size=64)
+    >>> made.volume.values.shape, made.volume.orientation, sorted(set(made.labels.values.ravel().tolist()))
+    ((5, 64, 64), 'LPS', [0, 1, 2])
+    """
+    return finish(phantom_steps(slices, size, spacing, seed))
+
+
+def phantom_steps(
+    slices: int = 29, size: int = 512, spacing: tuple[float, float, float] | None = None, seed: int = 0
+) -> Steps[Phantom]:
+    """The same as `phantom`, a slice a step."""
+    spacing = checked_grid(slices, size, spacing, seed)
+    require(3 * slices * size * size, f"a phantom of {slices} slices of {size} x {size}", "make it smaller")
+    axes = [centred(size, spacing[0]), centred(size, spacing[1]), centred(slices, spacing[2])]
+    scale = min(spacing[0], spacing[1]) * size / FIELD_MM
+    chance = np.random.Generator(np.random.PCG64(seed))
+    liver = liver_shape(chance, scale, spacing[2])
+    tumours = grow_tumours(chance, liver, scale, spacing, axes)
+
+    values = np.empty((slices, size, size), np.int16)
+    labels = np.zeros((slices, size, size), np.uint8)
+    backdrop = Backdrop(axes[0], axes[1], scale)
+    for k, z in enumerate(axes[2].tolist()):
+        yield Step(k / slices, "Making the phantom")
+        paint_label(labels[k], LIVER, liver, axes, z)
+        for tumour in tumours:
+            paint_label(labels[k], TUMOUR, tumour, axes, z)
+        tissue = backdrop.slice_at(z)
+        tissue[labels[k] == LIVER] = LIVER_HU
+        tissue[labels[k] == TUMOUR] = TUMOUR_HU
+        values[k] = exposed(tissue, np.random.Generator(np.random.PCG64([seed, k])))
+
+    affine = np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
+    affine[:3, 3] = -axes[0][0], -axes[1][0], axes[2][0]
+    half_height = slices * spacing[2] / 2
+    return Phantom(
+        volume=Volume(values, affine, name=f"volume-{seed}", kind="HU"),
+        labels=Volume(
+            labels,
+            affine,
+            name=f"segmentation-{seed}",
+            kind="label",
+            label_names={LIVER: "liver", TUMOUR: "tumour"},
+        ),
+        tumour_volumes_mm3=tuple(round(tumour.volume_mm3(), 3) for tumour in tumours),
+        liver_volume_mm3=round(liver.volume_mm3(half_height), 3),
+        tumour_centres_ras_mm=tuple((-t.centre[0], -t.centre[1], t.centre[2]) for t in tumours),
+        seed=seed,
+    )
+
+
+def checked_grid(
+    slices: int, size: int, spacing: tuple[float, float, float] | None, seed: int
+) -> tuple[float, float, float]:
+    """The spacing to use, mm, or a `SettingsError`."""
+    if slices < 3:
+        raise SettingsError(f"a phantom needs 3 slices or more, not {slices}, for a tumour to be in two of them")
+    if size < 16:
+        raise SettingsError(f"a phantom needs 16 rows and columns or more, not {size}")
+    if seed < 0:
+        raise SettingsError(f"a seed is 0 or more, not {seed}")
+    if spacing is None:
+        pixel = 0.74 * 512 / size
+        return (pixel, pixel, max(0.5, min(5.0, 145 / slices)))
+    if len(spacing) != 3 or not all(math.isfinite(gap) and gap > 0 for gap in spacing):
+        raise SettingsError(f"spacing is three lengths above 0 mm, not {spacing}")
+    return (float(spacing[0]), float(spacing[1]), float(spacing[2]))
+
+
+def centred(count: int, gap: float) -> NDArray[np.float64]:
+    """Positions of `count` samples about zero, mm."""
+    return (np.arange(count) - (count - 1) / 2) * gap
+
+
+def paint_label(labels: NDArray[np.uint8], label: int, shape: Blob, axes: list[NDArray[np.float64]], z: float) -> None:
+    """Set `label` in one slice, (rows, columns), where the pixel's centre is inside the shape."""
+    window = []
+    for axis in (1, 0):
+        low, high = shape.box(axis)
+        window.append(slice(*np.searchsorted(axes[axis], (low, high)).tolist()))
+    rows, columns = window
+    inside = shape.inside_slice(axes[0][columns], axes[1][rows], z)
+    labels[rows, columns][inside] = label
+
+
+class Backdrop:
+    """Everything but the liver: body wall, ribs, spine and aorta, (rows, columns) float32 HU a slice."""
+
+    def __init__(self, x: NDArray[np.float64], y: NDArray[np.float64], scale: float) -> None:
+        self.x, self.y = x[None, :] / scale, y[:, None] / scale  # of a body in a field of view of 379 mm
+        self.scale = scale
+        self.girth = (self.x / 165.0) ** 2 + (self.y / 118.0) ** 2  # 1 at the skin, (rows, columns)
+        self.wall = (self.girth > 0.66) & (self.girth < 0.76) & (self.y > -75) & (np.abs(self.x) > 30)
+
+    def slice_at(self, z_mm: float) -> NDArray[np.float32]:
+        """HU of the slice at height `z_mm`, sharp and without noise."""
+        z = z_mm / self.scale
+        waist = 1.0 - 0.05 / (1.0 + (z / 80.0) ** 2)  # a little slimmer half-way
+        code = np.zeros(self.girth.shape, np.uint8)
+        for limit in (1.0, 0.97, 0.80, 0.66):
+            code += self.girth < limit * waist
+        tissue = np.array([AIR, SKIN, FAT, MUSCLE, VISCERA], np.float32)[code]
+        # Ribs run down towards the front, 28 mm apart.
+        height = (z - 0.6 * self.y) / 28.0
+        near_a_rib = np.abs(height - np.rint(height)) < 0.2  # (rows, 1)
+        tissue[self.wall & near_a_rib] = RIB
+        self.add_spine(tissue, z)
+        self.add_disc(tissue, (18.0, 38.0), (11.0, 11.0), AORTA_HU)
+        return tissue
+
+    def add_spine(self, tissue: NDArray[np.float32], z: float) -> None:
+        """Vertebral bodies with discs between them, the arch and the canal."""
+        level = z / 32.0
+        between = abs(level - round(level)) * 32.0 < 3.5
+        self.add_disc(tissue, (0.0, 62.0), (24.0, 18.0), DISC if between else CORTICAL)
+        if not between:
+            self.add_disc(tissue, (0.0, 62.0), (21.0, 15.0), SPONGY)
+            self.add_disc(tissue, (0.0, 96.0), (5.0, 14.0), CORTICAL)
+        self.add_disc(tissue, (0.0, 86.0), (15.0, 13.0), MUSCLE if between else CORTICAL)
+        self.add_disc(tissue, (0.0, 85.0), (10.0, 8.0), CANAL)
+
+    def add_disc(
+        self, tissue: NDArray[np.float32], middle: tuple[float, float], half: tuple[float, float], hu: int
+    ) -> None:
+        """Fill an ellipse."""
+        left, right = np.searchsorted(self.x[0], (middle[0] - half[0], middle[0] + half[0]))
+        top, bottom = np.searchsorted(self.y[:, 0], (middle[1] - half[1], middle[1] + half[1]))
+        across = ((self.x[:, left:right] - middle[0]) / half[0]) ** 2
+        along = ((self.y[top:bottom] - middle[1]) / half[1]) ** 2
+        tissue[top:bottom, left:right][across + along < 1.0] = hu
+
+
+def exposed(tissue: NDArray[np.float32], chance: np.random.Generator) -> NDArray[np.int16]:
+    """The slice as a scanner shows it: blurred by about a pixel, with grainy noise of about 14 HU.
+
+    Weights and noise are whole multiples of 2^-10 HU, so float32 holds every sum exactly.
+    """
+    image = blurred(tissue)
+    # Four bytes a pixel add up to nearly a normal deviate of mean 510 and standard deviation 148.
+    dice = chance.integers(0, 2**32, image.shape, np.uint32)
+    pairs = (dice & 0x00FF00FF) + ((dice >> 8) & 0x00FF00FF)
+    sums = (pairs & 0xFFFF) + (pairs >> 16)
+    image += (sums.astype(np.float32) - 510) * np.float32(0.25)
+    return np.clip(np.rint(blurred(image)), -1024, 3071).astype(np.int16)
+
+
+def blurred(image: NDArray[Any]) -> NDArray[np.float32]:
+    """One pass of the weights 1/4, 1/2, 1/4 along rows and columns, the border repeated, float32."""
+    out: NDArray[np.float32] = image
+    for axis in range(2):
+        padded = np.moveaxis(np.pad(out, [(1, 1) if at == axis else (0, 0) for at in range(2)], mode="edge"), axis, 0)
+        total = padded[:-2] + padded[2:]
+        total *= np.float32(0.5)
+        total += padded[1:-1]
+        total *= np.float32(0.5)
+        out = np.moveaxis(total, 0, axis)
+    return out

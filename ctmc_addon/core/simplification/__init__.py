@@ -1,0 +1,1 @@
+"""Fewer triangles by quadric error metrics, to a count or within a distance."""

@@ -1,0 +1,209 @@
+"""Where a simplified surface leaves the original farther than a bound, or the original it: between any samples.
+
+A triangle is convex: a piece whose three corners are near one triangle is near it everywhere. Other pieces are near
+where the other surface's distance from their middle is so small that it cannot grow beyond the bound on the way
+to their corners, if they stand no steeper than `STEEP` against it. What remains is cut in four, and again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.triangle_mesh import TriangleMesh, finding_edges
+from ..mesh.triangle_tree import TriangleTree, squared_distances
+from ..progress import Pauses
+from .quadrics import cross, dot
+
+Ints = NDArray[np.int32]
+Places = NDArray[np.int64]
+Doubles = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Pieces = list[Floats]  # three corners, (3, n) each
+
+BLOCK, ASKED = 4096, 1024  # pieces looked at, and points the tree is asked for, together: they stay in the cache
+STEEP = 0.5  # how fast a distance grows along a piece: the sine of 30 degrees
+CUTS = 5  # quarterings of a face
+STEPS = 2  # from triangle to triangle in search of a nearer one, at each quartering
+
+
+class Target:
+    """A surface that others are measured against: its triangles in the order of their tree, and their neighbours."""
+
+    def prepare(self, positions: Floats, faces: Ints) -> Pauses[None]:
+        """Take in positions (3, V) and faces (3, F)."""
+        self.tree = TriangleTree()
+        yield from self.tree.prepare(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+        faces = faces[:, self.tree.order]
+        edges, face_edges = yield from finding_edges(faces.astype(np.int32), positions.shape[1])
+        face = np.tile(np.arange(faces.shape[1]), 3)
+        first, last = np.empty(edges.shape[1], np.int64), np.empty(edges.shape[1], np.int64)
+        last[face_edges.ravel()] = face
+        yield
+        first[face_edges.ravel()[::-1]] = face[::-1]
+        yield
+        first, last = np.take(first, face_edges), np.take(last, face_edges)
+        self.beside = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
+
+    def triangles(self, number: Places) -> Iterator[Doubles]:
+        """The three corners, (3, n) each."""
+        return (np.take(corner, number, axis=1) for corner in self.tree.corners)
+
+    def nearest(self, points: Floats, limits: Doubles) -> Pauses[tuple[Doubles, Places]]:
+        """`TriangleTree.nearest` of any number of points, (3, n)."""
+        squared, near = np.empty(len(limits)), np.empty(len(limits), np.int64)
+        for start in range(0, len(limits), ASKED):
+            block = slice(start, start + ASKED)
+            squared[block], near[block] = self.tree.nearest(points[:, block].astype(np.float64), limits[block])
+            yield
+        return squared, near
+
+    def across(self, points: Floats, number: Places) -> Places:
+        """The neighbour across the side that each point (3, n) lies beyond most, or the triangle itself."""
+        corners = list(self.triangles(number))
+        normal = cross(corners[1] - corners[0], corners[2] - corners[0])
+        least, across = np.zeros(len(number)), number
+        for side in range(3):
+            along = corners[(side + 1) % 3] - corners[side]
+            beyond = dot(cross(along, points - corners[side]), normal)
+            beyond /= np.sqrt(np.maximum(dot(along, along), np.finfo(np.float64).tiny))
+            across = np.where(beyond < least, self.beside[side].take(number), across)
+            least = np.minimum(least, beyond)
+        return across
+
+
+class ErrorCheck:
+    """An original and, after `against`, a simplified surface of it."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+
+    def prepare(self, positions: Floats, faces: Ints) -> Pauses[None]:
+        """Take in the original: positions (3, V) and faces (3, F)."""
+        self.original, self.original_faces, self.to_original = positions, faces, Target()
+        yield from self.to_original.prepare(positions, faces)
+
+    def against(self, positions: Floats, faces: Ints) -> Pauses[None]:
+        """Take in the simplified surface: positions (3, W) and faces (3, G)."""
+        self.positions, self.faces, self.to_simplified = positions, faces, Target()
+        yield from self.to_simplified.prepare(positions, faces)
+        squared, near = yield from self.to_simplified.nearest(self.original, self._limits(self.original))
+        self.far, self.near = np.isinf(squared), near
+        self.nearest = self.to_simplified.tree.order[near]  # face of every vertex of the original, if it is not far
+        yield from self._steepness()
+
+    def faces_away(self, some: Places) -> Pauses[Places]:
+        """Which of some faces of the simplified surface are somewhere farther than the limit from the original."""
+        pieces = _pieces(self.positions, self.faces[:, some])
+        middle = _middle(pieces)
+        _, near = yield from self.to_original.nearest(middle, self._limits(middle))
+        away = yield from _away(self.to_original, pieces, near, self.steep[some], self.limit)
+        return some[away]
+
+    def original_away(self, some: Places) -> Pauses[Places]:
+        """Which of some faces of the original are somewhere farther than the limit from the simplified surface."""
+        far = self.far[self.original_faces[:, some]].any(axis=0)
+        open_ = []
+        for start in range(0, len(some), BLOCK):
+            yield
+            rest = some[start : start + BLOCK][~far[start : start + BLOCK]]
+            for corner in self.original_faces:
+                pieces = _pieces(self.original, self.original_faces[:, rest])
+                rest = rest[~_near_one(pieces, self.to_simplified, self.near[corner[rest]], self.limit)]
+            open_.append(rest)
+        rest = np.concatenate(open_) if open_ else some
+        pieces = _pieces(self.original, self.original_faces[:, rest])
+        near = self.near[self.original_faces[0, rest]]
+        away = yield from _away(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
+        return np.concatenate([some[far], rest[away]])
+
+    def _limits(self, points: Floats) -> Doubles:
+        return np.full(points.shape[1], self.limit * self.limit)
+
+    def _steepness(self) -> Pauses[None]:
+        """How steep faces stand against the other surface there: sines, at most `STEEP`."""
+        normals = []
+        for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
+            normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
+            length = np.sqrt(dot(normal, normal))
+            normals.append(normal / np.where(length > 0, length, 1.0))
+            yield
+        at_vertex = np.zeros(self.original.shape[1])
+        for corner in self.original_faces:
+            along = dot(normals[0], np.take(normals[1], self.nearest[corner], axis=1))
+            sine = np.where(along > 0, np.sqrt(np.maximum(0.0, 1.0 - along * along)), 1.0)
+            np.maximum.at(at_vertex, corner, np.minimum(sine, STEEP))
+            yield
+        self.steep_original = at_vertex[self.original_faces].max(axis=0)
+        # A face that no vertex is nearest to stands as its neighbours do.
+        steep, around = np.zeros(self.faces.shape[1]), np.zeros(self.positions.shape[1])
+        np.maximum.at(steep, self.nearest, at_vertex)
+        for corner in self.faces:
+            np.maximum.at(around, corner, steep)
+        steep = around[self.faces].max(axis=0)
+        self.steep = np.where(steep > 0, steep, STEEP)
+
+
+def _pieces(positions: Floats, faces: Ints) -> Pieces:
+    return [np.take(positions, corner, axis=1) for corner in faces]
+
+
+def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: float) -> Pauses[Flags]:
+    """Which faces are somewhere farther than the limit from the target; `near` is one not far from each."""
+    away = np.zeros(len(near), bool)
+    stack = [(faces, near, np.arange(len(near)), 0)]
+    while stack:
+        pieces, near, face, level = stack.pop()
+        if len(near) > BLOCK:
+            for start in range(0, len(near), BLOCK):
+                block = slice(start, start + BLOCK)
+                stack.append(([corner[:, block] for corner in pieces], near[block], face[block], level))
+            continue
+        yield
+        middle = _middle(pieces)
+        growth = steep[face] * np.sqrt(np.max([dot(corner - middle, corner - middle) for corner in pieces], axis=0))
+        squared = squared_distances(middle, *target.triangles(near))
+        open_ = np.flatnonzero((np.sqrt(squared) + growth > limit) & ~away[face])
+        open_ = open_[~_near_one([corner[:, open_] for corner in pieces], target, near[open_], limit)]
+        for _ in range(STEPS):
+            open_ = open_[np.sqrt(squared[open_]) + growth[open_] > limit]
+            across = target.across(middle[:, open_], near[open_])
+            found = squared_distances(middle[:, open_], *target.triangles(across))
+            closer = found < squared[open_]
+            squared[open_[closer]], near[open_[closer]] = found[closer], across[closer]
+        # The nearest triangle of all is worth finding only where it can decide.
+        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
+        found, nearer = yield from target.nearest(middle[:, ask], np.minimum(squared[ask], limit * limit))
+        closer = found < squared[ask]
+        squared[ask[closer]], near[ask[closer]] = found[closer], nearer[closer]
+        away[face[ask[squared[ask] > limit * limit]]] = True
+        open_ = open_[(np.sqrt(squared[open_]) + growth[open_] > limit) & ~away[face[open_]]]
+        if level < CUTS and len(open_):
+            smaller = _quartered([corner[:, open_] for corner in pieces])
+            stack.append((smaller, np.tile(near[open_], 4), np.tile(face[open_], 4), level + 1))
+    return away
+
+
+def _near_one(pieces: Pieces, target: Target, near: Places, limit: float) -> Flags:
+    """Which pieces have all corners within the limit of the one triangle given for each."""
+    rest = np.arange(len(near))
+    for corner in pieces:
+        squared = squared_distances(np.take(corner, rest, axis=1), *target.triangles(near[rest]))
+        rest = rest[squared <= limit * limit]
+    held = np.zeros(len(near), bool)
+    held[rest] = True
+    return held
+
+
+def _middle(pieces: Pieces) -> Floats:
+    return (pieces[0] + pieces[1] + pieces[2]) / np.float32(3.0)
+
+
+def _quartered(pieces: Pieces) -> Pieces:
+    """Every triangle's three corner pieces and its middle piece."""
+    a, b, c = pieces
+    ab, bc, ca = ((one + other) * np.float32(0.5) for one, other in ((a, b), (b, c), (c, a)))
+    return [np.concatenate(parts, axis=1) for parts in ((a, ab, ca, ab), (ab, b, bc, bc), (ca, bc, c, ca))]

@@ -1,0 +1,134 @@
+"""Take back some of the collapses that made a surface, and those that were built on them.
+
+All that was done is a list of rounds. To take collapses back, it is done once more without them. What is around a
+vertex is then no longer as it was, so a later collapse whose ends met that vertex's triangles is left out too; all
+others find what they found before, and were found good.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..progress import Pauses
+from .error_check import ErrorCheck
+
+Ints = NDArray[np.int32]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+class History:
+    """Rounds of collapses; vertices keep the numbers of the surface at first.
+
+    Parameters
+    ----------
+    positions, normals : (3, V) float32
+        Normals may be None.
+    faces : (3, F) int32
+    fixed : (V,) bool
+    """
+
+    def __init__(self, positions: Floats, normals: Floats | None, faces: Ints, fixed: Flags) -> None:
+        self.first = positions, normals, faces
+        self.fixed = fixed
+        self.rounds: list[tuple[Ints, Ints, Floats, Flags]] = []  # kept, dropped, target, whether it is left out
+        self.positions, self.normals, self.faces = positions, normals, faces  # as they are after the last `replay`
+        self.changed = np.zeros(len(fixed), bool)  # vertices whose triangles are other than without anything left out
+        self.last = np.full(len(fixed), -1)  # number of the last collapse that each vertex was kept in
+        self.becomes = np.arange(len(fixed), dtype=np.int32)  # vertex that each has been collapsed into
+
+    def add(self, kept: Ints, dropped: Ints, target: Floats) -> None:
+        """Another round: none of its collapses touch each other's triangles."""
+        self.rounds.append((kept, dropped, target, np.zeros(len(kept), bool)))
+
+    def leave_out(self, collapses: NDArray[np.int64]) -> None:
+        """Leave out these collapses by their numbers, in the next `replay`."""
+        ends = np.cumsum([0] + [len(kept) for kept, *_ in self.rounds])
+        for number in np.unique(collapses).tolist():
+            at = int(np.searchsorted(ends, number, side="right")) - 1
+            self.rounds[at][3][number - ends[at]] = True
+
+    def replay(self) -> Pauses[None]:
+        """Do everything again but what is left out, and what was built on that; this is left out from then on."""
+        positions, normals, faces = self.first
+        self.positions, self.normals = positions.copy(), None if normals is None else normals.copy()
+        self.changed[:], self.last[:] = False, -1
+        self.becomes = np.arange(len(self.fixed), dtype=np.int32)
+        number = 0
+        for kept, dropped, target, left_out in self.rounds:
+            yield
+            left_out |= self.changed[kept] | self.changed[dropped]
+            if self.changed.any():
+                left_out |= self._folding(faces, kept, dropped)
+            touched = np.zeros(len(self.fixed), bool)
+            touched[kept[left_out]] = touched[dropped[left_out]] = True
+            if left_out.any():
+                self.changed[faces[:, np.take(touched, faces).any(axis=0)]] = True
+            done = np.flatnonzero(~left_out)
+            self.positions[:, kept[done]] = target[:, done]
+            if self.normals is not None:
+                self.normals[:, kept[done]] += self.normals[:, dropped[done]]
+            self.last[kept[done]] = number + done
+            number += len(kept)
+            new = np.arange(len(self.fixed), dtype=np.int32)
+            new[dropped[done]] = kept[done]
+            self.becomes = new[self.becomes]
+            before, faces = faces, np.take(new, faces)
+            gone = [(faces[i] == faces[i - 1]) & (before[i] != before[i - 1]) for i in range(3)]
+            faces = faces[:, ~(gone[0] | gone[1] | gone[2])]
+        self.faces = faces
+
+    def _folding(self, faces: Ints, kept: Ints, dropped: Ints) -> Flags:
+        """Which collapses would leave a vertex with two triangles: more triangles around it had gone before."""
+        collapse = np.full(len(self.fixed), -1)
+        collapse[kept] = collapse[dropped] = np.arange(len(kept))
+        of = collapse[faces]
+        a, b, c = faces
+        folding = np.zeros(len(kept), bool)
+        count = np.bincount(faces.ravel(), minlength=len(self.fixed))
+        for one, other, third in ((0, 1, c), (1, 2, a), (2, 0, b)):
+            gone = np.flatnonzero((of[one] >= 0) & (of[one] == of[other]))
+            few = gone[(count[third[gone]] <= 3) & ~self.fixed[third[gone]]]
+            folding[of[one][few]] = True
+        return folding
+
+
+def keep_bound(history: History, check: ErrorCheck) -> Pauses[None]:
+    """Take back the last collapse wherever the bound is exceeded, until it is kept everywhere.
+
+    After the first time only what has changed is looked at, of the original only what is near that: so all of the
+    original is looked at once more in the end.
+    """
+    corners = check.original_faces
+    every_face = every_original = True
+    yield from history.replay()
+    yield from check.against(history.positions, history.faces)
+    while True:
+        touched = history.changed[history.faces].any(axis=0)
+        faces = yield from check.faces_away(np.flatnonzero(touched | every_face))
+        near = (touched[check.nearest] | history.changed[history.becomes])[corners].any(axis=0)
+        original = yield from check.original_away(np.flatnonzero(near | every_original))
+        last = np.concatenate([_last(history, faces), _last_near(history, check, original)])
+        last = last[last >= 0]  # a triangle that no collapse has touched is away by the rounding of the check alone
+        if len(last):
+            history.leave_out(last)
+            yield from history.replay()
+            yield from check.against(history.positions, history.faces)
+            every_face = every_original = False
+        elif every_original:
+            return
+        else:
+            every_original = True
+
+
+def _last(history: History, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The last collapse that each of these faces was in."""
+    return history.last[history.faces[:, faces]].max(axis=0)
+
+
+def _last_near(history: History, check: ErrorCheck, original: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The last collapse of what these faces of the original became, or of the faces nearest to their corners."""
+    corners = check.original_faces[:, original]
+    near = history.faces[:, check.nearest[corners]].reshape(9, -1)
+    return history.last[np.concatenate([history.becomes[corners], near])].max(axis=0)

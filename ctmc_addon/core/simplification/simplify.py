@@ -1,0 +1,113 @@
+"""Fewer triangles for nearly the same surface: edge collapse by quadric error.
+
+What never changes: closed stays closed and manifold stays manifold (link condition), no triangle turns
+over, vertices on a border stay where they are and border edges are not collapsed. Triangles at edges
+with three triangles or more are left alone.
+Garland and Heckbert 1997, doi:10.1145/258734.258849.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..errors import SettingsError
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Step, Steps, finish, said
+from .edge_collapse import CollapsingMesh
+
+FACE_BYTES, BOUNDED_FACE_BYTES = 260, 800  # of memory for each triangle at the start, without and with a maximum error
+MESSAGE = "Simplifying"
+HELD = 0.75  # of max_error is what samples are held to: between them a surface swings out farther
+
+
+def simplify(
+    mesh: TriangleMesh,
+    reduction: float | None = None,
+    target_faces: int | None = None,
+    max_error: float | None = None,
+) -> TriangleMesh:
+    """The surface with fewer triangles. Exactly one of the three goals is given.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        In any unit; normals are carried along.
+    reduction : float in [0, 1)
+        Share of the triangles to remove.
+    target_faces : int, 1 or more
+        Triangles to keep at most.
+    max_error : float above 0
+        Bound on the distance to the input, both ways, in the mesh's unit.
+
+    Returns
+    -------
+    TriangleMesh
+        No more triangles than asked, and at most one fewer, unless collapsing more edges would break
+        what is promised above (`simplify_steps` says so in its last step).
+
+    Raises
+    ------
+    SettingsError
+        Without exactly one goal, or with one outside its limits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 0]], np.float32)
+    >>> square = TriangleMesh(corners, np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32))
+    >>> len(simplify(square, reduction=0.5).faces)
+    2
+    """
+    return finish(simplify_steps(mesh, reduction, target_faces, max_error))
+
+
+def simplify_steps(
+    mesh: TriangleMesh,
+    reduction: float | None = None,
+    target_faces: int | None = None,
+    max_error: float | None = None,
+) -> Steps[TriangleMesh]:
+    """`simplify` as steps; the last message says how many triangles there are, and why if that is more than asked."""
+    target = _target(len(mesh.faces), reduction, target_faces, max_error)
+    start = len(mesh.faces)
+    if target >= start:
+        return mesh
+    fraction = 0.0
+    yield Step(fraction, MESSAGE)
+    work = CollapsingMesh(mesh, max_error, HELD)
+    yield from said(work.prepare(), fraction, MESSAGE)
+    while work.face_count > target and (yield from said(work.can_collapse(), fraction, MESSAGE)):
+        budget = -(-(work.face_count - target) // 2)
+        yield from said(work.collapse(budget), fraction, MESSAGE)
+        fraction = max(fraction, (start - work.face_count) / (start - target))
+    yield from said(work.keep_bound(), fraction, "Checking the error")
+    message = f"{work.face_count} triangles"
+    if max_error is None and work.face_count > target:
+        message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+    yield Step(1.0, message)
+    return work.mesh()
+
+
+def memory_needed(face_count: int, max_error: float | None) -> int:
+    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumours, rounded up."""
+    return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
+
+
+def _target(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:
+    goals = {"reduction": reduction, "target_faces": target_faces, "max_error": max_error}
+    given = [name for name, value in goals.items() if value is not None]
+    if len(given) != 1:
+        what = " and ".join(given) if given else "none"
+        raise SettingsError(f"give exactly one of reduction, target_faces and max_error to simplify; given: {what}")
+    if reduction is not None:
+        if not 0 <= reduction < 1:
+            raise SettingsError(f"reduction {reduction:g} is outside [0, 1); 0.9 removes 90 % of the triangles")
+        return max(1, round(face_count * (1 - reduction)))
+    if target_faces is not None:
+        if target_faces < 1:
+            raise SettingsError(f"target_faces {target_faces} is below 1; give the number of triangles to keep")
+        return target_faces
+    assert max_error is not None
+    if not 0 < max_error < math.inf:
+        raise SettingsError(f"max_error {max_error:g} is not above 0; give a distance in the mesh's unit")
+    return 0

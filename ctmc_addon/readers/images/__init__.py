@@ -1,0 +1,1 @@
+"""Image slices: PNG, JPEG, BMP and TIFF."""

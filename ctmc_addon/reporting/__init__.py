@@ -1,0 +1,1 @@
+"""Text and files that every front end writes."""

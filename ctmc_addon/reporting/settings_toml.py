@@ -1,0 +1,103 @@
+"""Settings as a TOML text that explains itself, and back.
+
+The comments are the settings' own texts, so the file is its own manual. What is not set stands as a comment.
+"""
+
+from __future__ import annotations
+
+import textwrap
+import tomllib
+from typing import Any
+
+from ..core.errors import SettingsError
+from ..core.settings import ReconstructionSettings, Setting, described
+from ..core.version import VERSION
+
+WIDTH = 100
+
+
+def to_toml(settings: ReconstructionSettings) -> str:
+    """Every setting with its text, unit, limits and value.
+
+    Examples
+    --------
+    >>> print(to_toml(ReconstructionSettings(label=2)).splitlines()[-2])
+    # Value to read NaN and infinite voxels as (HU or grey value).
+    >>> from_toml(to_toml(ReconstructionSettings(label=2)))["label"]
+    2
+    """
+    lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
+    for name, about in described().items():
+        lines += ["", *comment_of(about), value_line(name, getattr(settings, name), about)]
+    return "\n".join(lines) + "\n"
+
+
+def comment_of(about: Setting) -> list[str]:
+    """Text, unit and limits as lines of comment."""
+    facts = [about.unit] if about.unit else []
+    if about.choices or about.low is not None or about.high is not None:
+        facts.append(about.limits)
+    text = about.text.rstrip(".") + (f" ({'; '.join(facts)})" if facts else "") + "."
+    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
+
+
+def value_line(name: str, value: Any, about: Setting) -> str:
+    """`name = value`; an example behind a comment sign where nothing is set."""
+    if value is None:
+        return f"# {name} = {toml_value((0,) * about.size if about.size > 1 else about.type(about.low or 0))}"
+    return f"{name} = {toml_value(value)}"
+
+
+def toml_value(value: Any) -> str:
+    """A switch, number, word or list of numbers in TOML.
+
+    Examples
+    --------
+    >>> toml_value((2, 2, 1)), toml_value(True), toml_value("mesh"), toml_value(1e-7)
+    ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
+    """
+    if isinstance(value, tuple):
+        return "[" + ", ".join(toml_value(one) for one in value) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
+    """The settings that stand in a TOML text, by name.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    SettingsError
+        If it is no TOML, or holds an unknown name, a wrong type or a value outside its limits.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{name} is no TOML: {error}; `ctmc settings` writes one to start from") from error
+    try:
+        for key, value in values.items():
+            require_type(key, value)
+        ReconstructionSettings.from_dict(values)
+    except SettingsError as error:
+        raise SettingsError(f"{name}: {error}") from error
+    return values
+
+
+def require_type(name: str, value: Any) -> None:
+    """Refuse what Python would convert without a word: "false" to true, true to 1."""
+    about = described().get(name)
+    if about is None:
+        return  # refused by name later
+    many = value if isinstance(value, list) and about.size > 1 else [value]
+    wanted, said = {bool: (bool, "true or false"), str: (str, "a word in quotes")}.get(
+        about.type, ((int, float), "a number" if about.size == 1 else f"{about.size} numbers in brackets")
+    )
+    for one in many:
+        if not isinstance(one, wanted) or (isinstance(one, bool) and about.type is not bool):
+            raise SettingsError(f"{name} must be {said}, not {value!r}")

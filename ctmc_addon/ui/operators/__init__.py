@@ -1,0 +1,1 @@
+"""The operators `ctmc.*`, one subject a file."""

@@ -1,0 +1,193 @@
+"""Load a CT: the operator `ctmc.load`, its place in File > Import, and drag and drop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
+
+from ... import readers
+from ...blender.materials import colour_of
+from ...core import Steps
+from ...core.errors import ReadError
+from ...core.progress import within
+from ...core.volume.statistics import survey_steps
+from ...readers.file_formats import KNOWN_SUFFIXES
+from .. import jobs
+from ..properties.preferences import machine
+from ..state import change_events as marks
+from ..state import session, volumes
+from ..translations import say
+from .paths import RELATIVE
+
+# Blender looks at the last suffix only.
+DROPPED = ";".join(sorted({"." + suffix.rpartition(".")[2] for suffix in KNOWN_SUFFIXES} | {".gz"}))
+
+
+class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
+    """Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy."""
+
+    bl_idname = "ctmc.load"
+    bl_label = "Load CT"
+    bl_description = "Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy"
+    bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    message = "load_message"
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
+    spacing: FloatVectorProperty(
+        name="Spacing",
+        description="Distance between samples along x, y and z [mm]. 0 = as the files say",
+        min=0.0,
+        options={"SKIP_SAVE"},
+    )
+    flip: StringProperty(name="Flip", description="Axes to turn round, such as z or xy", options={"SKIP_SAVE"})
+    series: StringProperty(
+        name="Series",
+        description="UID of the DICOM series. Empty = the one with the most slices",
+        options={"SKIP_SAVE"},
+    )
+    again: BoolProperty(
+        name="Again",
+        description="Read the CT of this scene again, with the spacing and sides of the panel",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        """Not beside another job."""
+        return jobs.idle(cls)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for a file or folder, unless one was dropped."""
+        self.windowed = True
+        if self.filepath or self.directory or self.again:
+            return self.begin(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Read the file, and look through it."""
+        scene = context.scene
+        known, stored, expected = session.of(scene), scene.ctmc, ""
+        known.message = known.load_message = ""
+        path = self.filepath or self.directory
+        reading: dict[str, Any] = {
+            "spacing": tuple(self.spacing) if any(self.spacing) else None,
+            "flip": self.flip,
+            "series": self.series or None,
+        }
+        if self.again and not path:
+            path = stored.volume_path
+            reading = reading_of(stored)
+            if self.series:
+                reading["series"] = self.series
+            if reading == known_reading(scene):
+                expected = stored.volume_fingerprint
+        if not path:
+            raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected)
+
+    def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
+        """The work: series, values, survey; the CT of this fingerprint is expected there, if any."""
+        series = yield from within(readers.list_series_steps(path), 0.0, 0.1)
+        read = readers.read_volume_steps(path, **reading, threads=machine().threads)
+        volume = yield from within(read, 0.1, 0.9)
+        survey = yield from within(survey_steps(volume), 0.9, 1.0)
+        found = volumes.Loaded(
+            path,
+            volume,
+            survey,
+            series,
+            reading,
+            readers.keeps_geometry(path),
+            number_of(series, reading["series"]),
+            readers.segmentation_sibling(path),
+        )
+        return lambda: conclude(found, scene, expected)
+
+
+def number_of(series: tuple[readers.Series, ...], chosen: str | None) -> int:
+    """Which of the series was read: the chosen one, else the first of those with the most slices."""
+    for one in series:
+        if chosen in (one.uid, str(one.number)) and chosen:
+            return one.number
+    return max(series, key=lambda one: (one.slices, -one.number)).number if series else 1
+
+
+def reading_of(stored: Any) -> dict[str, Any]:
+    """How the panel wants the scene's CT to be read."""
+    return {
+        "spacing": tuple(stored.spacing) if any(stored.spacing) else None,
+        "flip": "".join(axis for axis in "xyz" if getattr(stored, f"flip_{axis}")),
+        "series": stored.series or None,
+    }
+
+
+def known_reading(scene: bpy.types.Scene) -> Any:
+    """How the CT that the scene knows was read."""
+    loaded = volumes.loaded(scene)
+    return reading_of(scene.ctmc) if loaded is None else loaded.reading
+
+
+def conclude(found: volumes.Loaded, uid: int, expected: str) -> str:
+    """Make a volume the scene's."""
+    scene = session.scene_of(uid)
+    if scene is None:
+        raise ReadError("the scene was deleted while the CT was read; load it into another")
+    stored, reading = scene.ctmc, found.reading
+    other = found.survey.fingerprint != stored.volume_fingerprint
+    volumes.keep(found, scene)
+    stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
+    for axis in "xyz":
+        setattr(stored, f"flip_{axis}", axis in reading["flip"])
+    stored.series = str(reading["series"] or "")
+    if other:
+        names = found.volume.label_names
+        stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in found.survey.labels])
+    if found.volume.kind == "label" and found.survey.labels and not (stored.use_threshold or stored.use_label):
+        stored.label = found.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
+    known = session.of(scene)
+    known.message = known.load_message = ""
+    if expected not in ("", found.survey.fingerprint):
+        text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
+        known.load_message = say(text).format(name=found.path.name)
+    marks.changed(stored, "volume")
+    columns, rows, slices = found.volume.size
+    return say("Loaded {name}: {size}").format(name=found.volume.name, size=f"{columns} x {rows} x {slices}")
+
+
+class CTMC_FH_stack(bpy.types.FileHandler):
+    """Drop a CT file on the 3D viewport or the outliner."""
+
+    bl_idname = "CTMC_FH_stack"
+    bl_label = "CT Stack"
+    bl_import_operator = "ctmc.load"
+    bl_file_extensions = DROPPED
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Where a surface would be seen."""
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+
+def import_entry(menu: Any, _context: bpy.types.Context) -> None:
+    """The entry in File > Import."""
+    menu.layout.operator("ctmc.load", text="CT Stack")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_load, CTMC_FH_stack))
+
+
+def register() -> None:
+    """Register the operator, its file handler and its place in File > Import."""
+    _register()
+    bpy.types.TOPBAR_MT_file_import.append(import_entry)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.TOPBAR_MT_file_import.remove(import_entry)
+    _unregister()

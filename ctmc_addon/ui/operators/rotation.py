@@ -1,0 +1,261 @@
+"""The timed turntable in this viewport: `ctmc.rotation_test`, and its table copied or saved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+
+from ... import blender as scenes
+from ...blender.rotation import timing as turntable
+from ...blender.rotation.offscreen import can_draw
+from ...blender.surface.objects import placement_of
+from ...blender.surface.placement import SCALE
+from ...core import CtmcError, Steps, TriangleMesh
+from ...core.errors import MeshError, SettingsError
+from ...core.progress import within
+from ...reporting.atomic_write import whole_file
+from ...reporting.rotation_table import RotationTable, parsed_levels
+from .. import jobs
+from ..state import session, surfaces
+from ..translations import say
+from ..viewport import live
+from . import simplify
+from .paths import RELATIVE
+
+
+class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
+    """Time how long the active surface takes to turn, at several levels of simplification."""
+
+    bl_idname = "ctmc.rotation_test"
+    bl_label = "Run Rotation Test"
+    bl_description = (
+        "Time how long the active surface takes to turn once around in this viewport, at several levels of "
+        "simplification. Esc stops it and puts everything back"
+    )
+    locks = True  # its levels stand in the scene meanwhile
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a surface to turn."""
+        thing = context.view_layer.objects.active
+        if thing is None or thing.type != "MESH":
+            cls.poll_message_set("Choose a surface first")
+            return False
+        if thing.mode != "OBJECT":
+            cls.poll_message_set("Leave edit mode first")
+            return False
+        return jobs.idle(cls)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Levels, then rounds."""
+        scene, thing = context.scene, context.view_layer.objects.active
+        chosen = scene.ctmc
+        levels = parsed_levels(chosen.rotation_levels)
+        windowed = self.windowed and not bpy.app.background
+        if chosen.rotation_kind != "rotate" and not windowed:
+            raise SettingsError(f"{chosen.rotation_kind} is timed in a window alone; choose rotate without one")
+        mesh = full_mesh(scene, thing)
+        view = Viewport(context, chosen.rotation_kind) if windowed else None
+        options = {"rounds": chosen.rotation_rounds, "step_degrees": float(chosen.rotation_step)}
+        return test_steps(scene, thing, mesh, levels, chosen.rotation_kind, options, view)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Begin in this window."""
+        self.windowed = True
+        return self.begin(context)
+
+
+def full_mesh(scene: bpy.types.Scene, thing: bpy.types.Object) -> TriangleMesh:
+    """The surface before simplification where it is known, else as it is now; RAS+ mm."""
+    full = simplify.full_of(scene, thing) if surfaces.is_surface(thing) else None
+    mesh: TriangleMesh = scenes.evaluated_triangles(thing, scene) if full is None else full.mesh
+    if not len(mesh.faces):
+        raise MeshError(f"{thing.name} has no triangles; choose a surface")
+    return mesh
+
+
+def test_steps(
+    scene: bpy.types.Scene,
+    thing: bpy.types.Object,
+    mesh: TriangleMesh,
+    percents: tuple[float, ...],
+    motion: str,
+    options: dict[str, Any],
+    view: Viewport | None,
+) -> Steps[jobs.Conclusion]:
+    """Make the levels, turn them, and tell the panel."""
+    uid, scale = scene.session_uid, placement_of(thing).scale if surfaces.is_surface(thing) else SCALE
+    simplified = yield from within(turntable.simplified_steps(mesh, percents), 0.0, 0.3)
+    faces = tuple(len(small.faces) for _, small in simplified)
+    if view is None:
+        engine = "BLENDER_WORKBENCH" if can_draw() else "CYCLES"
+        turned = yield from within(turntable.rotation_test_steps(simplified, engine, **options), 0.3, 1.0)
+        rounds = [one.rounds for one in turned]
+    else:
+        with others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
+            view.levels = levels
+            steps = turntable.rotation_steps(levels, view, **options)
+            timed = yield from within(steps, 0.3, 1.0)
+            rounds = [tuple(times) for times in timed]
+    table = RotationTable(motion, percents, faces, tuple(rounds))
+    return lambda: conclude(uid, table)
+
+
+def conclude(uid: int, table: RotationTable) -> str:
+    """Show the table in the panel."""
+    scene = session.scene_of(uid)
+    if scene is not None:
+        session.of(scene).rotation = table
+    last = max(range(len(table.savings)), key=lambda at: table.percents[at])
+    return say("Rotation test: {saving} % saved at {percent} %").format(
+        saving=f"{table.savings[last]:.1f}", percent=f"{table.percents[last]:g}"
+    )
+
+
+@contextmanager
+def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
+    """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
+    hidden = [thing.session_uid for thing in scene.objects if not thing.hide_viewport]
+    selected = [thing.session_uid for thing in scene.objects if thing.select_get()]
+    active = bpy.context.view_layer.objects.active
+    selected.sort(key=lambda uid: active is not None and uid == active.session_uid)
+    for uid in hidden:
+        one = session.object_of(uid)
+        if one is not None:
+            one.hide_viewport = True
+    live.hide()
+    try:
+        yield
+    finally:
+        for uid in hidden:
+            one = session.object_of(uid)
+            if one is not None:
+                one.hide_viewport = False
+        # Blender deselects what it hides.
+        found = (session.object_of(uid) for uid in selected)
+        surfaces.select(scene, [one for one in found if one is not None])
+
+
+class Viewport:
+    """The viewport as a way to draw: the whole window, and back once the picture is on the screen.
+
+    The turntable turns the level about z; zoom and pan move the eye by the same share of a round instead.
+    """
+
+    def __init__(self, context: bpy.types.Context, motion: str) -> None:
+        self.motion = motion
+        self.levels: Sequence[turntable.Level] = ()
+        self.window, self.area = context.window, context.area
+        if self.area is None or self.area.type != "VIEW_3D":
+            found = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
+            if not found:
+                raise MeshError("there is no 3D viewport in this window; open one to turn the surface in")
+            self.area = found[0]
+        self.eye = self.area.spaces.active.region_3d
+
+    def __enter__(self) -> Viewport:
+        self.distance, self.place = self.eye.view_distance, self.eye.view_location.copy()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.eye.view_distance, self.eye.view_location = self.distance, self.place
+
+    def show(self, level: turntable.Level) -> None:
+        """Show this level and no other."""
+        turntable.show_only(self.levels, level)
+
+    def draw(self, level: turntable.Level) -> None:
+        """Draw the window and wait for it."""
+        if self.motion != "rotate":
+            share = math.sin(level.thing.rotation_euler.z / 2)  # out and back in a round
+            level.thing.rotation_euler.z = 0.0
+            if self.motion == "zoom":
+                self.eye.view_distance = self.distance * (1.0 - 0.5 * share)
+            else:
+                side = self.eye.view_rotation @ type(self.place)((1.0, 0.0, 0.0))
+                self.eye.view_location = self.place + side * (0.25 * self.distance * share)
+        self.area.tag_redraw()
+        with bpy.context.temp_override(window=self.window):
+            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+
+
+class CTMC_OT_rotation_copy(bpy.types.Operator):
+    """Copy the table."""
+
+    bl_idname = "ctmc.rotation_copy"
+    bl_label = "Copy Table"
+    bl_description = "Copy the table as CSV, times in seconds"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a table."""
+        return has_table(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy it."""
+        context.window_manager.clipboard = session.of(context.scene).rotation.csv()
+        self.report({"INFO"}, say("Table copied"))
+        return {"FINISHED"}
+
+
+class CTMC_OT_rotation_save(bpy.types.Operator):
+    """Save the table."""
+
+    bl_idname = "ctmc.rotation_save"
+    bl_label = "Save Table"
+    bl_description = "Save the table as CSV, times in seconds"
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a table."""
+        return has_table(cls, context)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for a file."""
+        self.filepath = self.filepath or "rotation_test.csv"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
+        before, self.filepath = self.filepath, ensured(self.filepath)
+        return bool(before != self.filepath)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Save it."""
+        path = Path(ensured(bpy.path.abspath(self.filepath)))
+        try:
+            with whole_file(path) as beside:
+                beside.write_text(session.of(context.scene).rotation.csv(), encoding="utf-8")
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        self.report({"INFO"}, say("Wrote {name}").format(name=path.name))
+        return {"FINISHED"}
+
+
+def ensured(filepath: str) -> str:
+    """The file with the suffix of a table."""
+    return str(bpy.path.ensure_ext(filepath, ".csv"))
+
+
+def has_table(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether a test has been run, with the reason if not."""
+    if session.of(context.scene).rotation is None:
+        operator.poll_message_set("Run the rotation test first")
+        return False
+    return True
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (CTMC_OT_rotation_test, CTMC_OT_rotation_copy, CTMC_OT_rotation_save)
+)

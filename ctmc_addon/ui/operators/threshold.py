@@ -1,0 +1,129 @@
+"""Choose the threshold: Otsu at a click, tissues, and the histogram in the panel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import bpy.utils.previews
+from bpy.props import EnumProperty
+
+from ...core import CtmcError
+from ...core.volume.scalar_field import region_box
+from ...core.volume.statistics import histogram_picture
+from ...core.volume.thresholding import otsu
+from ...core.volume.tissues import TISSUES
+from .. import jobs
+from ..state import volumes
+from ..translations import say
+
+PICTURE = (144, 120)  # pixels
+NAME = "histogram"
+
+_pictures: dict[str, Any] = {}
+_shown: dict[str, Any] = {}
+
+
+class CTMC_OT_auto_threshold(bpy.types.Operator):
+    """Set the threshold by Otsu's method."""
+
+    bl_idname = "ctmc.auto_threshold"
+    bl_label = "Otsu"
+    bl_description = (
+        "Set the threshold that parts the values of the volume, or of the region, into the two classes farthest apart"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a CT in memory."""
+        return volumes.has_volume(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Find and set it."""
+        scene = context.scene
+        loaded = volumes.loaded(scene)
+        assert loaded is not None, "poll asks for one"
+        try:
+            settings = scene.ctmc
+            found = loaded.survey.otsu
+            if settings.use_region or found is None:
+                box = region_box(loaded.volume, settings.to_settings())
+                found = otsu(loaded.volume.values[tuple(slice(*ends) for ends in box[::-1])])
+        except CtmcError as error:
+            return jobs.refuse(self, scene.session_uid, error)
+        settings.threshold = found
+        self.report({"INFO"}, say("Threshold {value}").format(value=f"{settings.threshold:g}"))
+        return {"FINISHED"}
+
+
+class CTMC_OT_tissue(bpy.types.Operator):
+    """Set the usual threshold of a tissue."""
+
+    bl_idname = "ctmc.tissue"
+    bl_label = "Tissue"
+    bl_description = "Set the usual threshold of a tissue [HU]"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    tissue: EnumProperty(
+        name="Tissue",
+        description="What the surface is to enclose",
+        items=[(key, one.name, one.text) for key, one in TISSUES.items()],
+        default="bone",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where values are Hounsfield units."""
+        volume = volumes.current(context.scene)
+        if volume is not None and volume.kind != "HU":
+            cls.poll_message_set("Tissues are known by their HU, and this volume holds other values")
+            return False
+        return volumes.has_volume(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set it."""
+        context.scene.ctmc.threshold = TISSUES[self.tissue].threshold
+        return {"FINISHED"}
+
+
+def used_threshold(scene: bpy.types.Scene) -> float | None:
+    """The threshold as set, or Otsu's where none is."""
+    if scene.ctmc.use_threshold:
+        return float(scene.ctmc.threshold)
+    loaded = volumes.loaded(scene)
+    return None if loaded is None else loaded.survey.otsu
+
+
+def histogram_icon(scene: bpy.types.Scene) -> int:
+    """The icon number of the histogram's picture, painted anew if volume or threshold have changed; 0 without one."""
+    loaded = volumes.loaded(scene)
+    if loaded is None or not _pictures:
+        return 0
+    key = (loaded.survey.fingerprint, used_threshold(scene))
+    pictures = _pictures[NAME]
+    picture = pictures[NAME] if NAME in pictures else pictures.new(NAME)
+    if _shown.get("key") != key:
+        pixels = histogram_picture(loaded.survey, key[1], *PICTURE)
+        picture.image_size = PICTURE
+        picture.image_pixels_float.foreach_set(pixels.ravel())
+        _shown["key"] = key
+    return int(picture.icon_id)
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_auto_threshold, CTMC_OT_tissue))
+
+
+def register() -> None:
+    """Register the operators and a place for the picture."""
+    _register()
+    if not bpy.app.background:
+        _pictures[NAME] = bpy.utils.previews.new()
+
+
+def unregister() -> None:
+    """Take them away."""
+    while _pictures:
+        bpy.utils.previews.remove(_pictures.popitem()[1])
+    _shown.clear()
+    _unregister()

@@ -1,0 +1,102 @@
+"""What several panels draw: a setting with its switch, sentences in lines, a job's progress."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...core.settings import described
+from ...reporting.formatting import in_lines
+from .. import jobs
+from ..properties.settings import optional, switch
+from ..state.change_events import OURS, TAB
+from ..translations import say
+
+LETTER = 5.8  # pixels of a letter at Blender's usual size
+MARGIN = 60.0  # pixels of a panel beside its text
+NARROW = 250.0  # pixels below which buttons and facts stand one below the other
+
+
+class SidePanel:
+    """What all panels of the tab share; inherited before `bpy.types.Panel`."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = TAB
+    bl_translation_context = OURS
+
+
+class SubPanel(SidePanel):
+    """A panel below the main one, closed until it is wanted."""
+
+    bl_parent_id = "CTMC_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
+
+
+def prepare(layout: Any, lock: bool = True) -> None:
+    """Labels on the left, values on the right, no dots for keyframes; grey while a job locks the file, unless told."""
+    if lock:
+        layout.enabled = not jobs.locked()
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+
+
+def draw_setting(layout: Any, settings: Any, name: str) -> None:
+    """One setting, with its switch if it may be absent."""
+    if not optional(name):
+        layout.prop(settings, name)
+        return
+    row = layout.row(heading=say(described()[name].label), heading_ctxt=OURS)
+    row.prop(settings, switch(name), text="")
+    value = row.row()
+    value.active = getattr(settings, switch(name))
+    value.prop(settings, name, text="")
+
+
+def width_of(context: bpy.types.Context) -> float:
+    """Width of the region, pixels at Blender's usual size."""
+    return 300.0 if context.region is None else context.region.width / context.preferences.system.ui_scale
+
+
+def is_narrow(context: bpy.types.Context) -> bool:
+    """Whether two buttons with words have no room side by side."""
+    return width_of(context) < NARROW
+
+
+def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any:
+    """Room for two buttons: side by side, the first with this share of the width, or one below the other."""
+    return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
+
+
+def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+    """A sentence in as many lines as the panel's width asks for."""
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for number, line in enumerate(in_lines(text, max(16, int((width_of(context) - MARGIN) / LETTER)))):
+        column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
+
+
+def draw_facts(layout: Any, context: bpy.types.Context, facts: list[tuple[str, str]], names: float = 0.32) -> None:
+    """Names on the left, in this share of the width, and values on the right; in lines where that is narrow."""
+    if is_narrow(context):
+        for name, value in facts:
+            draw_text(layout, context, f"{name}: {value}")
+        return
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    for name, value in facts:
+        row = column.split(factor=names)
+        left = row.row()
+        left.alignment = "RIGHT"
+        left.label(text=name, translate=False)
+        row.label(text=value, translate=False)
+
+
+def draw_job(layout: Any) -> None:
+    """How far the job is, and the button that stops it, in the place of the button that started it."""
+    job = jobs.running()
+    assert job is not None, "the caller has looked"
+    row = layout.row(align=True)
+    row.progress(factor=min(1.0, job.step.fraction), text=say(job.step.message))
+    row.operator("ctmc.cancel", text="", icon="X")

@@ -1,0 +1,63 @@
+"""Presets of settings, shipped and a user's own, as everywhere in Blender."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bl_operators.presets import AddPresetBase  # type: ignore[import-not-found]
+from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
+
+from ...core.settings import described
+from ..properties.settings import optional, switch
+from .layout import SidePanel
+
+SHIPPED = Path(__file__).parents[1]  # Blender looks below it for presets/ctmc
+SUBFOLDER = "ctmc"
+# A box belongs to one volume, and so does what NaN is read as.
+LEFT_OUT = {"region", "region_unit", "nan_as"}
+
+
+def preset_values() -> list[str]:
+    """What a preset keeps: first the values, which switch themselves on, then the switches."""
+    names = [name for name in described() if name not in LEFT_OUT]
+    return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
+
+
+class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
+    """Keep the settings of the panel as a preset, or remove one."""
+
+    bl_idname = "ctmc.preset_add"
+    bl_label = "Add CTMC Preset"
+    bl_description = "Keep the settings of the panel as a preset"
+
+    preset_menu = "CTMC_PT_presets"
+    preset_subdir = SUBFOLDER
+    preset_defines = ["settings = bpy.context.scene.ctmc"]  # noqa: RUF012  (Blender reads it from the class)
+    preset_values = preset_values()
+
+
+class CTMC_PT_presets(PresetPanel, SidePanel, bpy.types.Panel):
+    """The list of presets."""
+
+    bl_idname = "CTMC_PT_presets"
+    bl_label = "CTMC Presets"
+    bl_region_type = "HEADER"
+    preset_subdir = SUBFOLDER
+    preset_operator = "script.execute_preset"
+    preset_add_operator = "ctmc.preset_add"
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_preset_add, CTMC_PT_presets))
+
+
+def register() -> None:
+    """Register list and operator, and show Blender the shipped ones."""
+    _register()
+    bpy.utils.register_preset_path(str(SHIPPED))
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.utils.unregister_preset_path(str(SHIPPED))
+    _unregister()

@@ -1,0 +1,1 @@
+"""The properties of scene, object and preferences."""

@@ -1,0 +1,233 @@
+"""What figures are made with: `scene.ctmc_figure`; its limits and defaults are those of scene's own dataclasses.
+
+As in properties.py, this module must not hold `bpy` itself, nor anything that does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.types import PropertyGroup, Scene
+from bpy.utils import register_class, unregister_class
+
+from .settings import CONTEXT
+
+FRAMES = "frames"  # in place of a film's suffix
+ENGINES = {
+    "cycles": ("Cycles", "On the processor, which works on any machine"),
+    "eevee": ("EEVEE", "Needs a graphics card, or time"),
+    "workbench": ("Workbench", "The viewport's solid look, quickly; shows no map of distances"),
+}
+
+
+def all_properties() -> dict[str, Any]:
+    """Every property of `scene.ctmc_figure`."""
+    return page_properties() | look_properties() | sheet_properties() | turntable_properties()
+
+
+def page_properties() -> dict[str, Any]:
+    """Kind, and the page of each."""
+    from ...blender.figure.page import DPIS, PAGES, WIDTHS_MM
+
+    found: dict[str, Any] = {
+        "kind": EnumProperty(
+            **CONTEXT,
+            name="Kind",
+            description="What is made",
+            items=[
+                ("figure", "Figure", "The selected surfaces on a page, a PNG"),
+                ("sheet", "Sheet", "The CT with several settings, side by side, a PNG"),
+                ("deviation", "Distances", "The active surface in the colours of its distance to full resolution"),
+                ("turntable", "Turntable", "The selected surfaces turning, a film or PNG frames"),
+            ],
+        )
+    }
+    for kind, page in PAGES.items():
+        found[f"{kind}_width_mm"] = FloatProperty(
+            **CONTEXT,
+            name="Width [mm]",
+            description="Width as printed [mm]. A column of most journals is 85, two are 170",
+            default=page.width_mm,
+            min=WIDTHS_MM[0],
+            max=WIDTHS_MM[1],
+            precision=1,
+        )
+        found[f"{kind}_dpi"] = FloatProperty(
+            **CONTEXT,
+            name="Resolution [dpi]",
+            description="Pixels to the inch [dpi]. Larger = sharper, and longer to render",
+            default=page.dpi,
+            min=DPIS[0],
+            max=DPIS[1],
+            precision=0,
+        )
+    found["transparent"] = BoolProperty(
+        **CONTEXT, name="Transparent", description="No background instead of a white one; films always have one"
+    )
+    found["write_blend"] = BoolProperty(
+        **CONTEXT,
+        name="Write .blend",
+        description="Write the figure's own scene beside it, to be changed and rendered again",
+        default=True,
+    )
+    return found
+
+
+def look_properties() -> dict[str, Any]:
+    """How a figure is seen, and what is written on it."""
+    from ...blender.figure.compose import ELEVATIONS, OPACITIES, OPACITY, Look
+    from ...blender.figure.styles import STYLES
+
+    look = Look()
+    angle = {**CONTEXT, "precision": 1, "step": 500}
+    return {
+        "style": EnumProperty(
+            **CONTEXT,
+            name="Style",
+            description="How surfaces look. Several at once keep their own colours; print makes all of them grey",
+            items=[(name, name.title(), style.text[0].upper() + style.text[1:]) for name, style in STYLES.items()],
+            default=look.style,
+        ),
+        "engine": EnumProperty(
+            **CONTEXT,
+            name="Engine",
+            description="What renders the figure",
+            items=[(name, *ENGINES[name]) for name in ENGINES],
+            default=look.engine,
+        ),
+        "azimuth": FloatProperty(
+            **angle,
+            name="Azimuth",
+            description="Where the camera stands [degrees]: 0 = before the patient, 90 = at the left, 180 = behind",
+            default=look.azimuth,
+            min=-360.0,
+            max=360.0,
+        ),
+        "elevation": FloatProperty(
+            **angle,
+            name="Elevation",
+            description="How high the camera stands [degrees]: 90 = above the head, -90 = below the feet",
+            default=look.elevation,
+            min=ELEVATIONS[0],
+            max=ELEVATIONS[1],
+        ),
+        "opacity": FloatProperty(
+            **CONTEXT,
+            name="Opacity",
+            description="Of a surface that holds all the others, so that they are seen in it. Smaller = clearer",
+            subtype="FACTOR",
+            default=OPACITY,
+            min=OPACITIES[0],
+            max=OPACITIES[1],
+            precision=2,
+        ),
+        "scale_bar": BoolProperty(
+            **CONTEXT, name="Scale Bar", description="A bar of round length in mm", default=look.scale_bar
+        ),
+        "orientation": BoolProperty(
+            **CONTEXT,
+            name="Orientation",
+            description="The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
+            default=look.orientation,
+        ),
+        "use_caption": BoolProperty(
+            **CONTEXT, name="Use Caption", description="Write a caption under the figure", default=True
+        ),
+        "caption": StringProperty(
+            **CONTEXT, name="Caption", description="Written under the figure. Empty = what it shows"
+        ),
+    }
+
+
+def sheet_properties() -> dict[str, Any]:
+    """What a sheet compares, and the colours of distances."""
+    found: dict[str, Any] = {}
+    for name, label, text, default in (
+        ("strides", "Voxel Sides", "Voxel sides to compare [px]: 1 2 3, or 2x1 for x and y apart", "1 2 3"),
+        ("alphas", "Alpha", "Alphas to compare, from 0 to 1", "0 0.25 0.75 1"),
+        ("levels", "Levels", "Shares of triangles to remove that are compared [%]", "0 50 90"),
+    ):
+        found[f"use_{name}"] = BoolProperty(
+            **CONTEXT,
+            name=f"Compare {label}",
+            description="Compare these; where two are compared, the first goes down and the second across",
+            default=name == "strides",
+        )
+        found[name] = StringProperty(**CONTEXT, name=label, description=text, default=default)
+    found["sheet_deviation"] = BoolProperty(
+        **CONTEXT,
+        name="Distances",
+        description="Colour every surface by its distance to full resolution, with a colour bar",
+    )
+    found["limit_mm"] = FloatProperty(
+        **CONTEXT,
+        name="Bar Ends At",
+        description="Distance at the end of the colour bar [mm]. 0 = where 99 % of the points are within",
+        min=0.0,
+        max=1000.0,
+        precision=2,
+    )
+    return found
+
+
+def turntable_properties() -> dict[str, Any]:
+    """Format, length and speed of a turntable."""
+    from ...blender.figure.turntable import FPS, REVOLUTIONS, SECONDS, Turn
+    from ...blender.figure.video import FILMS
+
+    turn = Turn()
+    frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")
+    return {
+        "film": EnumProperty(
+            **CONTEXT,
+            name="Format",
+            description="What a turntable is written as, where its name has no suffix",
+            items=[*((suffix, suffix[1:].upper(), "A film") for suffix in FILMS), frames],
+        ),
+        "seconds": FloatProperty(
+            **CONTEXT,
+            name="Length [s]",
+            description="Length of the loop [s]. Larger = slower, and longer to render",
+            default=turn.seconds,
+            min=0.1,
+            max=SECONDS,
+            soft_max=60.0,
+            precision=1,
+        ),
+        "fps": IntProperty(
+            **CONTEXT,
+            name="Frames a Second",
+            description="Pictures in a second. Larger = smoother, and longer to render",
+            default=turn.fps,
+            min=FPS[0],
+            max=FPS[1],
+        ),
+        "revolutions": IntProperty(
+            **CONTEXT,
+            name="Revolutions",
+            description="Whole turns in the loop. Below 0 = the other way round",
+            default=turn.revolutions,
+            min=-REVOLUTIONS,
+            max=REVOLUTIONS,
+        ),
+    }
+
+
+CTMCFigure = type(
+    "CTMCFigure",
+    (PropertyGroup,),
+    {"__annotations__": all_properties(), "__doc__": "How the next figure is made.", "__module__": __name__},
+)
+
+
+def register() -> None:
+    """Give every scene its figure."""
+    register_class(CTMCFigure)
+    Scene.ctmc_figure = PointerProperty(type=CTMCFigure, name="CTMC Figure")
+
+
+def unregister() -> None:
+    """Take it away again."""
+    del Scene.ctmc_figure
+    unregister_class(CTMCFigure)

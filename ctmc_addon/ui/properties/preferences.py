@@ -1,0 +1,85 @@
+"""What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+from bpy.props import FloatProperty, IntProperty
+
+from ...blender.surface.placement import SCALE
+
+# As an extension this package lies in bl_ext.<repository>.ctmc, and that is what Blender calls the add-on.
+ADDON = __package__.rpartition(".ctmc_addon.")[0] or "ctmc_addon"
+GIB = 2**30
+
+
+class CTMCPreferences(bpy.types.AddonPreferences):
+    """Threads, preview budget, scene scale, memory limit."""
+
+    bl_idname = ADDON
+
+    threads: IntProperty(
+        name="Threads",
+        description="Threads that extract and read. 0 = one for each processor, at most 8. The result is the same",
+        default=0,
+        min=0,
+        max=64,
+    )
+    preview_ms: IntProperty(
+        name="Preview Budget",
+        description="How long a coarse preview may take while a slider moves [ms]. Larger = finer, and less smooth",
+        default=100,
+        min=10,
+        max=2000,
+    )
+    scene_scale: FloatProperty(
+        name="Scene Scale",
+        description="Blender units of 1 mm, for new surfaces. Exports are in millimetres whatever it is",
+        default=SCALE,
+        min=0.0001,
+        max=10.0,
+        precision=4,
+    )
+    memory_gib: FloatProperty(
+        name="Memory Limit",
+        description="Memory that a surface may take [GiB]. 0 = what the machine has available",
+        default=0.0,
+        min=0.0,
+        max=1024.0,
+        precision=1,
+    )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """Show all four."""
+        self.layout.use_property_split = True
+        for name in ("threads", "preview_ms", "scene_scale", "memory_gib"):
+            self.layout.prop(self, name)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """The preferences as core takes them."""
+
+    threads: int | None = None
+    preview_seconds: float = 0.1
+    scale: float = SCALE
+    memory_limit: int | None = None
+
+
+def machine() -> Machine:
+    """The preferences of this machine; the defaults where the package runs without being enabled as an add-on."""
+    addon: Any = bpy.context.preferences.addons.get(ADDON)
+    chosen = getattr(addon, "preferences", None)
+    if chosen is None:
+        return Machine()
+    return Machine(
+        threads=chosen.threads or None,
+        preview_seconds=chosen.preview_ms / 1000,
+        scale=chosen.scene_scale,
+        memory_limit=int(chosen.memory_gib * GIB) or None,
+    )
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMCPreferences,))

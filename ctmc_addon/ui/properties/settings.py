@@ -1,0 +1,368 @@
+"""The settings as Blender properties, generated from core.settings: label, text, unit, limits and choices.
+
+`scene.ctmc` carries the settings' own names. A setting that may be absent has a switch `use_<name>` beside it.
+Beside them stand what the file knows of its CT, the labels to choose from, and the panel's own switches.
+
+This module must not hold `bpy` itself: Blender 4.2 never lets go of a registered PropertyGroup, nor of what its
+functions can see, and a Python whose bpy module stays alive crashes at exit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+from bpy.types import PropertyGroup, Scene
+from bpy.utils import register_class, unregister_class
+
+from ...core import ReconstructionSettings
+from ...core.settings import Setting, described
+from ..state import change_events as marks
+
+# What a setting that may be absent starts from when it is switched on.
+STARTS: dict[str, Any] = {
+    "threshold": 200.0,
+    "label": 1,
+    "region": (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+    "reduction": 0.9,
+    "target_faces": 10_000,
+    "max_error_mm": 0.5,
+    "nan_as": -1024.0,
+}
+# Of these only one may be on; core refuses more.
+RIVALS = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
+CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
+DEFAULTS = ReconstructionSettings()
+CONTEXT: dict[str, Any] = {"translation_context": marks.OURS}
+
+
+class SettingsMethods:
+    """What `scene.ctmc` can do beside holding its properties."""
+
+    labels: Any
+    label: Any
+    use_label: Any
+
+    def to_settings(self) -> ReconstructionSettings:
+        """The settings as core takes them, checked.
+
+        Raises
+        ------
+        SettingsError
+            If two of them contradict each other.
+        """
+        values = {
+            name: as_typed(getattr(self, name), about)
+            for name, about in described().items()
+            if not optional(name) or getattr(self, switch(name))
+        }
+        return ReconstructionSettings.from_dict(values)
+
+    def all_settings(self) -> list[ReconstructionSettings]:
+        """The settings of every surface that is wanted: one for each label that is ticked, or a single one."""
+        settings = self.to_settings()
+        if settings.label is None:
+            return [settings]
+        ticked = [item.value for item in self.labels if item.chosen]
+        return [replace(settings, label=label) for label in ticked or [settings.label]]
+
+    def colour_of(self, label: int | None) -> tuple[float, float, float] | None:
+        """The colour chosen in the list for a label; None for one that is not in it."""
+        return next((tuple(item.color) for item in self.labels if item.value == label), None)
+
+    def show_labels(self, labels: list[tuple[int, str, tuple[float, float, float]]]) -> None:
+        """Fill the list of labels: value, name and colour of each."""
+        self.labels.clear()
+        for value, name, color in labels:
+            item = self.labels.add()
+            item.value, item.name, item.color = value, name, color
+        tick_only(self, self.label if self.use_label else None)
+
+    def from_settings(self, settings: ReconstructionSettings) -> None:
+        """Show these settings."""
+        for name in described():
+            value = getattr(settings, name)
+            if value is not None:
+                setattr(self, name, value)
+            if optional(name):
+                setattr(self, switch(name), value is not None)
+
+
+def optional(name: str) -> bool:
+    """Whether a setting may be absent."""
+    return getattr(DEFAULTS, name) is None
+
+
+def as_written(number: float) -> float:
+    """The number as it was typed: Blender keeps 0.9 in float32, which read back would be 0.89999998."""
+    return float(str(np.float32(number)))
+
+
+def as_typed(value: Any, about: Setting) -> Any:
+    """The setting's number or numbers as they were typed."""
+    if about.type is float:
+        typed = [as_written(one) for one in np.atleast_1d(value)]
+        return typed if about.size > 1 else typed[0]
+    return tuple(value) if about.size > 1 else value
+
+
+def property_of(name: str, about: Setting) -> Any:
+    """The Blender property of one setting."""
+    default = STARTS[name] if optional(name) else getattr(DEFAULTS, name)
+    common = {
+        "name": about.label,
+        "description": tooltip(about),
+        "default": default,
+        "translation_context": marks.OURS,
+    }
+    common["update"] = on_change(name)
+    if about.type is bool:
+        return BoolProperty(**common)
+    if about.type is str:
+        return EnumProperty(
+            items=[(choice, CHOICES.get(choice, choice.title()), "") for choice in about.choices], **common
+        )
+    if about.size > 1:
+        common["size"] = about.size
+    whole = about.type is int
+    if about.low is not None:
+        common["min"] = int(about.low) if whole else about.low
+    if about.high is not None:
+        common["max"] = int(about.high) if whole else highest(about)
+    if whole:
+        return IntVectorProperty(**common) if about.size > 1 else IntProperty(**common)
+    common["precision"] = 3
+    return FloatVectorProperty(**common) if about.size > 1 else FloatProperty(**common)
+
+
+def tooltip(about: Setting) -> str:
+    """The setting's text with its unit."""
+    return f"{about.text} [{about.unit}]" if about.unit else about.text
+
+
+def highest(about: Setting) -> float:
+    """The largest float32 that the setting allows."""
+    high = np.float32(about.high)
+    return float(np.nextafter(high, np.float32(0.0)) if about.high_open else high)
+
+
+def switch(name: str) -> str:
+    """The property that says whether a setting is there."""
+    return f"use_{name}"
+
+
+def on_change(name: str) -> Callable[[Any, Any], None]:
+    """Whoever gives a setting a value wants it used."""
+
+    def update(properties: Any, _context: Any) -> None:
+        if optional(name) and not getattr(properties, switch(name)):
+            setattr(properties, switch(name), True)
+        if name == "label":
+            tick_only(properties, properties.label)
+        marks.changed(properties, name)
+
+    return update
+
+
+def on_switch(name: str) -> Callable[[Any, Any], None]:
+    """Switching one of several rivals on switches the others off."""
+    rivals = [other for group in RIVALS if name in group for other in group if other != name]
+
+    def update(properties: Any, _context: Any) -> None:
+        if getattr(properties, switch(name)):
+            for other in rivals:
+                if getattr(properties, switch(other)):
+                    setattr(properties, switch(other), False)
+        if name == "label":
+            ticked = any(item.chosen for item in properties.labels)
+            if not properties.use_label or not ticked:
+                tick_only(properties, properties.label if properties.use_label else None)
+        marks.changed(properties, name)
+
+    return update
+
+
+def marker(name: str) -> Callable[[Any, Any], None]:
+    """Say that a property of the panel's own has changed."""
+
+    def update(properties: Any, _context: Any) -> None:
+        marks.changed(properties, name)
+
+    return update
+
+
+_ticking: list[bool] = []  # not empty while ticks are set by code
+
+
+def tick_only(properties: Any, label: int | None) -> None:
+    """Tick this label in the list, and no other."""
+    if _ticking:
+        return
+    _ticking.append(True)
+    for item in properties.labels:
+        if item.chosen != (item.value == label):
+            item.chosen = item.value == label
+    _ticking.clear()
+
+
+def on_tick(item: Any, _context: Any) -> None:
+    """Ticking a label in the list wants labels used; the first one ticked is the setting's own."""
+    if _ticking:
+        return
+    properties = item.id_data.ctmc
+    ticked = [one.value for one in properties.labels if one.chosen]
+    _ticking.append(True)
+    if ticked and properties.label not in ticked:
+        properties.label = ticked[0]
+    if properties.use_label != bool(ticked):
+        properties.use_label = bool(ticked)
+    _ticking.clear()
+    marks.changed(properties, "label")
+
+
+class CTMCLabel(PropertyGroup):
+    """A label of the volume: its value, its name as `name`, its colour, and whether it is wanted."""
+
+    value: IntProperty(**CONTEXT, name="Value", description="Value of the label in the volume")
+    chosen: BoolProperty(**CONTEXT, name="Reconstruct", description="Make a surface of this label", update=on_tick)
+    color: FloatVectorProperty(
+        **CONTEXT, name="Color", description="Colour of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0
+    )
+
+
+def all_properties() -> dict[str, Any]:
+    """Every property of `scene.ctmc`."""
+    found: dict[str, Any] = {}
+    for name, about in described().items():
+        if optional(name):
+            found[switch(name)] = BoolProperty(
+                **CONTEXT, name=f"Use {about.label}", description=tooltip(about), update=on_switch(name)
+            )
+        found[name] = property_of(name, about)
+    return found | volume_properties() | panel_properties()
+
+
+def volume_properties() -> dict[str, Any]:
+    """What the file knows of its CT, and how it is to be read."""
+    turned = "The files cannot say it: {} lie the other way round than assumed"
+    return {
+        "volume_path": StringProperty(**CONTEXT, name="CT", description="File or folder that the CT was read from"),
+        "volume_fingerprint": StringProperty(**CONTEXT, name="Fingerprint", description="To know the CT again by"),
+        "series": StringProperty(
+            **CONTEXT, name="Series", description="UID of the DICOM series. Empty = the one with most slices"
+        ),
+        "spacing": FloatVectorProperty(
+            **CONTEXT,
+            name="Spacing",
+            description="Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
+            size=3,
+            min=0.0,
+            precision=4,
+        ),
+        "flip_x": BoolProperty(**CONTEXT, name="Left - Right", description=turned.format("left and right")),
+        "flip_y": BoolProperty(**CONTEXT, name="Front - Back", description=turned.format("front and back")),
+        "flip_z": BoolProperty(**CONTEXT, name="Head - Feet", description=turned.format("head and feet")),
+        "labels": CollectionProperty(**CONTEXT, type=CTMCLabel, name="Labels", description="Labels of the volume"),
+        "label_index": IntProperty(**CONTEXT, name="Label", description="Line of the list that is marked"),
+    }
+
+
+def get_surface_from(properties: Any) -> int:
+    """0 by threshold, 1 by label."""
+    return int(properties.use_label)
+
+
+def set_surface_from(properties: Any, chosen: int) -> None:
+    """The other one was chosen."""
+    if bool(chosen) != properties.use_label:
+        properties.use_label = bool(chosen)
+
+
+def panel_properties() -> dict[str, Any]:
+    """What only the panel has."""
+    return {
+        "surface_from": EnumProperty(
+            **CONTEXT,
+            name="Surface From",
+            description="Whether the surface is sought at a grey value or around labels",
+            items=[
+                ("threshold", "Threshold", "At a grey value: what is at or above it is inside"),
+                ("label", "Labels", "Around the structures of a label volume"),
+            ],
+            get=get_surface_from,
+            set=set_surface_from,
+        ),
+        "preview": BoolProperty(
+            **CONTEXT,
+            name="Live Preview",
+            description="Show a coarse surface in the viewport that follows the settings",
+            default=True,
+            update=marker("preview"),
+        ),
+        "rotation_kind": EnumProperty(
+            **CONTEXT,
+            name="Motion",
+            description="What is timed",
+            items=[
+                ("rotate", "Rotate", "Turn about the patient's long axis"),
+                ("zoom", "Zoom", "Draw nearer and back"),
+                ("pan", "Pan", "Move sideways and back"),
+            ],
+        ),
+        "rotation_levels": StringProperty(
+            **CONTEXT,
+            name="Levels",
+            description="Shares of triangles to remove that are compared [%]",
+            default="0, 50, 90",
+        ),
+        "rotation_step": IntProperty(
+            **CONTEXT,
+            name="Step",
+            description="Angle between two pictures [degrees]. Smaller = more pictures",
+            default=20,
+            min=1,
+            max=180,
+        ),
+        "rotation_rounds": IntProperty(
+            **CONTEXT,
+            name="Rounds",
+            description="How often each level is turned. Larger = steadier mean",
+            default=5,
+            min=1,
+            max=100,
+        ),
+    }
+
+
+CTMCSettings = type(
+    "CTMCSettings",
+    (SettingsMethods, PropertyGroup),
+    {"__annotations__": all_properties(), "__doc__": "How the next surface is made.", "__module__": __name__},
+)
+
+
+def register() -> None:
+    """Register the settings and give every scene its own."""
+    register_class(CTMCLabel)
+    register_class(CTMCSettings)
+    Scene.ctmc = PointerProperty(type=CTMCSettings, name="CTMC")
+
+
+def unregister() -> None:
+    """Take the settings away again; what a file holds of them stays in the file."""
+    del Scene.ctmc
+    unregister_class(CTMCSettings)
+    unregister_class(CTMCLabel)

@@ -1,0 +1,146 @@
+"""What the viewport shows beside the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
+
+As in properties.py, this module must not hold `bpy` itself, nor anything that does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, PointerProperty, StringProperty
+from bpy.types import PropertyGroup, Scene
+from bpy.utils import register_class, unregister_class
+
+from ...core import Volume
+from ...core.volume.slices import slice_place, usual_window
+from ...core.volume.thresholding import value_range
+from ..state.change_events import OURS
+
+_usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
+
+
+def current_volume(scene: Any) -> Volume | None:
+    """The scene's volume; `volumes` holds bpy and is looked up only when asked."""
+    from ..state import volumes
+
+    return volumes.current(scene)
+
+
+def window_and_level(view: Any) -> tuple[float, float]:
+    """What was chosen for this volume, else what its kind and range suggest."""
+    scene = view.id_data
+    if view.chosen_for == scene.ctmc.volume_path:
+        return tuple(view.chosen_window)
+    volume = current_volume(scene)
+    if volume is None:
+        return (1.0, 0.5)
+    if volume not in _usual:
+        _usual[volume] = usual_window(volume, *value_range(volume.values))
+    return _usual[volume]
+
+
+def choose(view: Any, window: float, level: float) -> None:
+    """Keep window and level for the present volume."""
+    view.chosen_for = view.id_data.ctmc.volume_path
+    view.chosen_window = (window, level)
+
+
+def get_window(view: Any) -> float:
+    """What the slider of the window shows."""
+    return window_and_level(view)[0]
+
+
+def get_level(view: Any) -> float:
+    """What the slider of the level shows."""
+    return window_and_level(view)[1]
+
+
+def set_window(view: Any, window: float) -> None:
+    """The slider of the window was moved."""
+    choose(view, window, window_and_level(view)[1])
+
+
+def set_level(view: Any, level: float) -> None:
+    """The slider of the level was moved."""
+    choose(view, window_and_level(view)[0], level)
+
+
+class CTMCView(PropertyGroup):
+    """What the viewport shows of the CT itself."""
+
+    show_slice: BoolProperty(
+        translation_context=OURS,
+        name="Slice in Viewport",
+        description="Show a slice of the CT at its true place",
+        default=True,
+    )
+    show_letters: BoolProperty(
+        translation_context=OURS,
+        name="Orientation Letters",
+        description="Show the patient's sides: R and L, A and P (front and back), S and I (head and feet)",
+        default=True,
+    )
+    plane: EnumProperty(
+        translation_context=OURS,
+        name="Plane",
+        description="Which way the slice lies in the patient",
+        items=[
+            ("axial", "Axial", "Across the body; the slider runs from the feet to the head"),
+            ("coronal", "Coronal", "As seen from the front; the slider runs from back to front"),
+            ("sagittal", "Sagittal", "As seen from the side; the slider runs from left to right"),
+        ],
+    )
+    position: FloatProperty(
+        translation_context=OURS,
+        name="Position",
+        description="Where the slice lies: 0 = feet, back or left end of the volume, 1 = head, front or right end",
+        subtype="FACTOR",
+        min=0.0,
+        max=1.0,
+        default=0.5,
+        precision=3,
+    )
+    window: FloatProperty(
+        translation_context=OURS,
+        name="Window",
+        description="Width of the range shown from black to white, in HU or grey values. Larger = less contrast",
+        min=1e-3,
+        soft_max=4000.0,
+        precision=1,
+        step=500,
+        get=get_window,
+        set=set_window,
+    )
+    level: FloatProperty(
+        translation_context=OURS,
+        name="Level",
+        description="Middle of the range shown from black to white, in HU or grey values. Larger = darker",
+        soft_min=-1500.0,
+        soft_max=3000.0,
+        precision=1,
+        step=500,
+        get=get_level,
+        set=set_level,
+    )
+    chosen_window: FloatVectorProperty(size=2, options={"HIDDEN"})
+    chosen_for: StringProperty(options={"HIDDEN"})
+
+    def step(self, volume: Volume, by: int) -> None:
+        """Move the slice by whole samples, towards the head, front or right where `by` is above zero."""
+        count = slice_place(volume, self.plane, 0.0).count
+        number = int(self.position * (count - 1) + 0.5) + by
+        self.position = min(max(number / (count - 1), 0.0), 1.0)
+
+
+def register() -> None:
+    """Give every scene its view."""
+    register_class(CTMCView)
+    Scene.ctmc_view = PointerProperty(type=CTMCView, name="CTMC View")
+
+
+def unregister() -> None:
+    """Take it away again."""
+    del Scene.ctmc_view
+    unregister_class(CTMCView)
+    _usual.clear()

@@ -1,0 +1,1 @@
+"""What is known during a session and not stored in the file."""

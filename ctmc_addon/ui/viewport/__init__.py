@@ -1,0 +1,1 @@
+"""What the 3D viewport shows and lets the mouse move."""

@@ -1,0 +1,105 @@
+"""The slice, the region's box and the patient's sides, drawn over every 3D viewport; nothing of it is stored.
+
+The draw handlers exist only where there is a window. They read the scene, keep the last picture on the graphics card
+and draw nothing where no volume is loaded or the viewport's overlays are switched off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.viewport.overlay import Picture, draw_letters, draw_lines
+from ...core import Volume
+from ...core.volume.region import EDGES, region_corners, side_places, volume_box
+from ...core.volume.slices import picture, slice_corners, slice_place, slice_values
+from ..operators.threshold import used_threshold
+from ..properties.preferences import machine
+from ..properties.view import window_and_level
+from ..state import volumes
+
+REGION_COLOUR = (1.0, 0.75, 0.1, 0.9)
+VOLUME_COLOUR = (1.0, 1.0, 1.0, 0.18)
+LETTER_PIXELS = 16.0
+
+_handlers: list[Any] = []
+_last: dict[str, Any] = {}  # "key", "volume" and "picture" of the slice drawn last
+
+
+def scene_volume(context: bpy.types.Context) -> Volume | None:
+    """The volume to draw in this viewport, or None."""
+    space = context.space_data
+    if space is None or space.type != "VIEW_3D" or not space.overlay.show_overlays:
+        return None
+    return volumes.current(context.scene)
+
+
+def wanted_labels(settings: Any) -> tuple[int, ...]:
+    """The labels that the next surfaces are made of; none where it is a threshold."""
+    if not settings.use_label:
+        return ()
+    return tuple(item.value for item in settings.labels if item.chosen) or (settings.label,)
+
+
+def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
+    """The slice as it is now, made anew only when something about it has changed."""
+    view, settings = scene.ctmc_view, scene.ctmc
+    place = slice_place(volume, view.plane, view.position)
+    labels = wanted_labels(settings)
+    above = None if labels else used_threshold(scene)
+    window, level = window_and_level(view)
+    scale = machine().scale
+    key = (place, window, level, above, labels, scale)
+    if _last.get("volume") is not volume or _last.get("key") != key:
+        colours = picture(slice_values(volume, place), window, level, above, labels)
+        drawn = Picture(colours, slice_corners(volume, place) * scale)
+        _last.update(volume=volume, key=key, picture=drawn)
+    last: Picture = _last["picture"]
+    return last
+
+
+def draw_in_space() -> None:
+    """Draw what stands among the objects."""
+    context = bpy.context
+    if volumes.current(context.scene) is not _last.get("volume"):
+        _last.clear()
+    volume = scene_volume(context)
+    if volume is None:
+        return
+    scale, settings = machine().scale, context.scene.ctmc
+    size = (context.region.width, context.region.height)
+    if context.scene.ctmc_view.show_slice:
+        slice_picture(context.scene, volume).draw()
+    draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOUR, size, 1.0)
+    if settings.use_region:
+        corners = region_corners(volume, tuple(settings.region), settings.region_unit)
+        draw_lines(corners * scale, EDGES, REGION_COLOUR, size, 2.0)
+
+
+def draw_on_top() -> None:
+    """Draw the letters over everything."""
+    context = bpy.context
+    volume = scene_volume(context)
+    if volume is None or not context.scene.ctmc_view.show_letters:
+        return
+    corners = volume_box(volume) * machine().scale
+    size = LETTER_PIXELS * context.preferences.system.ui_scale
+    middle = (corners[0] + corners[7]) / 2
+    draw_letters(context.region, context.region_data, side_places(corners), middle, size)
+
+
+def register() -> None:
+    """Draw in every 3D viewport; a Blender without a window has none."""
+    if bpy.app.background:
+        return
+    add = bpy.types.SpaceView3D.draw_handler_add
+    _handlers.append(add(draw_in_space, (), "WINDOW", "POST_VIEW"))
+    _handlers.append(add(draw_on_top, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister() -> None:
+    """Draw no more, and free the picture."""
+    while _handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    _last.clear()

@@ -1,0 +1,201 @@
+"""The region a surface is sought in, as a box with handles in the viewport and numbers in the sub-panel Region.
+
+The handles write `scene.ctmc.region` and nothing else: an arrow on each side of the box moves that side, the one in
+its middle moves the box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ...core import Volume
+from ...core.volume.region import (
+    region_corners,
+    region_directions,
+    region_limits,
+    region_moved,
+    region_shift,
+    region_with,
+)
+from .. import jobs
+from ..panels.layout import SubPanel, prepare
+from ..properties.preferences import machine
+from ..state import volumes
+
+COLOURS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
+
+
+class CTMC_OT_fit_region(bpy.types.Operator):
+    """Begin with a box around the whole CT."""
+
+    bl_idname = "ctmc.fit_region"
+    bl_label = "Fit Region to Volume"
+    bl_description = "Put the region's box around the whole CT; its handles in the viewport then make it smaller"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a CT in memory."""
+        return volumes.has_volume(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set it, and use it."""
+        settings, volume = context.scene.ctmc, volumes.current(context.scene)
+        assert volume is not None, "poll asks for one"
+        settings.region = region_limits(volume, settings.region_unit)
+        return {"FINISHED"}
+
+
+class RegionFace:
+    """One side of the box, as Blender's arrow handle asks for it and moves it.
+
+    An arrow stands at its base plus an offset along its direction; the base is where the side would be at 0.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, volume: Volume, face: int) -> None:
+        settings, scale = scene.ctmc, machine().scale
+        self.settings, self.face, self.axis = settings, face, face % 3
+        self.limits = region_limits(volume, settings.region_unit)
+        step = region_directions(volume, settings.region_unit)[self.axis] * scale
+        self.unit = float(np.sqrt((step * step).sum()))
+        self.outward = -1.0 if face < 3 else 1.0
+        self.direction = self.outward * step / self.unit
+        region = np.array(settings.region, np.float64)
+        corners = region_corners(volume, tuple(region), settings.region_unit) * scale
+        self.middle = corners.mean(axis=0)
+        self.base = self.middle - step * (region[self.axis] + region[self.axis + 3]) / 2
+
+    def offset(self) -> float:
+        """Where the side is, from the base outwards, Blender units."""
+        return float(self.outward * self.settings.region[self.face] * self.unit)
+
+    def move(self, offset: float) -> None:
+        """Bring the side there."""
+        value = self.outward * offset / self.unit
+        self.settings.region = region_with(tuple(self.settings.region), self.face, value, self.limits)
+
+    def matrix(self) -> Matrix:
+        """The arrow's base, pointing outwards."""
+        turned = Vector(self.direction).to_track_quat("Z", "Y").to_matrix().to_4x4()
+        return Matrix.Translation(Vector(self.base)) @ turned
+
+
+def current_face(face: int) -> RegionFace | None:
+    """The side as it is at this moment; Blender keeps handles longer than any scene or volume."""
+    scene = bpy.context.scene
+    volume = volumes.current(scene)
+    return None if volume is None else RegionFace(scene, volume, face)
+
+
+def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
+    """What the arrow of a side reads and writes."""
+
+    def read() -> float:
+        side = current_face(face)
+        return 0.0 if side is None else side.offset()
+
+    def write(offset: float) -> None:
+        side = current_face(face)
+        if side is not None:
+            side.move(offset)
+
+    return read, write
+
+
+def read_middle() -> tuple[float, float, float]:
+    """The move handle's offset: it stands in the box's middle, as its matrix says."""
+    side = current_face(0)
+    if side is None:
+        return (0.0, 0.0, 0.0)
+    x, y, z = side.middle.tolist()
+    return (x, y, z)
+
+
+def write_middle(place: Any) -> None:
+    """Bring the box's middle to a place in the viewport."""
+    scene = bpy.context.scene
+    volume = volumes.current(scene)
+    if volume is None:
+        return
+    settings = scene.ctmc
+    region = tuple(settings.region)
+    limits = region_limits(volume, settings.region_unit)
+    shift = region_shift(volume, settings.region_unit, (np.array(place) - np.array(read_middle())) / machine().scale)
+    for axis in range(3):
+        region = region_moved(region, axis, float(shift[axis]), limits)
+    settings.region = region
+
+
+class CTMC_GGT_region(bpy.types.GizmoGroup):
+    """The handles of the region's box."""
+
+    bl_idname = "CTMC_GGT_region"
+    bl_label = "CTMC Region"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "WINDOW"
+    bl_options = {"3D", "PERSISTENT", "SHOW_MODAL_ALL"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where the box is drawn."""
+        space = context.space_data
+        shown = space is not None and space.type == "VIEW_3D" and space.overlay.show_overlays
+        return bool(shown and context.scene.ctmc.use_region and volumes.current(context.scene) is not None)
+
+    def setup(self, _context: bpy.types.Context) -> None:
+        """Make the handles."""
+        for face in range(6):
+            arrow = self.gizmos.new("GIZMO_GT_arrow_3d")
+            read, write = handle_of(face)
+            arrow.target_set_handler("offset", get=read, set=write)
+            arrow.draw_style = "BOX"
+            arrow.length = 0.35
+            arrow.color, arrow.alpha = COLOURS[face % 3], 0.8
+            arrow.color_highlight, arrow.alpha_highlight = (1.0, 1.0, 0.6), 1.0
+        middle = self.gizmos.new("GIZMO_GT_move_3d")
+        middle.target_set_handler("offset", get=read_middle, set=write_middle)
+        middle.draw_style = "RING_2D"
+        middle.draw_options = {"FILL_SELECT", "ALIGN_VIEW"}
+        middle.scale_basis = 0.2
+        middle.color, middle.alpha = (1.0, 0.75, 0.1), 0.8
+        middle.color_highlight, middle.alpha_highlight = (1.0, 1.0, 0.6), 1.0
+
+    def draw_prepare(self, _context: bpy.types.Context) -> None:
+        """Stand where the box is now."""
+        for face, arrow in enumerate(list(self.gizmos)[:6]):
+            side = current_face(face)
+            if side is not None:
+                arrow.matrix_basis = side.matrix()
+
+
+class CTMC_PT_region(SubPanel, bpy.types.Panel):
+    """The region's numbers."""
+
+    bl_idname = "CTMC_PT_region"
+    bl_label = "Region"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """The switch stands beside the title."""
+        self.layout.enabled = not jobs.locked()
+        self.layout.prop(context.scene.ctmc, "use_region", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Unit, lowest and highest corner."""
+        layout, settings = self.layout, context.scene.ctmc
+        prepare(layout)
+        layout.operator("ctmc.fit_region", icon="CUBE")
+        column = layout.column(align=True)
+        column.active = settings.use_region
+        column.prop(settings, "region_unit")
+        for axis, name in enumerate("XYZ"):
+            row = column.row(align=True, heading=name)
+            row.prop(settings, "region", index=axis, text="")
+            row.prop(settings, "region", index=axis + 3, text="")
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_fit_region, CTMC_GGT_region, CTMC_PT_region))

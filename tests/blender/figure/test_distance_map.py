@@ -1,0 +1,158 @@
+"""Sheets and maps of distances: what is compared, measured and coloured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+Image = pytest.importorskip("PIL.Image")
+
+from ctmc_addon.blender import Comparison, Look, Page, Reference, deviation_figure_steps, holds_others, sheet_steps
+from ctmc_addon.blender.figure.distance_map import cut_finely, cut_in_four, heat_of, linear, measured_steps, rounded_up
+from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish
+from ctmc_addon.core.errors import OutputError, SettingsError
+
+SETTINGS = ReconstructionSettings(threshold=60.0)
+
+
+@pytest.fixture(scope="module")
+def volume():
+    """A ball of 8 mm in voxels of 1 mm."""
+    index = np.indices((24, 24, 24), dtype=np.float64) - 11.5
+    return Volume((100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32), np.eye(4), name="ball")
+
+
+def sheet(volume, path, settings=SETTINGS, page=None, look=None, **rest):
+    comparison = Comparison(**{name: rest.pop(name) for name in ("strides", "alphas", "levels") if name in rest})
+    page = page or Page(150.0, 40.0)
+    return finish(sheet_steps(volume, settings, comparison, path, page, look or Look(), **rest))
+
+
+def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path):
+    _, cells = sheet(volume, tmp_path / "a.png", strides=[(1, 1), (2, 2), (3, 3)])
+    assert [one.letter for one in cells] == ["a", "b", "c"]
+    assert [one.title for one in cells] == [f"voxel sides {side} × {side} px" for side in (1, 2, 3)]
+    faces = [len(one.result.mesh.faces) for one in cells]
+    assert faces[0] > faces[1] > faces[2]
+    assert (cells[0].mean_mm, cells[0].max_mm) == (0.0, 0.0)
+    assert 0 < cells[1].mean_mm < cells[2].mean_mm < cells[2].max_mm < 2.0
+    assert all(one.seconds > 0 for one in cells)
+    assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) voxel sides 2 × 2 px"
+    assert cells[1].lines[1].startswith(f"{faces[1]:,} triangles, ")
+    assert cells[1].lines[2].startswith(f"error {cells[1].mean_mm:.3g}\N{NO-BREAK SPACE}mm")
+    assert len(bpy.data.scenes) == 1
+    assert not bpy.data.objects
+
+
+def test_crossed_settings_go_down_and_across(volume):
+    comparison = Comparison(strides=[(1, 1), (2, 1)], levels=[0, 50, 90])
+    assert comparison.columns == 3
+    variants = comparison.variants(SETTINGS)
+    assert [one.stride[0] for _, one in variants] == [1, 1, 1, 2, 2, 2]
+    assert [one.reduction for _, one in variants] == [None, 0.5, 0.9] * 2
+    assert variants[5][0] == "voxel sides 2 × 1 px, 90 % simplified"
+    assert Comparison(alphas=[0, 1]).columns is None
+
+
+def test_the_alphas_are_measured_against_the_linear_surface(scene, volume, tmp_path):
+    _, cells = sheet(volume, tmp_path / "a.png", alphas=[0.0, 0.5, 1.0])
+    assert cells[2].mean_mm == 0
+    assert cells[0].mean_mm == pytest.approx(2 * cells[1].mean_mm, rel=0.1)
+    assert cells[0].mean_mm > 0.02
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "give one or two"),
+        ({"strides": [(1, 1)], "alphas": [0.0], "levels": [0.0]}, "give one or two"),
+        ({"levels": [100.0]}, "from 0 to 99 per cent"),
+        ({"levels": list(range(27))}, "at most 26"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(given, said):
+    with pytest.raises(SettingsError, match=said):
+        Comparison(**given)
+
+
+def test_alpha_on_a_bare_label_is_refused(scene, tmp_path):
+    label = Volume((np.indices((8, 8, 8)).sum(axis=0) < 9).astype(np.uint8), np.eye(4))
+    with pytest.raises(SettingsError, match="a bare label has none"):
+        sheet(label, tmp_path / "a.png", ReconstructionSettings(label=1), alphas=[0.0, 1.0])
+
+
+def test_cutting_keeps_the_surface(ball):
+    mesh = ball().mesh
+    cut = cut_in_four(mesh)
+    assert len(cut.faces) == 4 * len(mesh.faces)
+    assert len(cut.vertices) == len(mesh.vertices) + len(mesh.edges[0])
+    assert cut.closed
+    assert cut.volume == pytest.approx(mesh.volume, rel=1e-5)
+    assert cut.area == pytest.approx(mesh.area, rel=1e-5)
+    assert np.abs(np.sqrt((cut.normals**2).sum(axis=1)) - 1).max() < 1e-5
+
+
+def test_the_inside_of_a_large_triangle_is_measured_too(ball):
+    mesh = ball().mesh
+    reference = Reference(mesh)
+    octahedron = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32) * 8
+    a, b, c = 0, 1, 2
+    faces = [(a, b, c), (b, 3, c), (3, 4, c), (4, a, c), (b, a, 5), (3, b, 5), (4, 3, 5), (a, 4, 5)]
+    coarse = TriangleMesh(octahedron, np.array(faces, np.int32))
+    measured = finish(measured_steps(coarse, reference))
+    # Its corners lie on the ball, the middles of its faces 8 - 8 / sqrt(3) mm below.
+    assert measured.distances_mm[:6].max() < 0.05
+    assert measured.distances_mm.max() == pytest.approx(8 - 8 / np.sqrt(3), abs=0.15)
+    assert len(cut_finely(coarse, 1e-6).faces) <= 400_000
+
+
+def test_the_colour_bar_ends_where_nearly_all_is_within(ball):
+    measured = finish(measured_steps(ball(stride=(3, 3, 3)).mesh, Reference(ball().mesh)))
+    heat = heat_of([measured])
+    assert np.percentile(measured.distances_mm, 99) <= heat.limit_mm <= 1.3 * np.percentile(measured.distances_mm, 99)
+    assert heat.beyond == (measured.distances_mm.max() > heat.limit_mm)
+    assert heat_of([measured], 0.01).beyond
+    assert [rounded_up(value) for value in (0.011, 1.0, 9.0)] == [0.012, 1.0, 10.0]
+
+
+def test_colours_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
+    result = sheet(volume, tmp_path / "s.png", strides=[(3, 3)])[1][0].result
+    path = tmp_path / "a.png"
+    finish(deviation_figure_steps(volume, result, path, Page(60.0, 80.0), Look()))
+    with Image.open(path) as image:
+        picture = np.asarray(image, np.float64) / 255
+    assert linear("ffffff") == (1.0, 1.0, 1.0, 1.0)
+    lower = picture[int(0.6 * len(picture)) :]
+    for colour in ("440154", "fde725"):
+        exact = np.array([int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)])
+        assert np.abs(lower - exact).max(axis=2).min() < 0.08, "the bar has both ends"
+
+
+def test_the_same_surface_has_no_distance(scene, volume, tmp_path):
+    _, cells = sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True)
+    assert cells[0].max_mm == 0
+
+
+def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
+    with pytest.raises(OutputError, match="workbench shows no map"):
+        sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, look=Look(engine="workbench"))
+    with pytest.raises(SettingsError, match="must end between"):
+        sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, limit_mm=0.0)
+    decimating = ReconstructionSettings(threshold=60.0, simplifier="decimate", reduction=0.5)
+    with pytest.raises(SettingsError, match="leave --simplifier decimate out"):
+        sheet(volume, tmp_path / "a.png", decimating, strides=[(1, 1)])
+    assert not list(tmp_path.iterdir())
+    assert len(bpy.data.scenes) == 1
+
+
+def test_the_outermost_of_several_holds_the_others(ball, torus):
+    small, large = torus(centre_mm=(0, 0, 0)), torus(centre_mm=(0, 0, 0))
+    scaled = TriangleMesh(large.mesh.vertices * np.float32(1.5), large.mesh.faces)
+    from dataclasses import replace
+
+    large = replace(large, mesh=scaled)
+    small, large = small.mesh, large.mesh
+    assert holds_others(large, [small, large])
+    assert not holds_others(small, [small, large])
+    assert not holds_others(small, [small])

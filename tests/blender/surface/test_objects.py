@@ -1,0 +1,256 @@
+"""Objects made from reconstructions, updated, and made final."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ctmc_addon.blender import add_reconstruction, evaluated_triangles, make_final, remembered, update_reconstruction
+from ctmc_addon.blender.surface.objects import settings_of
+from ctmc_addon.core.errors import MeshError
+from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+
+
+def alpha_key(thing):
+    return thing.data.shape_keys.key_blocks["alpha"]
+
+
+def worst_mm(thing, mesh):
+    seen = evaluated_triangles(thing)
+    assert (seen.faces == mesh.faces).all()
+    return np.abs(seen.vertices.astype(np.float64) - mesh.vertices).max()
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0])
+def test_the_evaluated_object_is_the_result_within_a_tenth_of_a_micrometre(scene, torus, alpha):
+    result = torus(alpha=alpha)
+    assert worst_mm(add_reconstruction(result, scene), result.mesh) <= 1e-4
+
+
+@pytest.mark.parametrize("scale", [0.001, 0.01, 1.0])
+def test_blenders_own_matrix_puts_every_vertex_in_its_place(scene, torus, scale):
+    result = torus(alpha=1.0)
+    thing = add_reconstruction(result, scene, scale=scale)
+    scene.view_layers[0].update()
+    thing = thing.evaluated_get(scene.view_layers[0].depsgraph)
+    seen = np.array([(thing.matrix_world @ vertex.co)[:] for vertex in thing.data.vertices]) / scale
+    assert np.abs(seen - result.mesh.vertices).max() <= 1e-4
+
+
+def test_moving_the_key_moves_the_surface_as_core_would(scene, torus):
+    result = torus(alpha=0.25)
+    thing = add_reconstruction(result, scene)
+    for alpha in (0.0, 0.6, 1.0):
+        alpha_key(thing).value = alpha
+        assert worst_mm(thing, result.surface.at(alpha)) <= 1e-4
+
+
+def test_the_origin_is_the_centre_of_the_surface(scene, torus):
+    result = torus(alpha=1.0, centre_mm=np.array([100.0, -50.0, 30.0]))
+    thing = add_reconstruction(result, scene)
+    assert np.abs(np.array(thing.location) - (1.0, -0.5, 0.3)).max() < 1e-3
+    low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
+    assert np.abs(np.array(thing.location) - (low + high) / 200).max() < 1e-6
+
+
+def test_the_mesh_is_valid_smooth_and_has_one_material(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    assert not thing.data.validate(verbose=True)
+    assert all(face.use_smooth for face in thing.data.polygons)
+    assert len(thing.data.materials) == 1
+
+
+def test_edges_are_in_the_order_of_their_ends_whatever_blenders_threads(scene, torus):
+    mesh = add_reconstruction(torus(rings=60, sides=30), scene).data  # Blender's own order needs 1000 faces to differ
+    ends = np.array([edge.vertices[:] for edge in mesh.edges])
+    assert (ends[:, 0] < ends[:, 1]).all()
+    assert (np.diff(ends[:, 0] * len(mesh.vertices) + ends[:, 1]) > 0).all()
+    assert {tuple(sorted(key)) for face in mesh.polygons for key in face.edge_keys} == {tuple(row) for row in ends}
+    for face in mesh.polygons[:50]:
+        loops = [mesh.loops[at] for at in face.loop_indices]
+        for here, there in zip(loops, loops[1:] + loops[:1], strict=True):
+            assert set(ends[here.edge_index]) == {here.vertex_index, there.vertex_index}
+
+
+def test_the_name_is_the_files_and_the_label(scene, torus):
+    assert add_reconstruction(torus(label=2, threshold=None, name="volume-3"), scene).name == "volume-3 label 2"
+    long = add_reconstruction(torus(label=31, threshold=None, name="肝臓" * 40), scene)
+    assert long.name.endswith(" label 31")
+    assert long.name.startswith("肝臓肝臓")
+    known = add_reconstruction(torus(label=5, threshold=None, name="volume-3"), scene, structure="liver")
+    assert (known.name, known.data.name, known.data.materials[0].name) == ("volume-3 liver",) * 3
+    long = add_reconstruction(torus(label=5, threshold=None, name="ct" * 40), scene, structure="肝臓" * 40)
+    assert long.name.startswith("ctctct")
+    assert " 肝臓肝臓" in long.name
+
+
+def test_labels_have_different_colours_and_a_given_colour_wins(scene, torus):
+    things = [add_reconstruction(torus(label=label, threshold=None), scene) for label in (1, 2)]
+    things.append(add_reconstruction(torus(), scene, color=(0.1, 0.2, 0.3)))
+    colours = [tuple(round(part, 3) for part in thing.data.materials[0].diffuse_color) for thing in things]
+    assert len(set(colours)) == 3
+    assert colours[2] == (0.1, 0.2, 0.3, 1.0)
+
+
+def test_the_object_remembers_how_it_was_made(scene, torus):
+    result = torus(alpha=0.3, stride=(2, 2, 1))
+    thing = add_reconstruction(result, scene)
+    report = remembered(thing)
+    assert report["voxels_visited"] == 2**40
+    assert report["notes"] == ["spacing assumed"]
+    assert settings_of(thing) == result.settings
+    assert json.loads(thing["ctmc"]["settings"])["stride"] == [2, 2, 1]  # readable without this extension
+
+
+def test_a_surface_without_triangles_is_refused(scene, torus):
+    from dataclasses import replace
+
+    empty = TriangleMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
+    with pytest.raises(MeshError, match="no triangles"):
+        add_reconstruction(replace(torus(), mesh=empty, surface=None), scene)
+    assert not len(bpy.data.objects)
+
+
+def test_after_the_builtin_simplifier_the_mesh_is_plain(scene, torus):
+    result = torus(reduction=0.5)
+    thing = add_reconstruction(result, scene)
+    assert thing.data.shape_keys is None
+    assert not thing.modifiers
+    assert worst_mm(thing, result.mesh) <= 1e-4
+
+
+@pytest.mark.parametrize(("goal", "left"), [({"reduction": 0.75}, 576), ({"target_faces": 400}, 400)])
+def test_decimate_stays_live_and_meets_the_goal(scene, torus, goal, left):
+    thing = add_reconstruction(torus(simplifier="decimate", **goal), scene)
+    assert [modifier.type for modifier in thing.modifiers] == ["DECIMATE"]
+    assert len(thing.data.polygons) == 2304
+    assert abs(len(evaluated_triangles(thing).faces) - left) <= 2
+    assert alpha_key(thing).value == 0.5
+
+
+def test_an_update_keeps_place_transform_materials_and_modifiers(scene, torus):
+    thing = add_reconstruction(torus(centre_mm=np.array([10.0, 20.0, 30.0])), scene)
+    thing.modifiers.new("Mine", "TRIANGULATE")
+    material, where = thing.data.materials[0], thing.location.copy()
+    result = torus(centre_mm=np.array([14.0, 25.0, 36.0]), rings=30)
+    update_reconstruction(thing, result)
+    assert thing.location == where
+    assert thing.data.materials[0] == material
+    assert [modifier.name for modifier in thing.modifiers] == ["Mine"]
+    assert worst_mm(thing, result.mesh) <= 1e-4
+    assert [len(bpy.data.meshes), len(bpy.data.shape_keys)] == [1, 1]
+    assert thing.data.name == "torus"
+
+
+def test_an_update_of_a_moved_object_leaves_it_moved(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    thing.location.x += 1.0
+    result = torus(rings=30)
+    update_reconstruction(thing, result)
+    moved_mm = evaluated_triangles(thing).vertices.astype(np.float64) - result.mesh.vertices
+    assert np.abs(moved_mm - (100, 0, 0)).max() < 1e-3
+
+
+def test_a_key_moved_by_hand_stays_and_an_untouched_one_follows_the_settings(scene, torus):
+    thing = add_reconstruction(torus(alpha=0.5), scene)
+    update_reconstruction(thing, torus(alpha=0.9))
+    assert alpha_key(thing).value == pytest.approx(0.9)
+    alpha_key(thing).value = 0.2
+    update_reconstruction(thing, torus(alpha=0.4, rings=30))
+    assert alpha_key(thing).value == pytest.approx(0.2)
+
+
+def test_the_keys_animation_survives_an_update(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        alpha_key(thing).value = value
+        alpha_key(thing).keyframe_insert("value", frame=frame)
+    result = torus(rings=30)
+    update_reconstruction(thing, result)
+    for frame, alpha in ((1, 0.0), (11, 1.0)):
+        scene.frame_set(frame)
+        assert alpha_key(thing).value == alpha
+        assert worst_mm(thing, result.surface.at(alpha)) <= 1e-4
+
+
+def test_the_keys_driver_survives_an_update(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    driver = alpha_key(thing).driver_add("value").driver
+    driver.type = "SCRIPTED"
+    driver.expression = "0.75"
+    result = torus(rings=30)
+    update_reconstruction(thing, result)
+    assert worst_mm(thing, result.surface.at(0.75)) <= 1e-4
+
+
+def test_our_decimate_follows_the_settings_unless_moved_by_hand(scene, torus):
+    thing = add_reconstruction(torus(simplifier="decimate", reduction=0.5), scene)
+    update_reconstruction(thing, torus(simplifier="decimate", reduction=0.9))
+    assert thing.modifiers[0].ratio == pytest.approx(0.1)
+    thing.modifiers[0].ratio = 0.33
+    update_reconstruction(thing, torus(simplifier="decimate", reduction=0.8))
+    assert thing.modifiers[0].ratio == pytest.approx(0.33)
+    update_reconstruction(thing, torus())
+    assert not thing.modifiers
+
+
+def test_a_shared_mesh_is_left_to_the_other_object(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    other = thing.copy()
+    scene.collection.objects.link(other)
+    update_reconstruction(thing, torus(rings=30))
+    assert len(other.data.polygons) == 2304
+    assert len(thing.data.polygons) == 1440
+
+
+def test_an_object_in_edit_mode_or_of_another_kind_is_refused(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    with bpy.context.temp_override(active_object=thing, object=thing):
+        bpy.context.view_layer.objects.active = thing
+        bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(MeshError, match="edit mode"):
+        update_reconstruction(thing, torus())
+    bpy.ops.object.mode_set(mode="OBJECT")
+    stranger = bpy.data.objects.new("cube", bpy.data.meshes.new("cube"))
+    with pytest.raises(MeshError, match="not made by CTMC"):
+        update_reconstruction(stranger, torus())
+
+
+def test_an_object_that_blender_does_not_evaluate_is_refused(scene, torus):
+    thing = add_reconstruction(torus(), scene)
+    thing.hide_set(True)
+    assert len(evaluated_triangles(thing).faces) == 2304
+    thing.hide_viewport = True
+    with pytest.raises(MeshError, match="monitor icon"):
+        evaluated_triangles(thing)
+    scene.collection.objects.unlink(thing)
+    with pytest.raises(MeshError, match="no scene"):
+        evaluated_triangles(thing)
+
+
+def test_made_final_it_is_a_plain_mesh_in_the_same_shape(scene, torus):
+    thing = add_reconstruction(torus(simplifier="decimate", reduction=0.75, alpha=0.7), scene)
+    before, material = evaluated_triangles(thing), thing.data.materials[0]
+    make_final(thing)
+    after = evaluated_triangles(thing)
+    assert thing.data.shape_keys is None
+    assert not thing.modifiers
+    assert thing.data.materials[0] == material
+    assert len(thing.data.polygons) == len(before.faces)
+    assert (after.faces == before.faces).all()
+    assert np.abs(after.vertices - before.vertices).max() <= 1e-4
+    assert len(bpy.data.meshes) == 1
+
+
+def test_larger_polygons_are_read_as_triangles(scene):
+    mesh = bpy.data.meshes.new("square")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
+    thing = bpy.data.objects.new("square", mesh)
+    scene.collection.objects.link(thing)
+    seen = evaluated_triangles(thing)
+    assert len(seen.faces) == 2
+    assert seen.area == pytest.approx(100.0**2)

@@ -1,0 +1,279 @@
+"""Files that leave Blender: where their vertices are, what else is in them, and what happens to a full disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import struct
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ctmc_addon.blender import SUFFIXES, add_reconstruction, evaluated_triangles, export
+from ctmc_addon.blender.surface import mesh_data as meshes
+from ctmc_addon.core.errors import MeshError, OutputError
+from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+
+MESHES = (".stl", ".ply", ".obj", ".glb")
+SAME_EVERYWHERE = {".stl": "369fa5abf69e", ".ply": "e960bd946aa2", ".obj": "033d5b62cbf4"}
+
+
+@pytest.fixture
+def thing(scene, torus):
+    return add_reconstruction(torus(alpha=0.7, name="leber ü"), scene)
+
+
+def read_stl(path):
+    """Corners (F, 3, 3) and normals (F, 3) of a binary STL."""
+    raw = path.read_bytes()
+    (count,) = struct.unpack_from("<I", raw, 80)
+    assert len(raw) == 84 + 50 * count
+    rows = np.frombuffer(raw, [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")], count, 84)
+    return rows["v"], rows["n"]
+
+
+def read_ply(path):
+    """Vertices (V, 3) and faces (F, 3) of a binary PLY."""
+    head, raw = path.read_bytes().split(b"end_header\n", 1)
+    words = [line.split() for line in head.decode().splitlines()]
+    vertices, faces = (int(line[2]) for line in words if line[0] == "element")
+    assert [line[2] for line in words if line[0] == "property" and line[1] == "float"] == ["x", "y", "z"]
+    points = np.frombuffer(raw, "<f4", 3 * vertices).reshape(-1, 3)
+    rows = np.frombuffer(raw, [("n", "u1"), ("v", "<u4", 3)], faces, points.nbytes)
+    assert (rows["n"] == 3).all()
+    return points, rows["v"]
+
+
+def read_obj(path):
+    """Vertices (V, 3) and faces (F, 3) of an OBJ."""
+    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+    points = np.array([line[1:] for line in lines if line[0] == "v"], np.float64)
+    faces = np.array([[corner.partition("/")[0] for corner in line[1:]] for line in lines if line[0] == "f"], int)
+    return points, faces - 1
+
+
+def read_glb(path):
+    """The JSON of a GLB, and its accessors as arrays."""
+    raw = path.read_bytes()
+    assert struct.unpack_from("<4sII", raw) == (b"glTF", 2, len(raw))
+    (length,) = struct.unpack_from("<I", raw, 12)
+    tree, binary = json.loads(raw[20 : 20 + length]), raw[28 + length :]
+    kinds = {5126: ("<f4", 4), 5123: ("<u2", 2), 5125: ("<u4", 4)}
+    arrays = []
+    for accessor in tree["accessors"]:
+        kind, _ = kinds[accessor["componentType"]]
+        width = {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
+        start = tree["bufferViews"][accessor["bufferView"]]["byteOffset"]
+        arrays.append(np.frombuffer(binary, kind, accessor["count"] * width, start).reshape(-1, width))
+    return tree, arrays
+
+
+def test_an_stl_holds_the_evaluated_surface_in_ras_millimetres(thing, torus, tmp_path):
+    export(thing, tmp_path / "a.stl")
+    corners, normals = read_stl(tmp_path / "a.stl")
+    mesh = torus(alpha=0.7).mesh
+    assert np.abs(corners - mesh.vertices[mesh.faces].astype(np.float64)).max() <= 1e-4
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert ((outward * normals).sum(axis=1) > 0).all()
+    assert len(np.unique(corners.reshape(-1, 3), axis=0)) == len(mesh.vertices)
+
+
+def test_ply_and_obj_keep_vertices_and_faces(thing, torus, tmp_path):
+    mesh = torus(alpha=0.7).mesh
+    for read, name, tolerance in ((read_ply, "a.ply", 1e-4), (read_obj, "a.obj", 1e-4)):
+        export(thing, tmp_path / name)
+        points, faces = read(tmp_path / name)
+        assert (faces == mesh.faces).all()
+        assert np.abs(points - mesh.vertices.astype(np.float64)).max() <= tolerance
+
+
+def test_lps_turns_x_and_y_round_and_nothing_inside_out(thing, torus, tmp_path):
+    export(thing, tmp_path / "a.stl", space="lps")
+    corners, _ = read_stl(tmp_path / "a.stl")
+    mesh = torus(alpha=0.7).mesh
+    assert np.abs(corners - mesh.vertices[mesh.faces].astype(np.float64) * (-1, -1, 1)).max() <= 1e-4
+    centre = corners.reshape(-1, 3).mean(axis=0)
+    assert ((corners[:, 0] - centre) * np.cross(corners[:, 1] - centre, corners[:, 2] - centre)).sum() > 0
+
+
+def test_a_mirrored_object_is_not_exported_inside_out(thing, tmp_path):
+    thing.scale.x = -1.0
+    export(thing, tmp_path / "a.stl")
+    corners = read_stl(tmp_path / "a.stl")[0].astype(np.float64)
+    centre = corners.reshape(-1, 3).mean(axis=0)
+    corners -= centre
+    assert (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() > 0
+
+
+def test_a_glb_is_in_metres_with_y_up_and_no_morph_target(thing, torus, tmp_path):
+    export(thing, tmp_path / "a.glb")
+    tree, arrays = read_glb(tmp_path / "a.glb")
+    (primitive,) = tree["meshes"][0]["primitives"]
+    assert "targets" not in primitive
+    assert "animations" not in tree
+    mesh = torus(alpha=0.7).mesh
+    points = arrays[primitive["attributes"]["POSITION"]].astype(np.float64)
+    corners = points[arrays[primitive["indices"]].ravel()] * 1000
+    expected = mesh.vertices[mesh.faces].reshape(-1, 3)[:, (0, 2, 1)] * (1, 1, -1)
+    assert np.abs(corners - expected).max() <= 2e-4
+    (node,) = tree["nodes"]
+    assert node["name"] == "leber ü"
+    assert not {"translation", "rotation", "scale", "matrix"} & set(node)
+    normals = arrays[primitive["attributes"]["NORMAL"]][arrays[primitive["indices"]].ravel()]
+    gradient = torus().surface.normals[mesh.faces].reshape(-1, 3)[:, (0, 2, 1)] * (1, 1, -1)
+    assert (normals * gradient).sum(axis=1).min() > np.cos(np.radians(0.5))
+
+
+@pytest.mark.skipif(not meshes.FREE_NORMALS, reason="before Blender 4.5 every corner has a normal of its own")
+def test_a_glb_shares_its_vertices(thing, torus, tmp_path):
+    export(thing, tmp_path / "a.glb")
+    tree, arrays = read_glb(tmp_path / "a.glb")
+    assert len(arrays[tree["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]) == len(torus().mesh.vertices)
+
+
+@pytest.mark.parametrize("suffix", MESHES)
+def test_the_same_surface_gives_the_same_bytes(torus, tmp_path, suffix):
+    for run in "ab":
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        export(add_reconstruction(torus(), bpy.context.scene), tmp_path / f"{run}{suffix}")
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize(("suffix", "head"), [(".stl", 0), (".ply", 3), (".obj", 1)])
+def test_every_blender_gives_the_same_bytes_but_for_its_name(torus, scene, tmp_path, suffix, head):
+    # On whole numbers, so that no other machine's sine can differ in the last digit.
+    result = torus(normals="mesh", alpha=1.0)
+    rounded = TriangleMesh(np.round(result.mesh.vertices), result.mesh.faces)
+    export(add_reconstruction(replace(result, mesh=rounded, surface=None), scene), tmp_path / f"a{suffix}")
+    lines = (tmp_path / f"a{suffix}").read_bytes().split(b"\n", head)
+    assert hashlib.sha256(lines[-1]).hexdigest()[:12] == SAME_EVERYWHERE[suffix]
+    assert all(b"Blender" in line or line.startswith((b"ply", b"format")) for line in lines[:-1])
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_nothing_in_the_file_tells_of_folders(thing, tmp_path, suffix):
+    bpy.context.scene.render.filepath = str(tmp_path / "render")
+    export(thing, tmp_path / f"a{suffix}")
+    written = (tmp_path / f"a{suffix}").read_bytes()
+    for secret in (str(tmp_path), os.path.expanduser("~") + "/", ".ctmc-"):  # noqa: PTH111
+        assert secret.encode() not in written
+    assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_export_leaves_the_file_as_it_was(thing, scene, tmp_path, suffix):
+    names = ("scenes", "objects", "meshes", "materials", "worlds", "cameras", "lights", "collections", "shape_keys")
+
+    def state():
+        blocks = {name: sorted(block.name for block in getattr(bpy.data, name)) for name in names}
+        key = thing.data.shape_keys.key_blocks["alpha"].value
+        return blocks, thing.name, tuple(thing.location), key, scene.camera, scene.render.engine, bpy.context.scene
+
+    before = state()
+    export(thing, tmp_path / f"a{suffix}")
+    assert state() == before
+
+
+def test_a_blend_opens_with_object_material_and_camera(thing, tmp_path):
+    before = evaluated_triangles(thing)
+    stranger = bpy.data.objects.new("stranger", None)
+    bpy.context.scene.collection.objects.link(stranger)
+    export(thing, tmp_path / "tumour ü.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "tumour ü.blend"))
+    scene = bpy.context.scene
+    assert len(bpy.data.scenes) == 1
+    assert sorted(one.name for one in scene.objects) == ["CTMC Camera", "CTMC Light", "leber ü"]
+    assert scene.camera.name == "CTMC Camera"
+    assert not bpy.data.libraries
+    # Blender's rulers show the torus's 80 mm.
+    metres = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length
+    assert metres == pytest.approx(0.08, rel=0.02)
+    opened = bpy.context.view_layer.objects.active
+    assert opened.name == "leber ü"
+    assert opened.data.materials[0].name == "leber ü"
+    assert opened.data.shape_keys.key_blocks["alpha"].value == pytest.approx(0.7)
+    assert (evaluated_triangles(opened).vertices == before.vertices).all()
+
+
+def test_the_camera_of_a_blend_sees_the_whole_surface(thing, tmp_path):
+    from bpy_extras.object_utils import world_to_camera_view
+
+    export(thing, tmp_path / "a.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    scene = bpy.context.scene
+    surface, camera = scene.objects["leber ü"], scene.camera
+    seen = np.array(
+        [world_to_camera_view(scene, camera, surface.matrix_world @ vertex.co)[:] for vertex in surface.data.vertices]
+    )
+    assert (seen[:, :2] > 0.02).all()
+    assert (seen[:, :2] < 0.98).all()
+    assert max(np.ptp(seen[:, 0]), np.ptp(seen[:, 1])) > 0.8
+    assert seen[:, 2].min() > camera.data.clip_start
+    assert seen[:, 2].max() < camera.data.clip_end
+
+
+def test_an_unknown_suffix_names_the_known_ones(thing, tmp_path):
+    with pytest.raises(OutputError, match=r"a\.xyz.*\.stl, \.ply, \.obj, \.glb, \.blend"):
+        export(thing, tmp_path / "a.xyz")
+    with pytest.raises(OutputError, match=r"^an empty name has no known suffix"):
+        export(thing, "")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_missing_folder_is_said(thing, tmp_path, suffix):
+    with pytest.raises(OutputError, match="does not exist"):
+        export(thing, tmp_path / "nowhere" / f"a{suffix}")
+
+
+def test_a_file_in_place_of_the_folder_is_said(thing, tmp_path):
+    (tmp_path / "folder").write_bytes(b"")
+    with pytest.raises(OutputError, match="the folder is a file"):
+        export(thing, tmp_path / "folder" / "a.stl")
+
+
+def test_a_folder_in_the_way_is_said_and_nothing_left(thing, tmp_path):
+    (tmp_path / "a.stl").mkdir()
+    with pytest.raises(OutputError, match=r"a\.stl"):
+        export(thing, tmp_path / "a.stl")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.stl"]
+
+
+@contextmanager
+def disk_that_takes(size):
+    """Files may grow to `size` bytes: writing more fails as on a full disk."""
+    resource = pytest.importorskip("resource", reason="only Unix limits the size of files")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("size", [0, 10_000])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_leaves_the_older_file_and_nothing_half_written(thing, tmp_path, suffix, size):
+    target = tmp_path / f"a{suffix}"
+    target.write_bytes(b"older")
+    with disk_that_takes(size), pytest.raises(OutputError, match=target.name):
+        export(thing, target)
+    assert [path.name for path in tmp_path.iterdir()] == [target.name]
+    assert target.read_bytes() == b"older"
+    assert thing.name == "leber ü"
+    assert len(bpy.data.scenes) == 1
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_surface_in_edit_mode_is_refused_before_anything_is_written(thing, tmp_path, suffix):
+    bpy.context.view_layer.objects.active = thing
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(MeshError, match="edit mode; leave it first"):
+        export(thing, tmp_path / f"surface{suffix}")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,346 @@
+import csv
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctmc_addon import core, readers
+from ctmc_addon.cli import main
+from ctmc_addon.cli.batch import process as batch_process
+from ctmc_addon.cli.batch.case import THUMBNAIL
+from ctmc_addon.cli.batch.command import FORMATS
+from ctmc_addon.cli.batch.lock import folder_of_one_batch
+from ctmc_addon.cli.batch.process import run_here
+
+ROOT = Path(__file__).resolve().parents[3]
+COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]
+FLAGS = ["--threshold", "50", "--spacing", "0.5"]
+
+
+def ball(radius, size=20):
+    z, y, x = np.ogrid[:size, :size, :size]
+    away = np.sqrt(sum((axis - (size - 1) / 2) ** 2 for axis in (z, y, x)))
+    return (50 + 20 * (radius - away)).clip(0, 200).astype(np.uint8)  # the radius in voxels is where it is 50
+
+
+def wait_until(condition, seconds=90):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come about"
+        time.sleep(0.05)
+
+
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text("utf-8"))
+
+
+def states(folder):
+    return {row["case"]: row["status"] for row in summary(folder)}
+
+
+def whole(folder):
+    """Whether every file is complete: an STL as long as it says, a JSON that can be read."""
+    for path in folder.rglob("*.stl"):
+        content = path.read_bytes()
+        assert len(content) == 84 + 50 * struct.unpack_from("<I", content, 80)[0], path
+    for path in folder.rglob("*.json"):
+        json.loads(path.read_text("utf-8"))
+    return True
+
+
+def written_at(folder):
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.json") if path.name != "summary.json"}
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("Fälle 病例")
+    for name, radius in (("large", 7), ("small", 4)):
+        np.save(folder / f"{name}.npy", ball(radius))
+    (folder / "broken.npy").write_bytes((folder / "large.npy").read_bytes()[:4000])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(scene, cases, tmp_path_factory):
+    """A batch of three cases, one of them broken; the output's parents are not there."""
+    folder = tmp_path_factory.mktemp("out") / "a" / "b"
+    assert main(["batch", str(cases), "-o", str(folder), *FLAGS, "--simplify", "0.5"]) == 1
+    return folder
+
+
+def test_the_summary_has_a_row_for_every_case(done):
+    rows = summary(done)
+    assert [list(row) for row in rows] == [COLUMNS] * 3
+    assert [(row["case"], row["status"]) for row in rows] == [
+        ("broken", "failed"),
+        ("large", "done"),
+        ("small", "done"),
+    ]
+    broken, large, small = rows
+    assert (broken["faces"], broken["volume_mm3"]) == (None, None)
+    assert "broken.npy" in broken["error"]
+    assert large["error"] is small["error"] is None
+    assert large["volume_mm3"] == pytest.approx(4 / 3 * np.pi * (7 * 0.5) ** 3, rel=0.05)
+    assert all(row["seconds"] > 0 for row in rows)
+    with (done / "summary.csv").open(encoding="utf-8", newline="") as stream:
+        table = list(csv.reader(stream))
+    assert table == [COLUMNS, *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]
+
+
+def test_each_case_leaves_surface_and_json_and_nothing_else(done):
+    there = {path.relative_to(done).as_posix() for path in done.rglob("*") if path.is_file()}
+    assert there == {
+        "large.stl", "large.json", "small.stl", "small.json", "broken.json", "thumbnails/large.png",
+        "thumbnails/small.png", "summary.csv", "summary.json", "summary.html",
+    }  # fmt: skip
+    assert whole(done)
+    assert [path.name for path in done.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_cases_mesh_is_the_one_that_python_makes(done, cases):
+    settings = core.ReconstructionSettings(threshold=50, reduction=0.5)
+    expected = core.reconstruct(readers.read_volume(cases / "small.npy", spacing=0.5), settings).mesh
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    corners = np.frombuffer((done / "small.stl").read_bytes(), triangle, offset=84)["corners"]
+    np.testing.assert_allclose(corners, expected.vertices[expected.faces], atol=1e-3)
+    record = json.loads((done / "small.json").read_text("utf-8"))
+    assert record["faces"] == len(corners)
+    assert record["settings"] == settings.to_dict()
+    assert record["version"]
+    assert re.fullmatch("[0-9a-f]{32}", record["fingerprint"])
+
+
+def test_an_error_gives_a_json_with_its_sentence(done):
+    record = json.loads((done / "broken.json").read_text("utf-8"))
+    assert record["status"] == "failed"
+    assert record["error"] == summary(done)[0]["error"]
+    assert len(record["error"].splitlines()) == 1
+    assert record["faces"] is None
+
+
+def test_no_output_names_a_folder_of_this_machine(done, cases):
+    for path in done.glob("*.*"):
+        content = path.read_bytes()
+        for folder in (str(cases), str(done), str(Path.home())):
+            assert folder.encode() not in content, path.name
+
+
+def test_the_page_shows_a_thumbnail_of_every_surface_and_every_error(done):
+    page = (done / "summary.html").read_text("utf-8")
+    assert page.count("data:image/png;base64,") == 2
+    assert "3 cases: 2 done, 1 failed" in page
+    assert "broken.npy" in page
+    assert "http-equiv" not in page  # it is over, and needs no looking again
+    assert not re.search(r'(src|href)="(?!data:)', page)
+
+
+def test_a_thumbnail_shows_the_form_and_no_triangles(done):
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    with image.open(done / "thumbnails" / "large.png") as picture:
+        assert picture.size == THUMBNAIL
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    filled = (pixels < 235).any(axis=1)
+    assert 0.3 < filled.mean() < 0.8  # a ball as high as the picture, a little margin around it
+    assert (pixels[filled].max(axis=1) - pixels[filled].min(axis=1)).max() < 110  # bone, where edges would be yellow
+
+
+def test_a_folder_in_use_is_refused_without_resume_or_overwrite(refused, done, cases):
+    before = written_at(done)
+    sentence = refused("batch", cases, "-o", done, *FLAGS)
+    assert "is not empty" in sentence
+    assert "--resume" in sentence
+    assert "--overwrite" in sentence
+    assert written_at(done) == before
+
+
+def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done, cases):
+    before = written_at(done)
+    (cases / "broken.npy").write_bytes((cases / "large.npy").read_bytes())
+    np.save(cases / "small.npy", ball(5))  # as long as the old one
+    outcome = ctmc("batch", cases, "-o", done, *FLAGS, "--simplify", "0.5", "--resume", "--no-thumbnails")
+    assert outcome.code == 0, outcome.errors
+    assert "1 done before" in outcome.out
+    after = written_at(done)
+    assert {name for name in after if after[name] != before[name]} == {"broken.json", "small.json"}
+    assert states(done) == {"broken": "done", "large": "done", "small": "done"}
+    assert whole(done)
+    again = ctmc("batch", cases, "-o", done, *FLAGS, "--simplify", "0.5", "--resume")
+    assert (again.code, written_at(done)) == (0, after)
+    assert "at once" not in again.out  # there is nothing to say of how what is not done is done
+
+
+@pytest.mark.usefixtures("scene")
+def test_several_labels_come_from_one_reading_and_fail_one_by_one(ctmc, phantom_folder, tmp_path):
+    words = ["-o", tmp_path, "--label", "1", "2", "9", "--close-border", "--output-format", "ply"]
+    outcome = ctmc("batch", phantom_folder, *words)
+    assert outcome.code == 1
+    assert outcome.errors == ["ctmc: 1 of 3 cases failed: volume-4-label-9"]
+    assert "label 9 is empty here; the labels are 1, 2" in outcome.out
+    liver, tumour, none = summary(tmp_path)
+    assert [row["case"] for row in (liver, tumour, none)] == [f"volume-4-label-{label}" for label in (1, 2, 9)]
+    assert liver["volume_mm3"] > tumour["volume_mm3"] > 0
+    assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]
+
+
+def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_path):
+    np.save(tmp_path / "open.npy", ball(14))  # reaches over the border
+    out = tmp_path / "out"
+    assert ctmc("batch", tmp_path / "open.npy", "-o", out, *FLAGS, "--no-thumbnails").code == 0
+    [row] = summary(out)
+    assert (row["status"], row["volume_mm3"]) == ("done", None)
+    assert row["faces"] > 0
+    record = json.loads((out / "open.json").read_text("utf-8"))
+    assert (record["closed"], record["volume_mm3"]) == (False, None)
+    assert f"open,done,{row['faces']},," in (out / "summary.csv").read_text("utf-8")
+    assert f"<td>{row['faces']}</td><td>-</td>" in (out / "summary.html").read_text("utf-8")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
+def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
+    for number in range(3):
+        np.save(tmp_path / f"c{number}.npy", ball(4 + number))
+    out = tmp_path / "out"
+    words = ["batch", str(tmp_path / "c*.npy"), "-o", str(out), *FLAGS, "--jobs", "1", "--no-thumbnails"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ctmc_addon", *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        wait_until(
+            lambda: (out / "summary.json").exists() and list(states(out).values()) == ["done", "running", "waiting"]
+        )
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    # The case that ran notices, and takes its own leavings with it.
+    wait_until(lambda: not any((out / ".ctmc-unfinished").iterdir()))
+    assert whole(out)
+    before = written_at(out)
+    assert list(before) == ["c0.json"]
+    assert ctmc(*words, "--resume").code == 0
+    assert set(states(out).values()) == {"done"}
+    assert written_at(out)["c0.json"] == before["c0.json"]
+    assert not (out / ".ctmc-unfinished").exists()
+
+
+def plain_task(folder, name):
+    return {
+        "case": name, "input": str(folder / "in.npy"), "folder": str(folder), "version": "0", "threads": 1,
+        "outputs": [{"name": name, "settings": {}}], "reading": {}, "format": ".stl", "space": "ras",
+        "thumbnails": False,
+    }  # fmt: skip
+
+
+def in_place_of_a_case(monkeypatch, script):
+    monkeypatch.setattr(batch_process, "command", lambda: [sys.executable, "-c", script])
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (SIGKILL); perhaps memory ran out"),
+        ("import os; os.abort()", "signal 6 (SIGABRT)"),
+        ("import sys; sys.exit(3)", "exit code 3: it said nothing"),
+        ("raise ValueError('in /some/where/x.py')", "exit code 1: ValueError: in x.py"),
+        ("", "exit code 0"),
+    ],
+)
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to end a process by")
+def test_a_crash_takes_nothing_with_it_but_its_case(tmp_path, monkeypatch, script, words):
+    in_place_of_a_case(monkeypatch, script)
+    tasks = [plain_task(tmp_path, name) for name in ("a", "b")]
+    events = [event for event in run_here(tasks, 2, [0, 0], None) if event]
+    assert sorted((event.task["case"], event.status) for event in events) == [
+        (case, status) for case in "ab" for status in ("ended", "running")
+    ]
+    record = json.loads((tmp_path / "a.json").read_text("utf-8"))
+    assert words in record["error"]
+    assert record["status"] == "failed"
+    assert ("traceback" in record) == ("ValueError" in script)
+
+
+def most_at_once(tmp_path, jobs, needs, limit):
+    tasks = [plain_task(tmp_path, f"c{number}") for number in range(len(needs))]
+    running = most = 0
+    for event in run_here(tasks, jobs, needs, limit):
+        if event:
+            running += 1 if event.status == "running" else -1
+            most = max(most, running)
+    return most
+
+
+def test_cases_at_once_are_limited_by_jobs_and_memory(tmp_path, monkeypatch):
+    in_place_of_a_case(monkeypatch, "import sys; sys.stdin.readline(); import time; time.sleep(0.3)")
+    assert most_at_once(tmp_path, 3, [10] * 4, None) == 3
+    assert most_at_once(tmp_path, 3, [10] * 4, 20) == 2
+    assert most_at_once(tmp_path, 3, [30, 30], 20) == 1  # larger than the limit: alone
+
+
+def test_stopping_ends_every_process(tmp_path, monkeypatch):
+    in_place_of_a_case(monkeypatch, "import sys; sys.stdin.read()")
+    events = run_here([plain_task(tmp_path, name) for name in ("a", "b")], 2, [0, 0], None)
+    assert [next(events).status for _ in range(2)] == ["running", "running"]
+    events.close()  # waits for both: they leave at the end of their standard input
+    assert list(tmp_path.glob("*.json")) == []
+
+
+def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, scene, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    in_place_of_a_case(monkeypatch, "import sys; sys.stdin.read()")
+    monkeypatch.setattr(batch_process.CaseProcess, "ended", interrupted)
+    outcome = ctmc("batch", cases, "-o", tmp_path, *FLAGS)
+    assert (outcome.code, outcome.errors) == (130, [])
+    assert set(states(tmp_path).values()) == {"waiting"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.html", "summary.json"]
+
+
+def test_two_batches_do_not_share_a_folder(refused, cases, scene, tmp_path):
+    with folder_of_one_batch(tmp_path):
+        assert "another batch is writing to" in refused("batch", cases, "-o", tmp_path, *FLAGS)
+    with folder_of_one_batch(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_formats_are_those_that_blender_writes(scene):
+    assert tuple(f".{end}" for end in FORMATS) == tuple(scene.SUFFIXES)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--jobs", "0"], "--jobs must be 1 or more, not 0"),
+        (["--threads", "0"], "--threads must be 1 or more"),
+        (["--alpha", "2"], "alpha must be from 0 to 1"),
+        (["--spacing", "0"], "above 0 mm"),
+        (["--settings", "none.toml"], "none.toml cannot be read"),
+        (["--scheduler", "nonsense"], "'nonsense' is no scheduler's address"),
+    ],
+)
+def test_bad_flags_are_refused_before_anything_is_made(refused, cases, scene, tmp_path, flags, words):
+    if "--scheduler" in flags:
+        pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    assert words in refused("batch", cases, "-o", tmp_path / "out", *flags)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [[], ["x"], ["x", "-o", "y", "--resume", "--overwrite"]], ids=str)
+def test_wrong_usage_has_exit_code_2(ctmc, words):
+    assert ctmc("batch", *words).code == 2
+
+
+def test_the_inner_command_is_not_for_people():
+    command = [sys.executable, "-m", "ctmc_addon", "batch-case"]
+    done = subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "is for `ctmc batch`" in done.stderr

@@ -1,0 +1,324 @@
+import errno
+import json
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctmc_addon import core, readers
+from ctmc_addon.core.pipeline import Reconstruction
+
+ROOT = Path(__file__).resolve().parents[3]
+pytestmark = pytest.mark.usefixtures("scene")
+
+
+def stl_triangles(path):
+    content = path.read_bytes()
+    (count,) = struct.unpack_from("<I", content, 80)
+    assert len(content) == 84 + 50 * count
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    return np.frombuffer(content, triangle, count, 84)["corners"]
+
+
+def files_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_label_becomes_the_mesh_that_python_makes(ctmc, phantom_folder, tmp_path):
+    out, report = tmp_path / "tumour.stl", tmp_path / "report.json"
+    flags = ["--label", "2", "--stride", "2", "2", "1", "--alpha", "0.5", "--soften", "4", "--simplify", "0.5"]
+    outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", out, *flags, "--report", report)
+    assert outcome.code == 0, outcome.errors
+    assert outcome.errors == []
+    volume = readers.read_volume(phantom_folder / "segmentation-4.nii.gz")
+    settings = core.ReconstructionSettings(label=2, stride=(2, 2, 1), alpha=0.5, soften_mm=4, reduction=0.5)
+    expected = core.reconstruct(volume, settings)
+    corners = stl_triangles(out)
+    np.testing.assert_allclose(corners, expected.mesh.vertices[expected.mesh.faces], atol=1e-3)
+    said = json.loads(report.read_text("utf-8"))
+    assert said["faces"] == len(corners) == len(expected.mesh.faces)
+    assert said["volume_mm3"] == pytest.approx(expected.mesh.volume)
+    assert said["settings"] == settings.to_dict()
+    assert set(said) >= {
+        "faces", "vertices", "volume_mm3", "area_mm2", "closed", "euler", "parts", "voxels_visited", "stages",
+        "settings", "spacing_mm", "notes", "version",
+    }  # fmt: skip
+    assert next(stage["name"] for stage in said["stages"]) == "Reading"
+    assert all(stage["seconds"] >= 0 for stage in said["stages"])
+    assert str(tmp_path) not in report.read_text("utf-8")
+    assert str(phantom_folder) not in report.read_text("utf-8")
+
+
+def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
+    report = tmp_path / "report.json"
+    words = ["--threshold", "-300", "-o", tmp_path / "skin.stl", "--report", report]
+    outcome = ctmc("reconstruct", phantom_folder / "dicom", *words)
+    said = json.loads(report.read_text("utf-8"))
+    assert (said["closed"], said["volume_mm3"]) == (False, None)
+    assert "ml" not in outcome.out.split()
+    assert [line.split() for line in outcome.out.splitlines() if line.startswith("volume")] == [["volume", "-"]]
+    closed = ctmc("reconstruct", phantom_folder / "dicom", *words, "--close-border")
+    assert "ml" in closed.out.split()
+    assert json.loads(report.read_text("utf-8"))["volume_mm3"] > 1e5
+
+
+def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_path):
+    outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "liver.ply", "--label", "1")
+    assert outcome.code == 0, outcome.errors
+    assert "label 1 is taken from segmentation-4.nii.gz beside it" in outcome.out
+
+
+def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path):
+    outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.obj", "--label", "2")
+    for word in ("seconds", "Reading", "Writing .obj", "triangles", " ml (", "cm2", "Euler", "visited", "t.obj"):
+        assert word in outcome.out
+    assert "alpha does nothing" in outcome.out
+
+
+def test_without_threshold_or_label_otsu_is_used_and_said(ctmc, phantom_folder, tmp_path):
+    report = tmp_path / "skin.json"
+    outcome = ctmc("reconstruct", phantom_folder / "dicom", "-o", tmp_path / "skin.glb", "--report", report)
+    assert outcome.code == 0, outcome.errors
+    assert "Otsu" in outcome.out
+    assert -900 < json.loads(report.read_text())["threshold"] < -100
+
+
+def test_lps_mirrors_x_and_y_and_keeps_the_outside_out(ctmc, phantom_folder, tmp_path):
+    for space in ("ras", "lps"):
+        words = ["-o", tmp_path / f"{space}.stl", "--label", "2", "--space", space]
+        assert ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words).code == 0
+    ras, lps = (stl_triangles(tmp_path / f"{space}.stl").astype(float) for space in ("ras", "lps"))
+    np.testing.assert_allclose(lps, ras * [-1, -1, 1], atol=1e-4)
+    signed = (lps[:, 0] * np.cross(lps[:, 1], lps[:, 2])).sum() / 6
+    assert signed > 0
+
+
+def test_decimate_reports_what_was_written(ctmc, phantom_folder, tmp_path):
+    out, report = tmp_path / "t.stl", tmp_path / "r.json"
+    flags = ["--label", "2", "--simplifier", "decimate", "--simplify", "0.5", "--report", report]
+    assert ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", out, *flags).code == 0
+    said = json.loads(report.read_text())
+    assert said["faces"] == len(stl_triangles(out))
+    assert said["faces"] == pytest.approx(said["full_faces"] / 2, abs=4)
+
+
+def test_a_figure_is_a_picture_with_red_and_yellow(ctmc, phantom_folder, tmp_path):
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    flags = ["--label", "2", "--simplify", "0.9", "--figure", tmp_path / "f.png"]
+    outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.blend", *flags)
+    assert outcome.code == 0, outcome.errors
+    assert "Saved" not in outcome.out
+    with image.open(tmp_path / "f.png") as picture:
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    red, green, blue = pixels.T
+    assert ((red > 120) & (green < 90) & (blue < 90)).mean() > 0.02
+    assert ((red > 150) & (green > 120) & (blue < 100)).mean() > 0.002
+
+
+def test_the_scene_of_a_blend_has_a_plain_name(ctmc, phantom_folder, tmp_path):
+    import bpy
+
+    words = ("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.blend", "--label", "2")
+    assert ctmc(*words).code == 0
+    with bpy.data.libraries.load(str(tmp_path / "t.blend")) as (inside, _):
+        assert inside.scenes == ["CTMC"]
+
+
+def test_nothing_is_left_in_blender_afterwards(ctmc, phantom_folder, tmp_path):
+    import bpy
+
+    kinds = ("scenes", "objects", "meshes", "cameras", "lights")
+    before = [len(getattr(bpy.data, kind)) for kind in kinds]
+    assert (
+        ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.blend", "--label", "2").code
+        == 0
+    )
+    assert [len(getattr(bpy.data, kind)) for kind in ("scenes", "objects", "meshes", "cameras", "lights")] == before
+
+
+BAD_FLAGS = [
+    (["--threshold", "5000"], ["5000", "range -1024 to"]),
+    (["--threshold", "-5000"], ["-5000", "-1024"]),
+    (["--threshold", "nan"], ["threshold must be a finite number"]),
+    (["--stride", "0"], ["stride must be from 1 to 16, not 0"]),
+    (["--stride", "1", "1", "16"], ["16", "stride"]),
+    (["--min-part", "-1"], ["--min-part must be 0 or more, not -1"]),
+    (["--alpha", "1.5"], ["alpha must be from 0 to 1, not 1.5"]),
+    (["--simplify", "1"], ["at least 0 and below 1"]),
+    (["--simplify", "-0.5"], ["at least 0 and below 1"]),
+    (["--triangles", "2"], ["4 or more, not 2"]),
+    (["--soften", "-1"], ["from 0 to 50"]),
+    (["--spacing", "0", "1", "1"], ["spacing", "above 0"]),
+    (["--spacing", "nan"], ["spacing"]),
+    (["--flip", "q"], ["flip", "'q'"]),
+    (["--region", "500", "500", "0", "600", "600", "5"], ["region"]),
+    (["--region", "5", "5", "5", "1", "1", "1"], ["region"]),
+    (["--simplifier", "decimate", "--max-error", "1"], ["Decimate"]),
+    (["--label", "2", "--soften", "1"], []),
+    (["--label", "9"], ["9", "1, 2"]),
+    (["--min-part", "1e12"], ["no part"]),
+    (["--threads", "0"], ["threads must be 1 or more"]),
+]
+
+
+@pytest.mark.parametrize(("flags", "words"), BAD_FLAGS, ids=lambda value: " ".join(value))
+def test_bad_settings_get_one_sentence_and_leave_no_file(refused, ctmc, phantom_folder, tmp_path, flags, words):
+    volume = phantom_folder / "volume-4.nii.gz"
+    words_of_command = ["reconstruct", volume, "-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", *flags]
+    if not words:  # the control: nothing wrong with these
+        assert ctmc(*words_of_command).code == 0
+        return
+    sentence = refused(*words_of_command)
+    for word in words:
+        assert word in sentence
+    assert files_in(tmp_path) == []
+
+
+def test_a_threshold_in_hu_on_8_bit_slices_gets_a_hint(refused, phantom_folder, tmp_path):
+    sentence = refused("reconstruct", phantom_folder / "png", "-o", tmp_path / "x.stl", "--threshold", "300")
+    assert "255" in sentence
+    assert "8 bit slices" in sentence
+
+
+def test_a_label_is_not_sought_among_hounsfield_units(refused, phantom_folder, tmp_path):
+    sentence = refused("reconstruct", phantom_folder / "dicom", "-o", tmp_path / "x.stl", "--label", "2")
+    assert "holds HU" in sentence
+    assert "--threshold" in sentence
+
+
+def test_voxels_without_a_value_name_the_remedy(refused, ctmc, tmp_path):
+    values = np.zeros((6, 6, 6), np.float32)
+    values[2:4, 2:4, 2:4] = 100
+    values[0, 0, 0] = np.nan
+    np.save(tmp_path / "broken.npy", values)
+    words = ["reconstruct", tmp_path / "broken.npy", "-o", tmp_path / "x.stl", "--threshold", "50"]
+    assert "--nan-as" in refused(*words)
+    assert ctmc(*words, "--nan-as", "0").code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("x.xyz", "suffixes .stl, .ply, .obj, .glb, .blend"),
+        ("x", "suffixes .stl"),
+        ("missing/x.stl", "the folder does not exist; make it first"),
+        ("file/x.stl", "the folder is a file"),
+        ("folder.stl", "a folder has that name"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_said_before_the_work(refused, tmp_path, name, words):
+    (tmp_path / "folder.stl").mkdir()
+    (tmp_path / "file").write_text("")
+    # INPUT does not exist: had reading begun, the sentence would be about it.
+    assert words in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / name)
+    assert "an empty name needs one of the suffixes" in refused("reconstruct", tmp_path / "no input", "-o", "")
+
+
+@pytest.mark.parametrize(
+    ("flag", "name", "words"),
+    [("--report", "r.txt", ".json"), ("--figure", "f.jpg", ".png"), ("--report", "no/r.json", "does not exist")],
+)
+def test_report_and_figure_are_checked_before_the_work_too(refused, tmp_path, flag, name, words):
+    sentence = refused("reconstruct", tmp_path / "no input", "-o", tmp_path / "x.stl", flag, tmp_path / name)
+    assert words in sentence
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_read_only_folder_is_said_before_the_work(refused, tmp_path):
+    tmp_path.chmod(0o500)
+    assert "not allowed" in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / "x.stl")
+
+
+def test_a_full_disk_leaves_the_old_file_as_it_was(refused, phantom_folder, tmp_path, monkeypatch):
+    (tmp_path / "x.json").write_text("old")
+
+    def full(self, content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    words = ["-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", "--label", "2"]
+    assert "the disk is full" in refused("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words)
+    assert (tmp_path / "x.json").read_text() == "old"
+    assert files_in(tmp_path) == ["x.json"]
+
+
+def test_an_interrupt_is_quiet_and_leaves_no_file(ctmc, phantom_folder, tmp_path, monkeypatch):
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Reconstruction, "report", interrupted)
+    words = ["-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", "--label", "2"]
+    outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words)
+    assert (outcome.code, outcome.out, outcome.errors) == (130, "", [])
+    assert files_in(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["dance"],
+        ["reconstruct"],
+        ["reconstruct", "in"],
+        ["reconstruct", "in", "-o", "x.stl", "--alpha", "much"],
+        ["reconstruct", "in", "-o", "x.stl", "--stride", "1", "2"],
+        ["reconstruct", "in", "-o", "x.stl", "--threshold", "1", "--label", "2"],
+        ["reconstruct", "in", "-o", "x.stl", "--simplify", "0.5", "--triangles", "100"],
+        ["reconstruct", "in", "-o", "x.stl", "--normals", "none"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage_has_exit_code_2(ctmc, words):
+    outcome = ctmc(*words)
+    assert outcome.code == 2
+    assert outcome.errors[0].startswith("usage: ctmc")
+
+
+def test_help_and_version_have_exit_code_0(ctmc):
+    assert ctmc("--help").code == 0
+    assert ctmc("reconstruct", "--help").code == 0
+    assert ctmc("--version").out.startswith("ctmc 0.")
+
+
+def test_the_module_runs_in_a_process_of_its_own(phantom_folder, tmp_path):
+    command = [sys.executable, "-m", "ctmc_addon", "reconstruct", str(phantom_folder / "volume-4.nii.gz")]
+    command += ["--label", "2", "-o", str(tmp_path / "Lösung 結果.stl"), "--report", str(tmp_path / "r.json")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert b"triangles" in done.stdout
+    assert b"Traceback" not in done.stderr
+    said = json.loads((tmp_path / "r.json").read_text("utf-8"))
+    assert said["faces"] == len(stl_triangles(tmp_path / "Lösung 結果.stl"))
+
+
+def test_without_blender_there_is_one_sentence(tmp_path):
+    script = "import sys; sys.modules['bpy'] = None; from ctmc_addon.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", script, "reconstruct", str(tmp_path), "-o", str(tmp_path / "x.stl")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "needs Blender" in done.stderr
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("fails", ["scene.export", "scene.render_figure", "cli.reconstruct.write_json"])
+def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
+    names = ["f.png", "r.json", "t.stl"]
+    if there:
+        for name in names:
+            (tmp_path / name).write_text("older")
+
+    def full(*_args, **_options):
+        raise core.CtmcError("the disk is full")
+
+    monkeypatch.setattr(f"ctmc_addon.{fails}", full)
+    flags = ["--figure", tmp_path / "f.png", "--report", tmp_path / "r.json"]
+    outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "-o", tmp_path / "t.stl", *flags)
+    assert outcome.code == 1
+    assert outcome.errors == ["ctmc: the disk is full"]
+    assert files_in(tmp_path) == (names if there else [])
+    assert all((tmp_path / name).read_text() == "older" for name in files_in(tmp_path))

@@ -1,0 +1,103 @@
+import json
+
+import pytest
+
+from ctmc_addon.cli.arguments import overridden
+from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core.settings import described
+from ctmc_addon.reporting.settings_toml import from_toml, to_toml
+
+SETTINGS = [
+    ReconstructionSettings(),
+    ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, soften_mm=1e-7, close_border=True),
+    ReconstructionSettings(label=2, region=(-1.5, 0, 2, 30, 40.25, 50), region_unit="mm", keep_parts=3),
+    ReconstructionSettings(min_part_mm3=12.5, normals="mesh", simplifier="decimate", reduction=0.9),
+    ReconstructionSettings(max_error_mm=0.1, nan_as=-1024.0),
+]
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_what_is_written_reads_back_as_the_same_settings(settings):
+    assert ReconstructionSettings.from_dict(from_toml(to_toml(settings))) == settings
+
+
+def test_every_setting_stands_there_with_its_text_in_plain_ascii():
+    text = to_toml(ReconstructionSettings())
+    shown = " ".join(text.replace("\n#", "").split())
+    for name, about in described().items():
+        assert f"{name} = " in text
+        assert " ".join(about.text.split()[:8]) in shown
+    assert text.isascii()  # whatever a terminal's own letters are
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_a_line_without_its_comment_sign_is_a_valid_setting():
+    for line in to_toml(ReconstructionSettings()).splitlines():
+        if line.startswith("# ") and " = " in line and line[2:].split(" = ")[0] in described():
+            name, value = line[2:].split(" = ")
+            if name != "region":  # six noughts are no box
+                assert list(from_toml(f"{name} = {value}")) == [name]
+
+
+def test_settings_are_printed_and_read_back(ctmc, tmp_path):
+    flags = ["--label", "2", "--stride", "2", "2", "1", "--soften", "1.5", "--close-border"]
+    (tmp_path / "a.toml").write_text(ctmc("settings", *flags).out, "ascii")
+    again = ctmc("settings", "--settings", tmp_path / "a.toml")
+    assert again.code == 0
+    assert again.out == (tmp_path / "a.toml").read_text("ascii")
+
+
+def test_flags_win_over_the_file_and_replace_its_alternatives(ctmc, tmp_path):
+    (tmp_path / "a.toml").write_text("label = 2\nreduction = 0.5\nclose_border = true\nalpha = 0.5\n")
+    words = ["--threshold", "300", "--triangles", "100", "--no-close-border"]
+    outcome = ctmc("settings", "--settings", tmp_path / "a.toml", *words)
+    assert from_toml(outcome.out) == ReconstructionSettings(threshold=300, target_faces=100, alpha=0.5).to_dict()
+    assert overridden({"label": 1}, {"alpha": 0.5}) == {"label": 1, "alpha": 0.5}
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_file_may_come_from_any_shell(ctmc, tmp_path, coding):
+    text = to_toml(ReconstructionSettings(label=3)).replace("\n", "\r\n")
+    (tmp_path / "a.toml").write_bytes(text.encode(coding))
+    assert from_toml(ctmc("settings", "--settings", tmp_path / "a.toml").out)["label"] == 3
+
+
+@pytest.mark.usefixtures("scene")
+def test_reconstruct_takes_the_file(ctmc, phantom_folder, tmp_path):
+    (tmp_path / "a.toml").write_text("label = 2\nsoften_mm = 1\n")
+    words = ["-o", tmp_path / "a.stl", "--report", tmp_path / "a.json", "--settings", tmp_path / "a.toml"]
+    outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", *words, "--alpha", "0.5")
+    assert outcome.code == 0, outcome.errors
+    expected = ReconstructionSettings(label=2, soften_mm=1, alpha=0.5)
+    assert json.loads((tmp_path / "a.json").read_text("utf-8"))["settings"] == expected.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("alpha = x", "no TOML: Invalid value (at line 1, column 9)"),
+        ("alfa = 1", "unknown setting 'alfa'; the settings are threshold"),
+        ("alpha = 2", "alpha must be from 0 to 1, not 2"),
+        ('alpha = "1"', "alpha must be a number, not '1'"),
+        ("alpha = true", "alpha must be a number, not True"),
+        ("alpha = [1]", "alpha must be a number"),
+        ('close_border = "false"', "true or false, not 'false'"),
+        ("close_border = 1", "true or false"),
+        ("stride = [1, 2]", "takes 3 numbers"),
+        ('stride = "2"', "3 numbers in brackets"),
+        ("normals = 3", "a word in quotes"),
+        ("[alpha]\nx = 1", "alpha must be a number"),
+        ("label = 2\nthreshold = 5", "choose one"),
+    ],
+)
+def test_a_bad_file_is_named_with_what_is_wrong(refused, tmp_path, text, words):
+    (tmp_path / "bad.toml").write_text(text)
+    sentence = refused("settings", "--settings", tmp_path / "bad.toml")
+    assert "bad.toml" in sentence
+    assert words in sentence
+
+
+def test_a_missing_file_and_noise_are_said(refused, tmp_path):
+    assert "cannot be read" in refused("settings", "--settings", tmp_path / "none.toml")
+    (tmp_path / "noise.toml").write_bytes(bytes(range(128, 256)))
+    assert "is no text" in refused("settings", "--settings", tmp_path / "noise.toml")

@@ -1,0 +1,68 @@
+import io
+
+import pytest
+
+from ctmc_addon.cli.terminal import Progress, require_empty, table
+from ctmc_addon.core import Step
+from ctmc_addon.core.errors import OutputError
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def work():
+    yield Step(0.0, "Reading")
+    yield Step(0.01, "Looking")
+    yield Step(0.5, "Extracting")
+    return "done"
+
+
+def test_a_terminal_shows_one_line_that_is_wiped_at_the_end():
+    screen = Terminal()
+    with Progress(screen) as progress:
+        assert progress.drive(work()) == "done"
+    assert "\n" not in screen.getvalue()
+    assert "[###############...............] Extracting" in screen.getvalue()
+    assert screen.getvalue().endswith("\r\033[K")
+
+
+def test_a_file_gets_nothing_or_a_line_now_and_then():
+    silent, spoken = io.StringIO(), io.StringIO()
+    Progress(silent).drive(work())
+    Progress(spoken, lines=True).drive(work())
+    assert silent.getvalue() == ""
+    assert spoken.getvalue().splitlines() == ["  0%  Reading", " 50%  Extracting"]
+
+
+def test_an_interrupt_closes_the_work():
+    closed = []
+
+    def endless():
+        try:
+            while True:
+                yield Step(0.0, "Working")
+        finally:
+            closed.append(True)
+
+    class Interrupting(Progress):
+        def __call__(self, step):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Interrupting(io.StringIO()).drive(endless())
+    assert closed == [True]
+
+
+def test_columns_line_up():
+    assert table([("a", "b"), ("long", "1"), ("c", "22")]) == "a      b\nlong   1\nc     22"
+
+
+def test_a_folder_with_hidden_files_alone_is_empty(tmp_path):
+    (tmp_path / ".DS_Store").write_bytes(b"")
+    require_empty(tmp_path, "choose another")
+    require_empty(tmp_path / "not there", "choose another")
+    (tmp_path / "table.md").write_bytes(b"")
+    with pytest.raises(OutputError, match=r"is not empty \(it holds table.md\); choose another$"):
+        require_empty(tmp_path, "choose another")

@@ -1,0 +1,123 @@
+"""Collapses taken back: what remains is sound, and nothing changes where nothing is taken back."""
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import TriangleMesh, distances, finish, marching_cubes, simplify
+from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
+from ctmc_addon.core.simplification.error_check import ErrorCheck
+
+
+def bumpy():
+    """A ball with hills, about 5,000 triangles."""
+    z, y, x = (np.indices((26, 26, 26)) - 12.5) * 0.8
+    return marching_cubes(8 + np.sin(x) * np.sin(y) * np.sin(z) - np.sqrt(x * x + y * y + z * z), 0.0, normals=False)
+
+
+def ring():
+    """A torus, about 4,000 triangles."""
+    z, y, x = np.indices((12, 30, 30)) - np.array([5.5, 14.5, 14.5])[:, None, None, None]
+    return marching_cubes(4.0 - np.sqrt((np.sqrt(x * x + y * y) - 9.5) ** 2 + z * z), 0.0, normals=False)
+
+
+def sampled(mesh):
+    """Middles of all faces cut in four, and all vertices."""
+    a, b, c = mesh.vertices[mesh.faces].astype(float).transpose(1, 0, 2)
+    shares = [(1, 1, 1), (4, 1, 1), (1, 4, 1), (1, 1, 4), (1, 1, 0), (0, 1, 1), (1, 0, 1)]
+    return np.concatenate([mesh.vertices, *((i * a + j * b + k * c) / (i + j + k) for i, j, k in shares)])
+
+
+def largest_error(mesh, small):
+    return max(distances(sampled(mesh), small).max(), distances(sampled(small), mesh).max())
+
+
+def collapsed(mesh, max_error, rounds=60):
+    """A mesh in which some rounds of edges have collapsed, its bound not yet checked."""
+    work = CollapsingMesh(mesh, max_error, 0.75)
+    finish(work.prepare())
+    for _ in range(rounds):
+        finish(work.collapse(len(mesh.faces)))
+    return work
+
+
+def of_history(work):
+    work.positions, work.normals, work.faces = work.history.positions, work.history.normals, work.history.faces
+    return work.mesh()
+
+
+def test_a_history_replayed_whole_ends_where_the_collapses_did():
+    work = collapsed(bumpy(), 0.5)
+    expected = work.mesh()
+    finish(work.history.replay())
+    again = of_history(work)
+    assert again.vertices.tobytes() == expected.vertices.tobytes()
+    assert again.faces.tobytes() == expected.faces.tobytes()
+    assert not work.history.changed.any()
+
+
+@pytest.mark.parametrize("share", [0.001, 0.1, 1.0])
+@pytest.mark.parametrize("shape", [bumpy, ring])
+def test_whatever_is_left_out_the_surface_stays_closed_and_manifold(shape, share):
+    mesh = shape()
+    work = collapsed(mesh, 0.5)
+    count = sum(len(kept) for kept, *_ in work.history.rounds)
+    draw = np.random.default_rng(1)
+    for _ in range(3):
+        work.history.leave_out(draw.choice(count, max(1, round(share * count)), replace=False))
+        finish(work.history.replay())
+        again = of_history(work)
+        assert again.closed
+        assert not len(again.non_manifold_edges)
+        rows = np.sort(again.faces, axis=1)
+        assert (np.diff(rows, axis=1) > 0).all()
+        assert len(np.unique(rows, axis=0)) == len(rows)
+        assert again.euler == mesh.euler
+        assert len(again.faces) > len(mesh.faces) - 2 * count
+    if share == 1.0:
+        assert again.faces.tobytes() == mesh.faces.tobytes()
+        assert np.abs(again.vertices - mesh.vertices).max() == 0
+
+
+def test_vertices_that_nothing_was_left_out_at_keep_their_triangles():
+    work = collapsed(bumpy(), 0.5)
+    finish(work.history.replay())
+    before = {tuple(sorted(face)) for face in work.history.faces.T.tolist()}
+    work.history.leave_out(np.array([0, 100]))
+    finish(work.history.replay())
+    history = work.history
+    same = ~history.changed[history.faces].any(axis=0)
+    assert 0 < history.changed.sum() < 0.5 * len(history.changed)
+    assert all(tuple(sorted(face)) in before for face in history.faces[:, same].T.tolist())
+
+
+def checked(original, surface, limit):
+    check = ErrorCheck(limit)
+    finish(check.prepare(np.ascontiguousarray(original.vertices.T), np.ascontiguousarray(original.faces.T)))
+    finish(check.against(np.ascontiguousarray(surface.vertices.T), np.ascontiguousarray(surface.faces.T)))
+    faces = finish(check.faces_away(np.arange(len(surface.faces))))
+    return faces, finish(check.original_away(np.arange(len(original.faces))))
+
+
+def test_a_face_that_leaves_the_bound_between_its_corners_is_found():
+    """All corners lie on both surfaces; only the middles of large faces, or of a ridge, are apart."""
+    mesh = bumpy()
+    small = simplify(mesh, reduction=0.97)
+    exact = largest_error(mesh, small)
+    faces, original = checked(mesh, small, 1.01 * exact)
+    assert len(faces) + len(original) <= 2  # it may see what samples miss
+    faces, original = checked(mesh, small, 0.9 * exact)
+    assert len(faces) + len(original) > 0
+    assert len(faces) < 0.2 * len(small.faces)
+
+
+def test_the_same_surface_cut_otherwise_is_near_everywhere():
+    y, x = np.divmod(np.arange(30 * 30), 30)
+    corner = np.flatnonzero((x < 29) & (y < 29))
+    faces = np.concatenate(
+        [np.stack([corner, corner + 1, corner + 30], axis=1), np.stack([corner + 1, corner + 31, corner + 30], axis=1)]
+    )
+    flat = TriangleMesh(np.stack([x, y, 0 * x], axis=1).astype(np.float32), faces.astype(np.int32))
+    two = TriangleMesh(flat.vertices[[0, 29, 870, 899]], np.array([[0, 1, 3], [0, 3, 2]], np.int32))
+    assert [len(found) for found in checked(flat, two, 1e-3)] == [0, 0]
+    lifted = TriangleMesh(two.vertices + np.float32([0, 0, 2e-3]), two.faces)
+    assert [len(found) for found in checked(flat, lifted, 1e-3)] == [2, len(flat.faces)]

@@ -1,0 +1,85 @@
+"""The price: counts are exact, memory and remedy hold, values are prepared once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core import cost_estimate as price
+from ctmc_addon.core.cost_estimate import Prepared, price_steps, require_fits
+from ctmc_addon.core.errors import MemoryLimitError
+
+
+@pytest.fixture(scope="module")
+def volume():
+    """Waves and noise, -1000 to 1000."""
+    z, y, x = np.ogrid[:30, :40, :50]
+    waves = 600 * (np.sin(x / 3) + np.sin(y / 4) + np.sin(z / 2)) / 3
+    noise = np.random.default_rng(1).normal(0, 60, waves.shape)
+    return Volume((waves + noise).astype(np.int16), np.diag([0.7, 0.7, 2.0, 1.0]), kind="HU")
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"threshold": 100.0},
+        {"threshold": 100.0, "stride": (2, 3, 1), "close_border": True},
+        {"threshold": 50.0, "soften_mm": 1.0, "reduction": 0.5},
+        {"region": (5.0, 5.0, 5.0, 30.0, 30.0, 20.0), "topology": "trilinear"},
+    ],
+)
+def test_voxels_vertices_and_triangles_are_exact(volume, settings):
+    chosen = ReconstructionSettings(**settings)
+    found = finish(price_steps(Prepared(volume), chosen))
+    real = reconstruct(volume, chosen)
+    assert found.faces == real.full_faces
+    assert found.voxels == real.voxels_visited
+    if real.surface is not None:
+        assert found.vertices == len(real.surface.midpoints)
+
+
+def test_values_are_prepared_again_only_when_something_matters_to_them(volume, monkeypatch):
+    made = []
+    plain = price.field_steps
+    monkeypatch.setattr(price, "field_steps", lambda *args: made.append(1) or plain(*args))
+    prepared = Prepared(volume)
+    for settings in (
+        {"threshold": 100.0, "soften_mm": 1.0},
+        {"threshold": 150.0, "soften_mm": 1.0, "stride": (2, 2, 2), "alpha": 0.5, "reduction": 0.5},
+    ):
+        finish(price_steps(prepared, ReconstructionSettings(**settings)))
+    assert len(made) == 1
+    finish(price_steps(prepared, ReconstructionSettings(threshold=150.0, soften_mm=2.0)))
+    assert len(made) == 2
+
+
+def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
+    settings = ReconstructionSettings(threshold=100.0)
+    full = finish(price_steps(Prepared(volume), settings))
+    assert full.fits or full.available is not None
+    found = finish(price_steps(Prepared(volume, memory_limit=full.memory // 2), settings))
+    assert not found.fits
+    assert "GiB are available; voxel sides" in found.sentence
+    with pytest.raises(MemoryLimitError, match="would fit"):
+        require_fits(found)
+    words = found.remedy.split()
+    wider = ReconstructionSettings(threshold=100.0, stride=tuple(int(word) for word in words[2:5]))
+    assert finish(price_steps(Prepared(volume, memory_limit=full.memory // 2), wider)).fits
+
+
+def test_where_no_stride_fits_a_region_is_advised(volume):
+    found = finish(price_steps(Prepared(volume, memory_limit=1), ReconstructionSettings(threshold=100.0)))
+    assert found.remedy == "choose a smaller region"
+
+
+def test_the_next_price_is_that_of_the_last_surface(volume):
+    settings = ReconstructionSettings(threshold=100.0, reduction=0.5)
+    before = finish(price_steps(Prepared(volume), settings))
+    real = reconstruct(volume, settings)
+    work = price.Calibration(known=True)
+    work.learn(before, real, placed=1.0)
+    took = {stage.name: stage.seconds for stage in real.stages}
+    removed = real.full_faces - len(real.mesh.faces)
+    assert work.removed == pytest.approx(took["Simplifying"] / removed)
+    assert work.placed == pytest.approx(1.0 / before.faces)

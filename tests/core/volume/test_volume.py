@@ -1,0 +1,110 @@
+"""Space: affines are carried exactly, orientation is named right, broken geometry is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import Volume
+from ctmc_addon.core.errors import VolumeError
+from ctmc_addon.core.volume.volume import axis_codes, cofactors, determinant, normals_to_ras, to_index, to_ras_mm
+
+
+def random_affine(seed):
+    rng = np.random.default_rng(seed)
+    affine = np.eye(4)
+    affine[:3, :3] = rng.normal(size=(3, 3)) * [0.7, 0.7, 5.0]
+    affine[:3, 3] = rng.normal(size=3) * 200
+    return affine
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_points_move_as_the_matrix_says_and_back(seed):
+    affine = random_affine(seed)
+    points = np.random.default_rng(seed + 100).uniform(-500, 500, (50, 3))
+    moved = to_ras_mm(affine, points)
+    np.testing.assert_allclose(moved, points @ affine[:3, :3].T + affine[:3, 3], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(to_index(affine, moved), points, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_determinant_and_cofactors_are_numpys(seed):
+    affine = random_affine(seed)
+    linear = affine[:3, :3]
+    assert determinant(affine) == pytest.approx(np.linalg.det(linear))
+    np.testing.assert_allclose(cofactors(affine), np.linalg.inv(linear).T * np.linalg.det(linear), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_normals_stay_at_right_angles_to_the_surface(seed):
+    """A plane's normal must stay a normal under a sheared, mirrored affine, and on the same side."""
+    affine, rng = random_affine(seed), np.random.default_rng(seed + 7)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    inside_plane = np.linalg.svd(normal[None])[2][1:]
+    (moved,) = normals_to_ras(affine, normal[None])
+    assert np.abs(inside_plane @ affine[:3, :3].T @ moved).max() < 1e-5
+    assert np.linalg.norm(moved) == pytest.approx(1, abs=1e-6)
+    assert (affine[:3, :3] @ normal) @ moved > 0
+
+
+@pytest.mark.parametrize(("diagonal", "codes"), [((1, 1, 1), "RAS"), ((-1, -1, 1), "LPS"), ((-0.7, 0.7, -5), "LAI")])
+def test_axes_are_named_after_the_sides_they_run_towards(diagonal, codes):
+    assert axis_codes(np.diag([*diagonal, 1.0])) == codes
+
+
+def test_permuted_and_tilted_axes_are_named_right():
+    sagittal = np.array([[0, 0, 2, 0], [-1, 0, 0, 0], [0, -1, 0.3, 0], [0, 0, 0, 1.0]])
+    assert axis_codes(sagittal) == "PIR"
+
+
+def test_spacing_is_the_length_of_the_columns_even_when_tilted():
+    affine = np.array([[0.5, 0, 0, 0], [0, 0.6, 3.0, 0], [0, 0, 4.0, 0], [0, 0, 0, 1]])
+    volume = Volume(np.zeros((2, 3, 4)), affine)
+    assert volume.spacing == pytest.approx((0.5, 0.6, 5.0))
+    assert volume.size == (4, 3, 2)
+
+
+def test_values_are_seen_not_copied_and_cannot_be_written():
+    values = np.zeros((3, 4, 5), np.int16)
+    volume = Volume(values, np.eye(4))
+    assert np.shares_memory(volume.values, values)
+    with pytest.raises(ValueError, match="read-only"):
+        volume.values[0, 0, 0] = 1
+    values[0, 0, 0] = 7  # the caller's own array is still its own
+    assert volume.values[0, 0, 0] == 7
+
+
+def test_a_crop_stays_in_its_place():
+    affine = random_affine(1)
+    values = np.arange(4 * 5 * 6).reshape(4, 5, 6)
+    part = Volume(values, affine).cropped((1, 2, 1), (5, 5, 4))
+    assert part.values.shape == (3, 3, 4)
+    assert part.values[0, 0, 0] == values[1, 2, 1]
+    np.testing.assert_allclose(part.affine[:3, 3], affine[:3, :3] @ [1, 2, 1] + affine[:3, 3])
+
+
+def test_a_volume_can_be_pickled():
+    volume = Volume(np.arange(8).reshape(2, 2, 2), random_affine(0), ("a note",), "case 1", "label", {1: "liver"})
+    copy = pickle.loads(pickle.dumps(volume))
+    assert (copy.notes, copy.name, copy.kind, copy.label_names) == (("a note",), "case 1", "label", {1: "liver"})
+    assert copy.values.tobytes() == volume.values.tobytes()
+    assert not copy.values.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("values", "affine", "words"),
+    [
+        (np.zeros((4, 4)), np.eye(4), "three dimensions"),
+        (np.zeros((1, 4, 4)), np.eye(4), "at least 2 samples"),
+        (np.zeros((4, 4, 4), complex), np.eye(4), "complex128"),
+        (np.zeros((4, 4, 4)), np.eye(3), r"\(4, 4\)"),
+        (np.zeros((4, 4, 4)), np.diag([1, np.nan, 1, 1]), "NaN"),
+        (np.zeros((4, 4, 4)), np.diag([1, 0, 1, 1.0]), "singular"),
+        (np.zeros((4, 4, 4)), np.diag([1, 1, 1, 2.0]), "last row"),
+        (np.zeros((4, 4, 4)), [[1, 2, 0, 0], [2, 4, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "singular"),
+    ],
+)
+def test_what_is_no_volume_is_refused_in_one_sentence(values, affine, words):
+    with pytest.raises(VolumeError, match=words):
+        Volume(values, affine)

@@ -1,0 +1,298 @@
+"""Which files of a DICOM folder make the volume, what is left out and said, and what is refused."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pydicom
+import pytest
+from pydicom import uid
+
+from ctmc_addon.core import CtmcError
+from ctmc_addon.readers import list_series, read_volume
+
+AXIAL = (1, 0, 0, 0, 1, 0)
+
+
+def said(volume, text):
+    return any(text in note for note in volume.notes)
+
+
+def test_the_series_with_most_slices_is_read_and_the_others_are_listed(tmp_path, save_stack):
+    small = save_stack(tmp_path / "a", range(3), SeriesInstanceUID="1.9.1")
+    large = save_stack(tmp_path / "b" / "deep", range(5), (6, 6), SeriesInstanceUID="1.9.2")
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, large)
+    assert said(volume, "series 1: 3 slices of 7 x 5, CT")
+    assert not said(volume, "1.9.")
+    assert [(one.number, one.uid, one.slices, one.size, one.modality) for one in list_series(tmp_path)] == [
+        (1, "1.9.1", 3, (7, 5), "CT"),
+        (2, "1.9.2", 5, (6, 6), "CT"),
+    ]
+    for series in ("1.9.1", 1, "1"):
+        np.testing.assert_array_equal(read_volume(tmp_path, series=series).values, small)
+    with pytest.raises(CtmcError, match=r"no series '1.9.7'; choose by number from series 1: 3 slices.*series 2"):
+        read_volume(tmp_path, series="1.9.7")
+
+
+def test_scouts_and_other_sizes_are_left_out_and_said(tmp_path, save_stack, save_slice):
+    hu = save_stack(tmp_path, range(4))
+    save_slice(
+        tmp_path / "scout.dcm", np.zeros((5, 7), np.uint16), (0, 0, 50), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"]
+    )
+    save_slice(tmp_path / "large.dcm", np.zeros((9, 9), np.uint16), (0, 0, 4))
+    save_slice(tmp_path / "sagittal.dcm", np.zeros((5, 7), np.uint16), ImageOrientationPatient=[0, 1, 0, 0, 0, -1])
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu)
+    assert said(volume, "1 scout left out")
+    assert said(volume, "2 slices of another size")
+
+
+def test_mr_is_read_and_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), Modality="MR", RescaleSlope=None, RescaleIntercept=None)
+    volume = read_volume(tmp_path)
+    assert volume.kind == "grey value"
+    assert said(volume, "series is MR, not CT")
+
+
+def test_one_file_stands_for_its_series_in_its_folder(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(4))
+    save_stack(tmp_path / "other", range(9))
+    (tmp_path / "notes.txt").write_text("no slice")
+    volume = read_volume(tmp_path / "2.dcm")
+    np.testing.assert_array_equal(volume.values, hu)
+    assert volume.name == tmp_path.name
+
+
+def test_one_file_of_a_series_with_a_broken_slice_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(4))
+    (tmp_path / "3.dcm").write_bytes((tmp_path / "3.dcm").read_bytes()[:140])
+    with pytest.raises(CtmcError, match=r"3\.dcm is a truncated or damaged DICOM file \(140 bytes\)"):
+        read_volume(tmp_path / "1.dcm")
+
+
+def test_a_slice_cut_off_anywhere_is_refused_and_never_left_out(tmp_path, save_stack):
+    save_stack(tmp_path, range(4))
+    whole = (tmp_path / "3.dcm").read_bytes()
+    for size in range(132, len(whole), 6):
+        (tmp_path / "3.dcm").write_bytes(whole[:size])
+        with pytest.raises(CtmcError, match=r"3\.dcm .*truncated"):
+            read_volume(tmp_path)
+
+
+def test_a_broken_file_of_another_series_is_no_hindrance(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "ten", range(4), SeriesInstanceUID="1.5.10")
+    save_stack(tmp_path / "one", range(3), SeriesInstanceUID="1.5.1")
+    broken = tmp_path / "one" / "2.dcm"
+    broken.write_bytes(broken.read_bytes()[:-100])
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_many_series_are_listed_in_part(tmp_path, save_stack):
+    for number in range(15):
+        save_stack(tmp_path / str(number), range(2 + (number == 13)), SeriesInstanceUID=f"1.5.{number}")
+    volume = read_volume(tmp_path)
+    assert len(volume.values) == 3
+    assert said(volume, "15 series found, series 14 with the most slices was read")
+    assert said(volume, "series 12: 2 slices of 7 x 5, CT; and 3 more")
+
+
+def save_dicomdir(folder):
+    """A directory file without records, which is all that a reader who walks the folder may see of it."""
+    folder.mkdir()
+    meta = pydicom.dataset.FileMetaDataset()
+    meta.TransferSyntaxUID = uid.ExplicitVRLittleEndian
+    meta.MediaStorageSOPClassUID = uid.MediaStorageDirectoryStorage
+    meta.MediaStorageSOPInstanceUID = uid.generate_uid()
+    directory = pydicom.Dataset()
+    directory.file_meta = meta
+    directory.FileSetID, directory.DirectoryRecordSequence = "TEST", []
+    pydicom.dcmwrite(folder / "DICOMDIR", directory, enforce_file_format=True)
+    return folder
+
+
+def test_stray_files_and_a_dicomdir_do_no_harm(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "IMAGES", range(3))
+    disc = save_dicomdir(tmp_path / "disc")
+    (tmp_path / "IMAGES").rename(disc / "IMAGES")
+    (tmp_path / "disc" / "README.TXT").write_text("made for a test")
+    (tmp_path / "disc" / "AUTORUN").write_bytes(b"\x08\x00" + bytes(range(40)))
+    (tmp_path / "disc" / "empty").write_bytes(b"")
+    for path in (tmp_path / "disc", tmp_path / "disc" / "DICOMDIR"):
+        volume = read_volume(path)
+        np.testing.assert_array_equal(volume.values, hu)
+        assert volume.name == "disc"
+
+
+def test_files_without_suffix_or_preamble_are_found(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(3))
+    for file in list(tmp_path.iterdir()):
+        file.with_suffix("").write_bytes(file.read_bytes()[132:])
+        file.unlink()
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_no_patient_data_leaves_the_reader(tmp_path, save_stack):
+    save_stack(tmp_path, (0, 1, 3, 3), SeriesDescription="Muster liver")
+    save_stack(tmp_path / "x", (0, 1), SeriesInstanceUID="1.2.77")
+    volume = read_volume(tmp_path)
+    text = " ".join([*volume.notes, volume.name, *map(repr, list_series(tmp_path))])
+    assert "Muster" not in text
+    assert "4711" not in text
+    assert "1.2.3.4.5" not in " ".join(volume.notes)
+
+
+def test_a_missing_pixel_spacing_is_refused_unless_one_is_given(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), PixelSpacing=None)
+    with pytest.raises(CtmcError, match=r"no PixelSpacing.*give the spacing"):
+        read_volume(tmp_path)
+    volume = read_volume(tmp_path, spacing=(0.7, 0.6, 2))
+    assert volume.spacing == pytest.approx((0.7, 0.6, 2))
+    assert said(volume, "0.7 x 0.6 x 2 mm as asked, where the series has no PixelSpacing and 1 mm between slices")
+
+
+def test_a_pixel_spacing_of_zero_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), PixelSpacing=[0, 0])
+    with pytest.raises(CtmcError, match=r"PixelSpacing of 0 mm.*above 0 mm"):
+        read_volume(tmp_path)
+    assert said(read_volume(tmp_path, spacing=1), "1 x 1 x 1 mm as asked, where the series has a PixelSpacing of 0 mm")
+
+
+def test_slices_without_positions_are_refused(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), ImagePositionPatient=None)
+    with pytest.raises(CtmcError, match=r"none of the 3 slices.*ImagePositionPatient"):
+        read_volume(tmp_path)
+
+
+def test_one_slice_only_is_refused(tmp_path, save_stack):
+    save_stack(tmp_path, (4,))
+    with pytest.raises(CtmcError, match=r"one slice only.*at least 2 slices"):
+        read_volume(tmp_path)
+
+
+@pytest.mark.parametrize("keep", [140, 300, 0.5, 0.99])
+@pytest.mark.parametrize("compress", [None, uid.RLELossless])
+def test_a_truncated_slice_is_refused_by_name(tmp_path, save_stack, keep, compress):
+    save_stack(tmp_path, range(3), (20, 30), compress=compress)
+    file = tmp_path / "1.dcm"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: keep if keep > 1 else int(len(whole) * keep)])
+    with pytest.raises(CtmcError, match=r"1\.dcm.*(truncated|damaged).*copy it again"):
+        read_volume(tmp_path)
+
+
+def test_a_file_cut_before_it_can_be_known_as_dicom_is_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3))
+    (tmp_path / "2.dcm").write_bytes(bytes(100))
+    volume = read_volume(tmp_path)
+    assert len(volume.values) == 2
+    assert said(volume, "1 file named like DICOM left out")
+
+
+def test_noise_with_a_dicom_name_is_refused(tmp_path):
+    file = tmp_path / "noise.dcm"
+    file.write_bytes(np.random.default_rng(3).bytes(5000))
+    with pytest.raises(CtmcError, match=r"noise.dcm is no DICOM image"):
+        read_volume(file)
+    with pytest.raises(CtmcError, match=r"none is a DICOM image"):
+        read_volume(tmp_path)
+    file.write_bytes(bytes(128) + b"DICM" + np.random.default_rng(3).bytes(5000))
+    for path in (file, tmp_path):
+        with pytest.raises(CtmcError, match=r"noise.dcm is a truncated or damaged DICOM file \(5132 bytes\)"):
+            read_volume(path)
+
+
+def test_a_folder_of_dicom_without_images_is_refused(tmp_path):
+    from pydicom.dataset import Dataset, FileMetaDataset
+
+    report = Dataset()
+    report.file_meta = FileMetaDataset()
+    report.file_meta.TransferSyntaxUID = uid.ExplicitVRLittleEndian
+    report.SOPClassUID, report.SOPInstanceUID, report.Modality = uid.BasicTextSRStorage, uid.generate_uid(), "SR"
+    report.file_meta.MediaStorageSOPClassUID = report.SOPClassUID
+    report.file_meta.MediaStorageSOPInstanceUID = report.SOPInstanceUID
+    pydicom.dcmwrite(tmp_path / "report.dcm", report, enforce_file_format=True)
+    with pytest.raises(CtmcError, match=r"no DICOM images.*choose the folder of a CT series"):
+        read_volume(tmp_path)
+
+
+def test_colour_images_are_refused(tmp_path, save_slice):
+    for z in range(2):
+        tags = {
+            "SamplesPerPixel": 3,
+            "PhotometricInterpretation": "RGB",
+            "PlanarConfiguration": 0,
+            "Rows": 2,
+            "Columns": 2,
+        }
+        save_slice(tmp_path / f"{z}.dcm", np.zeros((2, 6), np.uint8), (0, 0, z), **tags)
+    with pytest.raises(CtmcError, match="2 colour images are no CT"):
+        read_volume(tmp_path)
+
+
+def test_a_look_up_table_in_place_of_a_slope_is_refused(tmp_path, save_stack):
+    from pydicom.dataset import Dataset
+
+    table = Dataset()
+    table.LUTDescriptor, table.LUTData = [4, 0, 16], bytes(8)
+    table["LUTData"].VR = "OW"
+    save_stack(tmp_path, range(2), ModalityLUTSequence=[table])
+    with pytest.raises(CtmcError, match="look-up table"):
+        read_volume(tmp_path)
+
+
+def test_a_missing_codec_is_named_with_its_syntax(tmp_path, save_stack, monkeypatch):
+    save_stack(tmp_path, range(2), (40, 40), compress=uid.JPEG2000Lossless)
+    from pydicom.pixels.decoders import JPEG2000LosslessDecoder
+
+    monkeypatch.setattr(type(JPEG2000LosslessDecoder), "is_available", property(lambda self: False))
+    with pytest.raises(CtmcError, match=r"'JPEG 2000 Image Compression \(Lossless Only\)'.*pylibjpeg-openjpeg"):
+        read_volume(tmp_path)
+
+
+def test_an_unknown_syntax_is_named(tmp_path, save_stack):
+    save_stack(tmp_path, range(2))
+    for file in tmp_path.iterdir():
+        dataset = pydicom.dcmread(file)
+        dataset.file_meta.TransferSyntaxUID = uid.MPEG2MPML
+        dataset["PixelData"].VR = "OB"
+        dataset.PixelData = pydicom.encaps.encapsulate([dataset.PixelData])
+        pydicom.dcmwrite(file, dataset, enforce_file_format=True)
+    with pytest.raises(CtmcError, match=r"MPEG2.*cannot decode"):
+        read_volume(tmp_path)
+
+
+def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, save_stack, monkeypatch):
+    save_stack(tmp_path, range(3))
+    monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
+    monkeypatch.setattr("ctmc_addon.readers.dicom.pixels.stored_pixels", lambda *_: pytest.fail("a slice was read"))
+    with pytest.raises(CtmcError, match=r"7 x 5 x 3.*memory"):
+        read_volume(tmp_path)
+
+
+def test_copies_of_a_slice_in_other_folders_change_nothing(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "a", range(3))
+    shutil.copytree(tmp_path / "a", tmp_path / "copy")
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+def test_a_series_of_pictures_without_places_is_never_preferred(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "ct", range(3))
+    save_stack(tmp_path / "pictures", range(9), SeriesInstanceUID="1.2.9", ImagePositionPatient=None)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+    assert [one.slices for one in list_series(tmp_path)] == [3, 9]
+
+
+def test_a_file_of_a_smaller_group_chooses_its_own_group(tmp_path, save_stack, save_slice):
+    save_stack(tmp_path, range(5))
+    for z in range(3):
+        save_slice(tmp_path / f"wide{z}.dcm", np.full((8, 9), z, np.uint16), (0, 0, z))
+    assert read_volume(tmp_path / "wide1.dcm").size == (9, 8, 3)
+
+
+def test_values_not_in_hu_are_said(tmp_path, save_stack):
+    save_stack(tmp_path, range(3), RescaleType="US")
+    volume = read_volume(tmp_path)
+    assert volume.kind == "grey value"
+    assert said(volume, "not in HU")

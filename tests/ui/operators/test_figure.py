@@ -1,0 +1,352 @@
+"""Figures from the sidebar: what is written, and that the user's file is as it was, whatever happens."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+Image = pytest.importorskip("PIL.Image")
+
+from ctmc_addon import blender as scenes
+from ctmc_addon.blender.figure.compose import OPACITY
+from ctmc_addon.blender.figure.page import DPIS, PAGES, WIDTHS_MM
+from ctmc_addon.blender.figure.turntable import FPS, REVOLUTIONS
+from ctmc_addon.cli.figure.common import page_of
+from ctmc_addon.cli.main import parser
+from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.ui.operators import figure
+from ctmc_addon.ui.panels import figure as figure_panel
+from ctmc_addon.ui.properties import figure as figure_properties
+from ctmc_addon.ui.state import (
+    session,
+    volumes,
+)
+
+
+@pytest.fixture
+def loaded(scene, ball_file):
+    """The ball, loaded, and small figures asked for."""
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.threshold = 100.0
+    chosen = scene.ctmc_figure
+    chosen.figure_width_mm, chosen.figure_dpi = 40.0, 50.0
+    chosen.sheet_width_mm, chosen.sheet_dpi = 90.0, 50.0
+    chosen.turntable_width_mm, chosen.turntable_dpi = 30.0, 40.0
+    chosen.seconds, chosen.fps = 1.0, 3
+    return scene
+
+
+@pytest.fixture
+def surface(loaded):
+    """Its surface, selected."""
+    bpy.ops.ctmc.reconstruct()
+    return bpy.context.view_layer.objects.active
+
+
+def file_state():
+    """Every data-block of the file, the render settings, the selection and the scene that is shown."""
+    blocks = {
+        name: sorted(one.name for one in getattr(bpy.data, name))
+        for name in dir(bpy.data)
+        if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection) and name != "all_ids"
+    }
+    scene = bpy.context.scene
+    render = {
+        prop.identifier: str(getattr(scene.render, prop.identifier))
+        for prop in scene.render.bl_rna.properties
+        if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"} and not prop.is_readonly
+    }
+    layer = bpy.context.view_layer
+    selected = sorted(thing.name for thing in layer.objects if thing.select_get())
+    places = sorted((thing.name, str(thing.matrix_world)) for thing in bpy.data.objects)
+    active = layer.objects.active
+    return blocks, render, selected, active and active.name, places, scene.name, scene.camera
+
+
+def names(folder):
+    return sorted(one.name for one in folder.iterdir() if not one.name.startswith("ball"))
+
+
+def picture(path):
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGBA"), np.float64) / 255
+
+
+def planned(name, filepath, **rest):
+    """The work of an operator as a job has it, step by step."""
+    kind = getattr(figure, f"CTMC_OT_{name}")
+    values = {"filepath": str(filepath), "overwrite": False, **rest}
+    own = {key: getattr(kind, key) for key in ("kind", "target", "page", "plan")}
+    holder = SimpleNamespace(**values)
+    for key in ("target", "page", "plan"):
+        setattr(holder, key, own[key].__get__(holder))
+    holder.kind = own["kind"]
+    return holder.plan(bpy.context)
+
+
+def test_a_figure_is_written_with_its_blend_and_the_file_stays_as_it_was(surface, tmp_path):
+    before = file_state()
+    assert bpy.ops.ctmc.figure(filepath=str(tmp_path / "a")) == {"FINISHED"}
+    assert file_state() == before
+    assert names(tmp_path) == ["a.blend", "a.png"]
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.width == round(40 / 25.4 * 50)
+        assert image.info["dpi"][0] == pytest.approx(50, abs=0.02)
+        assert set(image.info) <= {"dpi", "gamma", "srgb", "chromaticity"}  # nothing of this machine
+    seen = picture(tmp_path / "a.png")
+    red = (seen[..., 0] > 0.3) & (seen[..., 1] < 0.25)
+    assert red.mean() > 0.03
+    assert str(tmp_path).encode() not in (tmp_path / "a.blend").read_bytes()
+
+
+def test_the_panel_and_the_scripts_make_the_same_picture(loaded, surface, tmp_path):
+    loaded.ctmc_figure.caption = "A ball"
+    bpy.ops.ctmc.figure(filepath=str(tmp_path / "a.png"))
+    look = scenes.Look(caption="A ball")
+    from ctmc_addon.core import finish
+
+    cell = scenes.Cell((scenes.Shown(surface),))
+    finish(scenes.figure_steps([cell], tmp_path / "b.png", scenes.Page(40.0, 50.0), look))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_several_surfaces_stand_in_one_figure_each_in_its_colour(loaded, surface, tmp_path):
+    loaded.ctmc.threshold = 135.0
+    bpy.ops.ctmc.reconstruct(new=True)
+    inner = bpy.context.view_layer.objects.active
+    inner.data.materials[0].diffuse_color = (0.0, 0.0, 0.9, 1.0)
+    surface.data.materials[0].diffuse_color = (0.0, 0.9, 0.0, 1.0)
+    surface.select_set(True)
+    loaded.ctmc_figure.write_blend = False
+    cell, caption = figure.cell_of(bpy.context)
+    faces = [len(thing.data.polygons) for thing in (surface, inner)]
+    assert caption == f"Voxel sides 1 × 1 × 1 px, alpha 1, {sum(faces):,} triangles"
+    by_name = {shown.name: shown for shown in cell.shown}
+    assert by_name[surface.name].opacity == 0.3
+    assert by_name[inner.name].opacity == 1.0
+    before = file_state()
+    bpy.ops.ctmc.figure(filepath=str(tmp_path / "a.png"))
+    assert file_state() == before
+    assert names(tmp_path) == ["a.png"]
+    red, green, blue, _ = np.moveaxis(picture(tmp_path / "a.png"), -1, 0)
+    assert (green > red + 0.2).mean() > 0.02
+    assert (blue > green + 0.2).mean() > 0.005
+    loaded.ctmc_figure.style = "print"
+    assert {shown.colour for shown in figure.cell_of(bpy.context)[0].shown} == {None}
+
+
+def test_no_background_is_none(loaded, surface, tmp_path):
+    loaded.ctmc_figure.transparent, loaded.ctmc_figure.write_blend = True, False
+    bpy.ops.ctmc.figure(filepath=str(tmp_path / "a.png"))
+    assert (picture(tmp_path / "a.png")[..., 3] == 0).mean() > 0.3
+
+
+def test_a_sheet_needs_the_ct_alone(loaded, tmp_path):
+    chosen = loaded.ctmc_figure
+    chosen.strides, chosen.use_levels, chosen.levels = "1 2x1", True, "0 50"
+    before = file_state()
+    assert bpy.ops.ctmc.figure_sheet(filepath=str(tmp_path / "sheet.png")) == {"FINISHED"}
+    assert file_state() == before
+    assert names(tmp_path) == ["sheet.blend", "sheet.png"]
+    with bpy.data.libraries.load(str(tmp_path / "sheet.blend")) as (there, _):
+        copies = [name for name in there.objects if name.startswith("CTMC Figure")]
+    assert len(copies) == 4
+
+
+def test_a_map_of_distances_is_of_the_surface_as_it_is_shown_wherever_it_was_moved(loaded, tmp_path):
+    loaded.ctmc.stride = (3, 3, 2)
+    loaded.ctmc_figure.write_blend = False
+    bpy.ops.ctmc.reconstruct()
+    thing = bpy.context.view_layer.objects.active
+    before = file_state()
+    assert bpy.ops.ctmc.figure_deviation(filepath=str(tmp_path / "a.png")) == {"FINISHED"}
+    assert file_state() == before
+    thing.location.x += 5.0
+    bpy.ops.ctmc.figure_deviation(filepath=str(tmp_path / "b.png"))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    thing.modifiers.new("Mine", "DECIMATE").ratio = 0.3
+    bpy.ops.ctmc.figure_deviation(filepath=str(tmp_path / "c.png"))
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "c.png").read_bytes()
+
+
+def test_a_turntable_is_a_film_or_frames_by_the_format_and_goes_on_where_it_was(loaded, surface, tmp_path):
+    before = file_state()
+    assert bpy.ops.ctmc.figure_turntable(filepath=str(tmp_path / "loop")) == {"FINISHED"}
+    assert names(tmp_path) == ["loop.blend", "loop.mp4"]
+    loaded.ctmc_figure.film = figure_properties.FRAMES
+    bpy.ops.ctmc.figure_turntable(filepath=str(tmp_path / "frames"))
+    made = sorted((tmp_path / "frames").glob("*.png"))
+    assert [one.name for one in made] == [f"frame_0000{at}.png" for at in (1, 2, 3)]
+    assert (tmp_path / "frames.blend").exists()
+    written = made[0].stat().st_mtime_ns
+    made[1].unlink()
+    bpy.ops.ctmc.figure_turntable(filepath=str(tmp_path / "frames"))
+    assert made[0].stat().st_mtime_ns == written
+    assert made[1].exists()
+    loaded.ctmc_figure.seconds = 2.0
+    with pytest.raises(RuntimeError, match="frames of another turntable"):
+        bpy.ops.ctmc.figure_turntable(filepath=str(tmp_path / "frames"))
+    bpy.ops.ctmc.figure_turntable(filepath=str(tmp_path / "frames"), overwrite=True)
+    assert len(list((tmp_path / "frames").glob("*.png"))) == 6
+    assert file_state() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"), [("figure", 3), ("figure", 2), ("figure", 1), ("figure_sheet", 20), ("figure_deviation", 8)]
+)
+def test_work_that_is_stopped_leaves_nothing(surface, tmp_path, name, steps):
+    before = file_state()
+    work = planned(name, tmp_path / "a.png")
+    for _ in range(steps):
+        next(work)
+    work.close()
+    assert file_state() == before
+    assert names(tmp_path) == []
+
+
+def test_a_sheet_that_is_stopped_while_it_renders_leaves_nothing(loaded, tmp_path):
+    before = file_state()
+    work = planned("figure_sheet", tmp_path / "a.png")
+    for step in work:
+        if step.message.startswith("Rendering"):
+            break
+    assert file_state() != before  # the stage stands
+    work.close()
+    assert file_state() == before
+    assert names(tmp_path) == []
+
+
+def test_a_turntable_that_is_stopped_keeps_its_whole_frames_alone(surface, tmp_path):
+    before = file_state()
+    work = planned("figure_turntable", tmp_path / "loop.mp4")
+    for step in work:
+        if step.message.startswith("Rendering frame 3"):
+            break
+    work.close()
+    assert file_state() == before
+    assert sorted(one.name for one in (tmp_path / "loop.frames").iterdir()) == [
+        "frame_00001.png", "frame_00002.png", "turntable.json",
+    ]  # fmt: skip
+    assert not (tmp_path / "loop.mp4").exists()
+
+
+def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_path):
+    chosen, before = loaded.ctmc_figure, file_state()
+
+    def refused(name, match, **rest):
+        with pytest.raises(RuntimeError, match=match):
+            getattr(bpy.ops.ctmc, name)(**{"filepath": str(tmp_path / "a.png"), **rest})
+        assert file_state() == before
+        assert names(tmp_path) == []
+
+    refused("figure", "no file was chosen", filepath="")
+    refused("figure", r"a\.jpg is no \.png", filepath=str(tmp_path / "a.jpg"))
+    refused("figure", "the folder does not exist", filepath=str(tmp_path / "deep" / "a.png"))
+    refused("figure_turntable", "is no film Blender writes", filepath=str(tmp_path / "a.gif"))
+    chosen.transparent = True
+    refused("figure_turntable", "a film has a background", filepath=str(tmp_path / "a.mp4"))
+    chosen.transparent = False
+    chosen.revolutions = 0
+    refused("figure_turntable", "revolutions must be from 1 to 100", filepath=str(tmp_path / "a.mp4"))
+    chosen.strides = "two"
+    refused("figure_sheet", "'two' is no voxel side")
+    chosen.strides = " "
+    refused("figure_sheet", "voxel sides to compare are missing")
+    chosen.use_strides = False
+    refused("figure_sheet", "give one or two")
+    chosen.use_levels, chosen.levels = True, "0 120"
+    refused("figure_sheet", "from 0 to 99")
+    chosen.levels, chosen.engine = "0 50", "workbench"
+    refused("figure_deviation", "workbench shows no map")
+    assert "workbench shows no map" in session.of(loaded).message
+
+
+def test_a_users_blend_of_that_name_is_not_replaced(surface, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    size = (tmp_path / "day.blend").stat().st_size
+    with pytest.raises(RuntimeError, match="is there already and is no figure's"):
+        bpy.ops.ctmc.figure(filepath=str(tmp_path / "day.png"))
+    assert (tmp_path / "day.blend").stat().st_size == size
+    assert not (tmp_path / "day.png").exists()
+
+
+def test_disabled_buttons_say_why(loaded, monkeypatch):
+    said = []
+    for name in ("figure", "figure_turntable", "figure_deviation"):
+        kind = getattr(figure, f"CTMC_OT_{name}")
+        holder = type("Operator", (), {"poll_message_set": staticmethod(said.append)})
+        assert not kind.poll.__func__(holder, bpy.context)
+    assert set(said) == {"Choose a reconstructed surface first"}
+    bpy.ops.ctmc.reconstruct()
+    volumes._loaded.clear()
+    said.clear()
+    for name in ("figure_sheet", "figure_deviation"):
+        assert not getattr(figure, f"CTMC_OT_{name}").poll.__func__(holder, bpy.context)
+    assert said == ["Load the CT again first"] * 2
+    assert bpy.ops.ctmc.figure.poll()
+    bpy.ops.object.mode_set(mode="EDIT")
+    said.clear()
+    assert not figure.CTMC_OT_figure.poll.__func__(holder, bpy.context)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert said == ["Leave edit mode first"]
+
+
+def test_limits_and_defaults_are_those_of_the_scene_room(scene):
+    chosen = scene.ctmc_figure
+    known = chosen.bl_rna.properties
+    for kind, page in PAGES.items():
+        width, dpi = known[f"{kind}_width_mm"], known[f"{kind}_dpi"]
+        assert (width.default, width.hard_min, width.hard_max) == (page.width_mm, *WIDTHS_MM)
+        assert (dpi.default, dpi.hard_min, dpi.hard_max) == (page.dpi, *DPIS)
+    assert (known["fps"].hard_min, known["fps"].hard_max) == FPS
+    assert known["revolutions"].hard_max == REVOLUTIONS
+    assert {one.identifier for one in known["engine"].enum_items} == set(scenes.ENGINES)
+    assert {one.identifier for one in known["style"].enum_items} == set(scenes.STYLES)
+    assert figure.look_of(chosen) == scenes.Look()
+    with pytest.raises(SettingsError, match="elevation"):
+        scenes.Look(elevation=91.0)
+
+
+def test_the_command_line_starts_from_the_same_pages():
+    for kind, words in (("figure", ["figure"]), ("sheet", ["figure sheet"]), ("turntable", ["figure turntable"])):
+        chosen = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
+        assert page_of(chosen) == PAGES[kind]
+        assert getattr(chosen, "opacity", OPACITY) == OPACITY
+    assert scenes.Turn(chosen.seconds, chosen.fps, chosen.revolutions) == scenes.Turn()
+
+
+def test_the_panel_shows_what_each_kind_asks_for(surface):
+    from ui.test_panels import drawn
+
+    chosen = bpy.context.scene.ctmc_figure
+    asked = {
+        "figure": {"style", "figure_width_mm", "figure_dpi", "transparent", "azimuth", "caption"},
+        "sheet": {"strides", "use_alphas", "levels", "sheet_width_mm", "sheet_deviation"},
+        "deviation": {"limit_mm", "figure_width_mm", "engine"},
+        "turntable": {"film", "seconds", "fps", "revolutions", "turntable_dpi"},
+    }
+    for kind, properties in asked.items():
+        chosen.kind = kind
+        layout = drawn(figure_panel.CTMC_PT_figure)
+        assert properties <= set(layout.shown)
+        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind].bl_idname]
+    assert "transparent" not in layout.shown
+
+
+def test_the_camera_takes_sides_of_the_patient(scene):
+    chosen = scene.ctmc_figure
+    for side, angles in figure.VIEWS.items():
+        bpy.ops.ctmc.figure_view(side=side)
+        assert (chosen.azimuth, chosen.elevation) == angles
+    with pytest.raises(RuntimeError, match="no 3D viewport"):
+        bpy.ops.ctmc.figure_view(side="viewport")
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(30.0, 20.0), (-120.0, -60.0), (180.0, 0.0), (0.0, 90.0)])
+def test_angles_are_those_of_the_cameras_axes(azimuth, elevation):
+    from ctmc_addon.blender.studio import angles_of, view_axes
+
+    assert angles_of(view_axes(azimuth, elevation)[:, 2]) == pytest.approx((azimuth, elevation))

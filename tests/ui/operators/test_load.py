@@ -1,0 +1,177 @@
+"""Load, Reconstruct Surface and Export as a script calls them, and what register leaves behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import ctmc_addon
+from ctmc_addon.blender import evaluated_triangles
+from ctmc_addon.core import reconstruct
+from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.state import volumes
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def load(path):
+    return bpy.ops.ctmc.load(filepath=str(path), spacing=(1, 1, 2))
+
+
+def test_the_panels_surface_is_cores(scene, ball_file):
+    assert load(ball_file) == {"FINISHED"}
+    scene.ctmc.threshold, scene.ctmc.alpha = 100.0, 0.3
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    thing = bpy.context.view_layer.objects.active
+    expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), scene.ctmc.to_settings()).mesh
+    seen = evaluated_triangles(thing)
+    assert thing.name == "ball"
+    assert thing.select_get()
+    assert (seen.faces == expected.faces).all()
+    assert np.abs(seen.vertices - expected.vertices.astype(np.float64)).max() <= 1e-4
+    assert seen.volume == pytest.approx(4 / 3 * np.pi * 6**3, rel=0.05)
+
+
+def test_one_reading_serves_several_surfaces(scene, ball_file):
+    load(ball_file)
+    ball_file.unlink()
+    for threshold in (90.0, 110.0):
+        scene.ctmc.threshold = threshold
+        assert bpy.ops.ctmc.reconstruct(new=True) == {"FINISHED"}
+    assert len(scene.objects) == 2
+
+
+def test_a_folder_can_be_loaded(scene, tmp_path):
+    from PIL import Image
+
+    for number in range(3):
+        Image.fromarray(np.full((8, 8), 40 * number, np.uint8)).save(tmp_path / f"slice_{number}.png")
+    assert bpy.ops.ctmc.load(directory=str(tmp_path), spacing=(1, 1, 1)) == {"FINISHED"}
+    assert volumes.current(scene).size == (8, 8, 3)
+
+
+def test_a_volume_no_scene_refers_to_is_let_go(scene, ball_file, tmp_path):
+    load(ball_file)
+    np.save(tmp_path / "other.npy", np.zeros((4, 4, 4), np.uint8))
+    load(tmp_path / "other.npy")
+    assert volumes.current(scene).name == "other"
+    assert len(volumes._loaded) == 1
+
+
+def test_a_volume_of_another_file_is_let_go(scene, ball_file):
+    load(ball_file)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert not volumes._loaded
+
+
+def test_mistakes_are_one_sentence_and_change_nothing(scene, ball_file, tmp_path):
+    with pytest.raises(RuntimeError, match="Load a CT first"):
+        bpy.ops.ctmc.reconstruct()
+    with pytest.raises(RuntimeError, match="nowhere"):
+        load(tmp_path / "nowhere")
+    assert volumes.current(scene) is None
+    load(ball_file)
+    scene.ctmc.threshold = 5000.0
+    with pytest.raises(RuntimeError, match="5000"):
+        bpy.ops.ctmc.reconstruct()
+    scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
+    with pytest.raises(RuntimeError, match="Decimate knows no error bound"):
+        bpy.ops.ctmc.reconstruct()
+    with pytest.raises(RuntimeError, match="Choose a surface first"):
+        bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"))
+    assert not scene.objects
+
+
+def test_the_active_surface_is_exported(scene, ball_file, tmp_path):
+    load(ball_file)
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.reconstruct()
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl")) == {"FINISHED"}
+    faces = len(bpy.context.object.data.polygons)
+    assert (tmp_path / "a.stl").stat().st_size == 84 + 50 * faces
+    with pytest.raises(RuntimeError, match=r"a\.xyz has no known suffix"):
+        bpy.ops.ctmc.export(filepath=str(tmp_path / "a.xyz"))
+
+
+def registered():
+    """Everything an add-on may leave behind: types, properties, operators, handlers."""
+    names = set(dir(bpy.types)) | {f"ops {name}" for name in dir(bpy.ops.ctmc)}
+    for owner in ("Scene", "Object", "WindowManager"):
+        names |= {f"{owner}.{one.identifier}" for one in getattr(bpy.types, owner).bl_rna.properties}
+    for kind in dir(bpy.app.handlers):
+        found = getattr(bpy.app.handlers, kind)
+        if isinstance(found, list):
+            names |= {f"{kind} {handler}" for handler in found}
+    return names
+
+
+def test_twenty_rounds_of_register_leave_nothing_behind():
+    before = registered()
+    for _ in range(20):
+        ctmc_addon.register()
+        assert hasattr(bpy.types.Scene, "ctmc")
+        ctmc_addon.unregister()
+    assert registered() == before
+
+
+def test_python_ends_in_peace_while_the_extension_is_registered():
+    program = "import bpy, ctmc_addon; ctmc_addon.register(); bpy.context.scene.ctmc.threshold = 3"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_ends_in_peace_after_a_glb(tmp_path):
+    program = (
+        "import sys, bpy; from ctmc_addon.blender import export; "
+        "bpy.context.view_layer.update(); export(bpy.data.objects['Cube'], sys.argv[1])"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "a.glb")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.glb").exists()
+
+
+def test_the_command_of_blender_is_the_command_line(monkeypatch):
+    from ctmc_addon import cli
+
+    monkeypatch.setattr(cli, "main", lambda arguments: len(arguments))
+    assert ctmc_addon.run_command(["info", "x"]) == 2
+
+
+def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_file, tmp_path):
+    from types import SimpleNamespace
+
+    from ctmc_addon.ui.operators import export
+    from ctmc_addon.ui.operators import rotation as rotation_test
+
+    for kind, name, named in (
+        (export.CTMC_OT_export, "bone", "bone.stl"),
+        (export.CTMC_OT_export, "bone.ply", "bone.ply"),
+        (rotation_test.CTMC_OT_rotation_save, "times", "times.csv"),
+    ):
+        properties = getattr(bpy.ops.ctmc, kind.bl_idname.partition(".")[2]).get_rna_type().properties
+        assert properties["check_existing"].default
+        dialog = SimpleNamespace(filepath=str(tmp_path / name))
+        assert kind.check(dialog, None) == (name != named)
+        assert dialog.filepath == str(tmp_path / named)
+    load(ball_file)
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.reconstruct()
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "bone")) == {"FINISHED"}
+    assert (tmp_path / "bone.stl").exists()
+
+
+def test_a_path_beside_the_blend_is_loaded_without_a_warning(scene, ball_file, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    with warnings.catch_warnings(record=True) as heard:  # Blender swallows one that is raised as an error
+        warnings.simplefilter("always")
+        assert bpy.ops.ctmc.load(filepath="//ball.npy", spacing=(1, 1, 2)) == {"FINISHED"}
+    assert heard == []
+    assert volumes.loaded(scene).path == ball_file
