@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import OutputError
+from ..core import OutputError
 from .datablocks import remove_blocks
 from .output_files import require_complete, require_room, written_whole
 from .studio import prepare_scene

@@ -9,8 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..core import TriangleMesh
-from ..core.errors import MeshError, ReadError
+from ..core import MeshError, ReadError, TriangleMesh
 from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_object
 from .surface.placement import moved

@@ -9,7 +9,7 @@ import os
 import shutil
 from pathlib import Path
 
-from ..core.errors import OutputError
+from ..core import OutputError
 from ..reporting.atomic_write import whole_file as written_whole
 
 __all__ = ["require_complete", "require_room", "written_whole"]

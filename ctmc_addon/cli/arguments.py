@@ -8,9 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core import ReconstructionSettings
-from ..core.errors import SettingsError
-from ..core.settings import Setting, described
+from ..core import ReconstructionSettings, Setting, SettingsError, described
 from ..reporting.command_line import command_of as command_of
 from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.version import VERSION
+from ..core import VERSION
 
 
 def machine() -> str:

@@ -11,8 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ..core import CtmcError
-from ..core.version import VERSION
+from ..core import VERSION, CtmcError
 from .arguments import figures_named, labels_repeated, single_numbers_repeated, with_flags
 from .batch import case as batch_case
 from .batch import command as batch

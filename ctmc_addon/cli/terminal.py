@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO, TypeVar
 
-from ..core import Step, Steps, finish
-from ..core.errors import OutputError
+from ..core import OutputError, Step, Steps, finish
 
 T = TypeVar("T")
 WIDTH = 30

@@ -1,29 +1,56 @@
 """Numbers: from grey values to triangles, with NumPy and the standard library alone."""
 
-from .errors import CtmcError
+from .cost_estimate import CALIBRATION, Prepared, Price, price_steps
+from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
+from .memory import available_bytes
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
-from .pipeline import Reconstruction, reconstruct, reconstruct_steps
-from .progress import Step, Steps, finish
-from .settings import ReconstructionSettings
+from .parallel import in_batches, worker_count
+from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
+from .preview import Preview, Shown
+from .progress import Step, Steps, finish, said, within
+from .settings import ReconstructionSettings, Setting, described
 from .simplification.simplify import simplify, simplify_steps
+from .version import VERSION
 from .volume.volume import Volume
 
 __all__ = [
+    "CALIBRATION",
+    "VERSION",
     "CtmcError",
+    "LabelError",
+    "MeshError",
+    "OutputError",
+    "Prepared",
+    "Preview",
+    "Price",
+    "ReadError",
     "Reconstruction",
     "ReconstructionSettings",
+    "Setting",
+    "SettingsError",
+    "Shown",
+    "Stage",
     "Step",
     "Steps",
     "Surface",
     "TriangleMesh",
     "Volume",
+    "available_bytes",
+    "described",
     "distances",
     "finish",
+    "full_steps",
+    "in_batches",
     "marching_cubes",
+    "price_steps",
     "reconstruct",
     "reconstruct_steps",
+    "said",
+    "simplified_steps",
     "simplify",
     "simplify_steps",
+    "within",
+    "worker_count",
 ]

@@ -1,27 +1,31 @@
 """How far long work is: a generator yields `Step`s and returns its result.
 
 Whoever drives the generator decides what a step means: a panel redraws, a command line prints,
-`finish` drains. Closing the generator cancels the work.
+`finish` drains. Closing the generator cancels the work. Every function that must be drained is called `*_steps`.
 
 A window shall draw and answer between two steps, so on millions of triangles they are about 0.1 s apart at most.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import time
+from collections.abc import Callable, Generator, Mapping
 from typing import NamedTuple, TypeVar
 
 T = TypeVar("T")
 
 
 class Step(NamedTuple):
-    """One sign of life of long work: `fraction` in 0..1 and what is being done."""
+    """One sign of life of long work: `fraction` in 0..1, and what is being done if the stage's name does not say it."""
 
-    fraction: float
-    message: str
+    fraction: float = 0.0
+    message: str = ""
 
 
 Steps = Generator[Step, None, T]
+PAUSE = Step()  # of work that does not know how far it is
+
+
 Pauses = Generator[None, None, T]
 """Work that can be left now and then, and does not know how far it is: `said` makes steps of it."""
 
@@ -31,10 +35,10 @@ def finish(steps: Steps[T] | Pauses[T], report: Callable[[Step], None] | None = 
 
     Examples
     --------
-    >>> def work():
+    >>> def work_steps():
     ...     yield Step(0.5, "Half")
     ...     return 42
-    >>> finish(work())
+    >>> finish(work_steps())
     42
     """
     while True:
@@ -45,6 +49,70 @@ def finish(steps: Steps[T] | Pauses[T], report: Callable[[Step], None] | None = 
             return result
         if report is not None and step is not None:
             report(step)
+
+
+class Stages:
+    """The stages of a larger work, in their order: each has a name and a weight, and its seconds are kept.
+
+    Parameters
+    ----------
+    weights : mapping of str to float
+        What a user reads while a stage runs, and its usual share of the time; the sum does not matter.
+
+    Examples
+    --------
+    >>> def half_steps():
+    ...     yield Step(0.5)
+    ...     return 42
+    >>> stages = Stages({"Reading": 1, "Extracting": 3})
+    >>> list(stages.run("Extracting", half_steps()))
+    [Step(fraction=0.625, message='Extracting')]
+    >>> list(stages.seconds)
+    ['Extracting']
+    """
+
+    def __init__(self, weights: Mapping[str, float]) -> None:
+        total = sum(weights.values())
+        self.shares: dict[str, tuple[float, float]] = {}
+        self.seconds: dict[str, float] = {}
+        done = 0.0
+        for name, weight in weights.items():
+            self.shares[name] = (done / total, (done + weight) / total)
+            done += weight
+
+    def run(self, name: str, steps: Steps[T]) -> Steps[T]:
+        """The same steps as the stage `name` of the whole; a stage that is run again adds to its seconds."""
+        low, high = self.shares[name]
+        start = time.perf_counter()
+        result = yield from _between(steps, low, high, name)
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        return result
+
+
+def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
+    """The same steps as part `number` of `count` equal ones, counted from 0.
+
+    Examples
+    --------
+    >>> def half_steps():
+    ...     yield Step(0.5, "Half")
+    >>> list(equal_part(half_steps(), 1, 2))
+    [Step(fraction=0.75, message='Half')]
+    """
+    return (yield from _between(steps, number / count, (number + 1) / count))
+
+
+def _between(steps: Steps[T], low: float, high: float, message: str = "") -> Steps[T]:
+    try:
+        while True:
+            try:
+                fraction, own = next(steps)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            yield Step(low + (high - low) * fraction, own or message)
+    finally:
+        steps.close()
 
 
 def said(pauses: Pauses[T], fraction: float, message: str) -> Steps[T]:

@@ -9,10 +9,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..core.errors import ReadError
-from ..core.parallel import worker_count
-from ..core.progress import Step, Steps, finish, within
-from ..core.volume.volume import Volume
+from ..core import ReadError, Step, Steps, finish, within, worker_count
+from ..core.volume import Volume
 from . import nifti, nrrd
 from .dicom import series as dicom
 from .file_formats import (

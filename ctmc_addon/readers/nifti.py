@@ -14,8 +14,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import ReadError
-from ..core.progress import Steps, within
+from ..core import ReadError, Steps, within
 from .optional_imports import BROKEN, imported_steps, needed, quiet, reason
 from .result import Reading, Series
 from .streams import check_end, fill_steps, opened, skip

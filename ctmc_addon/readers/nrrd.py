@@ -15,8 +15,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import ReadError
-from ..core.progress import Step, Steps, within
+from ..core import ReadError, Step, Steps, within
 from .file_formats import natural
 from .optional_imports import BROKEN, needed, quiet, reason
 from .result import Reading, Series

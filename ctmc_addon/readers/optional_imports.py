@@ -13,9 +13,7 @@ from concurrent import futures
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ..core.errors import ReadError
-from ..core.parallel import in_batches
-from ..core.progress import Step, Steps, finish
+from ..core import ReadError, Step, Steps, finish, in_batches
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import SettingsError
-from ..core.progress import Steps
-from ..core.volume.volume import Volume
+from ..core import SettingsError, Steps
+from ..core.volume import Volume
 from .value_kind import kind_steps
 
 

@@ -10,8 +10,7 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import ReadError
-from ..core.progress import Step, Steps
+from ..core import ReadError, Step, Steps
 from .optional_imports import BROKEN, reason
 
 CHUNK = 2**20  # about 0.005 s of unpacking gzip

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import memory
-from ..core.progress import Step, Steps
+from ..core import Step, Steps, memory
 
 HU, GREY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")

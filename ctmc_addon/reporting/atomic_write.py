@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import OutputError
+from ..core import OutputError
 
 REMEDIES = {
     errno.ENOENT: "the folder does not exist; make it first",

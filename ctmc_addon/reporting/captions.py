@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ..core.errors import SettingsError
-from ..core.settings import ReconstructionSettings
+from ..core import ReconstructionSettings, SettingsError
 
 
 def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float, triangles: int, name: str = "") -> str:

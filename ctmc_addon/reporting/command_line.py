@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from ..core.settings import ReconstructionSettings, Setting, described
+from ..core import ReconstructionSettings, Setting, described
 
 
 def flag_of(name: str, about: Setting) -> str:

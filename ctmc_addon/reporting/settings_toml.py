@@ -9,9 +9,7 @@ import textwrap
 import tomllib
 from typing import Any
 
-from ..core.errors import SettingsError
-from ..core.settings import ReconstructionSettings, Setting, described
-from ..core.version import VERSION
+from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, described
 
 WIDTH = 100
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import MeshError, SettingsError
+from ...core import MeshError, SettingsError
 from ..datablocks import remove_render_results, render_results
 from ..materials import BONE, Colour
 from ..studio import AZIMUTH, ELEVATION, light_up, rotation, set_render, sun_axes, view_axes

@@ -14,8 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, TriangleMesh
-from ...core.progress import within
+from ...core import Step, Steps, TriangleMesh, within
 from ..materials import use_nodes
 from ..surface import mesh_data as meshes
 from ..surface.deviation import Reference

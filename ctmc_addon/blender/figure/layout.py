@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...core.errors import SettingsError
+from ...core import SettingsError
 from .annotations import CAP, LEADING, Board
 from .page import Box, Page
 

@@ -10,7 +10,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from ...core.errors import OutputError, SettingsError
+from ...core import OutputError, SettingsError
 
 MM_PER_INCH = 25.4
 WIDTHS_MM = (20.0, 400.0)

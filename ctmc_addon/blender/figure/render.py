@@ -13,9 +13,7 @@ from pathlib import Path
 
 import bpy
 
-from ...core import Step, Steps
-from ...core.errors import OutputError
-from ...core.progress import within
+from ...core import OutputError, Step, Steps, within
 from ..datablocks import remove_blocks
 from ..materials import RED, YELLOW, edged_material
 from ..output_files import require_room, written_whole

@@ -16,9 +16,17 @@ from typing import Any
 
 import bpy
 
-from ...core import Reconstruction, ReconstructionSettings, Step, Steps, TriangleMesh, Volume, reconstruct_steps
-from ...core.errors import SettingsError
-from ...core.progress import within
+from ...core import (
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Step,
+    Steps,
+    TriangleMesh,
+    Volume,
+    reconstruct_steps,
+    within,
+)
 from ..surface.deviation import Reference
 from ..surface.objects import add_reconstruction
 from .annotations import NO_BREAK

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core.errors import OutputError
+from ...core import OutputError
 from ..materials import RED, YELLOW, Colour, edged_material, surface_material
 from ..rotation.offscreen import can_draw
 

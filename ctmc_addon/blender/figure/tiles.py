@@ -8,8 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ...core import Step, Steps
-from ...core.errors import OutputError
+from ...core import OutputError, Step, Steps
 
 BAND_PIXELS = 100_000  # so few that Esc is soon heard; the pixels are those of one go
 

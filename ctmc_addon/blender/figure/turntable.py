@@ -19,9 +19,7 @@ from typing import Any
 
 import bpy
 
-from ...core import Step, Steps
-from ...core.errors import OutputError, SettingsError
-from ...core.version import VERSION
+from ...core import VERSION, OutputError, SettingsError, Step, Steps
 from ...reporting.atomic_write import made_folder, refused, write_json
 from ..output_files import require_room, written_whole
 from ..surface import mesh_data as meshes

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ...core.errors import OutputError
+from ...core import OutputError
 from ..datablocks import remove_render_results, render_results
 from ..output_files import written_whole
 from ..studio import set_render

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.mesh.triangle_mesh import vertex_normals
+from ...core.mesh import vertex_normals
 from ..materials import BONE
 from ..surface import mesh_data as meshes
 

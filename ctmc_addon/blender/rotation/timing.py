@@ -20,8 +20,7 @@ from typing import Protocol
 import bpy
 import numpy as np
 
-from ...core import Step, Steps, TriangleMesh, simplify_steps
-from ...core.progress import within
+from ...core import Step, Steps, TriangleMesh, simplify_steps, within
 from ..datablocks import remove_blocks
 from ..materials import BONE, surface_material
 from ..studio import AZIMUTH, ELEVATION, frame, prepare_scene, view_axes

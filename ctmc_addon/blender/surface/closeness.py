@@ -12,9 +12,7 @@ import numpy as np
 from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, TriangleMesh
-from ...core.errors import MeshError
-from ...core.progress import within
+from ...core import MeshError, Step, Steps, TriangleMesh, within
 
 BLOCK = 1 << 13  # faces in a tree
 POINTS = 10_000  # on each surface

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, TriangleMesh, finish
-from ...core.errors import MeshError
-from ...core.mesh.quality import SAMPLES, SEED, surface_samples
+from ...core import MeshError, Step, Steps, TriangleMesh, finish
+from ...core.mesh import SAMPLES, SEED, surface_samples
 
 BLOCK = 20_000  # points between two steps
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...core import TriangleMesh
-from ...core.errors import MeshError
+from ...core import MeshError, TriangleMesh
 from . import mesh_data as meshes
 from .placement import SCALE, moved, to_patient
 

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.mesh.triangle_mesh import finding_edges
-from ...core.progress import Steps, finish, said
+from ...core import Steps, finish, said
+from ...core.mesh import finding_edges
 
 Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
 

@@ -13,9 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Reconstruction, ReconstructionSettings
-from ...core.errors import MeshError
-from ...core.version import VERSION
+from ...core import VERSION, MeshError, Reconstruction, ReconstructionSettings
 from ..materials import Colour, colour_of, surface_material
 from . import mesh_data as meshes
 from .evaluate import evaluated_copy

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Surface
-from ...core.mesh.triangle_mesh import blend, vertex_normals
+from ...core.mesh import blend, vertex_normals
 
 VERTEX = "void main() { shade = turn * normal; gl_Position = place * vec4(position, 1.0); }"
 # Lit from the eye and on both sides: a surface cut off at the border shows its inside.

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, ReconstructionSettings, Volume, finish, reconstruct_steps
-from ...core.version import VERSION
+from ...core import VERSION, CtmcError, ReconstructionSettings, Volume, finish, reconstruct_steps
 from ...reporting.atomic_write import made_folder, refused
 from ..arguments import with_flags
 from ..commands.reconstruct import Outputs, Work, require_label_volume, source_of, written_steps

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, ReconstructionSettings
-from ...core.errors import OutputError, ReadError
+from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings
 from ...readers.dicom import series as dicom
 from ...readers.file_formats import TIFF_SUFFIXES, VOLUME_SUFFIXES, natural, stem, suffix
 from ...readers.images import folder as stacks

@@ -9,9 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core import CtmcError, Step, Steps
-from ...core.errors import SettingsError
-from ...core.version import VERSION
+from ...core import VERSION, CtmcError, SettingsError, Step, Steps
 from ...reporting.atomic_write import made_folder, require_writable
 from ..arguments import add_reading, add_settings, given_settings, reading_of
 from ..blender_host import load_scene

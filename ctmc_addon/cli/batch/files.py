@@ -16,8 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...core import CtmcError
-from ...core.version import VERSION
+from ...core import VERSION, CtmcError
 from ...readers import file_format, folder_format, nrrd
 from ...readers.dicom import series as dicom
 from ...readers.file_formats import files_below, suffix

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from ...core.errors import OutputError
+from ...core import OutputError
 from ...reporting.atomic_write import refused
 
 LOCK = ".ctmc-lock"

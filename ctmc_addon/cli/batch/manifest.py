@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import ReadError, SettingsError
-from ...core.settings import Setting, described
+from ...core import ReadError, Setting, SettingsError, described
 from ...readers.file_formats import stem
 from ..arguments import flag_of
 

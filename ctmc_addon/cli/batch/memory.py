@@ -6,8 +6,7 @@ import os
 from collections.abc import Sequence
 
 from ... import readers
-from ...core import CtmcError
-from ...core.memory import available_bytes
+from ...core import CtmcError, available_bytes
 from ...readers.dicom.header import ImageFile, read_header
 from ...readers.file_formats import files_below
 from ..commands.reconstruct import source_of

@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import OutputError
-from ...core.version import VERSION
+from ...core import VERSION, OutputError
 from .files import put_text, read_record, thumbnail_path
 
 REFRESH = 10  # seconds after which an open page looks again while the batch runs

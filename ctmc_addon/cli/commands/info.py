@@ -9,7 +9,7 @@ import numpy as np
 
 from ... import readers
 from ...core import Volume
-from ...core.volume.thresholding import slabs, value_range
+from ...core.volume import slabs, value_range
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, by, listing
 

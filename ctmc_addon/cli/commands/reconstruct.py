@@ -11,10 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, reconstruct_steps
-from ...core.errors import LabelError
-from ...core.pipeline import Stage
-from ...core.progress import within
+from ...core import (
+    LabelError,
+    Reconstruction,
+    ReconstructionSettings,
+    Stage,
+    Step,
+    Steps,
+    Volume,
+    reconstruct_steps,
+    within,
+)
 from ...reporting.atomic_write import require_writable, whole_files, write_json
 from ..arguments import add_input, add_settings, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, load_scene

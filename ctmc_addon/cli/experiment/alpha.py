@@ -10,10 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from ...core import Reconstruction, ReconstructionSettings, Step, Steps, TriangleMesh, reconstruct_steps, simplify_steps
-from ...core.errors import SettingsError
-from ...core.mesh.quality import roughness, triangle_shapes
-from ...core.progress import within
+from ...core import (
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Step,
+    Steps,
+    TriangleMesh,
+    reconstruct_steps,
+    simplify_steps,
+    within,
+)
+from ...core.mesh import roughness, triangle_shapes
 from ..blender_host import blender_at_work, load_scene
 from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
 from .plot import Panel, write_plot

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 
-from ...core import ReconstructionSettings, Volume
-from ...core.errors import SettingsError
-from ...core.mesh.quality import SAMPLES, SEED
-from ...core.progress import within
+from ...core import ReconstructionSettings, SettingsError, Volume, within
+from ...core.mesh import SAMPLES, SEED
 from ..arguments import add_input, add_settings, command_of, settings_from
 from ..blender_host import load_scene
 from ..commands.reconstruct import Work, volume_steps

@@ -9,10 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core import TriangleMesh, reconstruct_steps
-from ...core.errors import SettingsError
-from ...core.progress import within
-from ...core.settings import described
+from ...core import SettingsError, TriangleMesh, described, reconstruct_steps, within
 from ..arguments import flag_of, given_settings
 from ..blender_host import blender_at_work, load_scene, quiet
 from ..terminal import Progress, by

@@ -11,9 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ...core import Step, Steps, TriangleMesh, reconstruct_steps, simplify
-from ...core.errors import SettingsError
-from ...core.progress import within
+from ...core import SettingsError, Step, Steps, TriangleMesh, reconstruct_steps, simplify, within
 from ..blender_host import blender_at_work, load_scene
 from .common import add_common, facts_of, levels_of, measuring_fact, prepared, require_builtin
 from .plot import Panel, write_plot

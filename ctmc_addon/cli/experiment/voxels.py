@@ -10,9 +10,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ...core import Reconstruction, ReconstructionSettings, Step, Steps, Volume, finish, reconstruct_steps
-from ...core.errors import SettingsError
-from ...core.progress import within
+from ...core import (
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Step,
+    Steps,
+    Volume,
+    finish,
+    reconstruct_steps,
+    within,
+)
 from ...reporting.captions import side_of
 from ..blender_host import load_scene
 from ..terminal import by

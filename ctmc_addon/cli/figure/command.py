@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core.progress import within
+from ...core import within
 from ..blender_host import load_scene, quiet
 from ..commands.reconstruct import Work
 from ..terminal import Progress

@@ -9,9 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core import Reconstruction, ReconstructionSettings, Steps, Volume, reconstruct_steps
-from ...core.errors import OutputError, SettingsError
-from ...core.progress import within
+from ...core import (
+    OutputError,
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Steps,
+    Volume,
+    reconstruct_steps,
+    within,
+)
 from ...reporting.atomic_write import own_folder
 from ...reporting.captions import figure_caption
 from ..arguments import add_input, add_settings, given_settings, overridden

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import SettingsError
-from ...core.progress import within
+from ...core import SettingsError, within
 from ..blender_host import load_scene, quiet
 from ..commands.reconstruct import Work
 from ..experiment.voxels import sides_of

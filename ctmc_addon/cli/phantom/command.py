@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...core import Step
-from ...core.phantom.phantom import Phantom, phantom_steps
-from ...core.progress import Steps, within
+from ...core import Step, Steps, within
+from ...core.phantom import Phantom, phantom_steps
 from ...reporting.atomic_write import made_folder, require_writable, write_json
 from ..terminal import Progress, by, listing
 from .files import WRITERS, require_no_strangers

@@ -15,11 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import CtmcError, Step, Steps
-from ...core.errors import OutputError
-from ...core.phantom.phantom import Phantom
-from ...core.version import VERSION
-from ...core.volume.volume import Volume
+from ...core import VERSION, CtmcError, OutputError, Step, Steps
+from ...core.phantom import Phantom
+from ...core.volume import Volume
 from ...reporting.atomic_write import made_folder, whole_file
 
 WINDOW = (-160, 240)  # HU that become 0 and 255 of a PNG

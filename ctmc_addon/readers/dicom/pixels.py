@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
+from ...core import ReadError
 from ..optional_imports import needed, quiet, reason
 from .frames import FrameGeometry
 from .header import DEFLATED, WHAT, ImageFile, pydicom_errors

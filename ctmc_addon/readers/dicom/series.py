@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
-from ...core.progress import Step, Steps, within
+from ...core import ReadError, Step, Steps, within
 from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches
 from ..result import Reading, Series

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
+from ...core import ReadError
 
 SAME_MM = 0.001  # closer positions are the same slice twice
 EVEN_SHARE, EVEN_MM = 0.01, 0.01  # gaps this near to the median are even

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
-from ...core.progress import Steps, within
+from ...core import ReadError, Steps, within
 from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
 from ..optional_imports import BROKEN, imported_steps, quiet, quiet_batches, reason
 from ..result import Reading, Series

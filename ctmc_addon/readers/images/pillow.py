@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
+from ...core import ReadError
 from ..file_formats import suffix
 from ..optional_imports import BROKEN, needed, quiet, reason
 

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ReadError
-from ...core.progress import Step, Steps
+from ...core import ReadError, Step, Steps
 from ..optional_imports import BROKEN, needed, quiet, reason
 from ..result import Reading, Series
 from ..streams import fill_steps

@@ -19,10 +19,8 @@ from ... import blender as scenes
 from ...blender.figure.compose import material_colour
 from ...blender.figure.page import PAGES
 from ...blender.studio import angles_of
-from ...blender.surface.objects import settings_of
-from ...blender.surface.readback import as_shown
-from ...core import Steps
-from ...core.errors import MeshError, OutputError
+from ...blender.surface import as_shown, settings_of
+from ...core import MeshError, OutputError, Steps
 from ...reporting.captions import figure_caption, parsed_numbers, parsed_sides
 from .. import jobs
 from ..properties.figure import FRAMES

@@ -10,10 +10,8 @@ from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
 
 from ... import readers
 from ...blender.materials import colour_of
-from ...core import Steps
-from ...core.errors import ReadError
-from ...core.progress import within
-from ...core.volume.statistics import survey_steps
+from ...core import ReadError, Steps, within
+from ...core.volume import survey_steps
 from ...readers.file_formats import KNOWN_SUFFIXES
 from .. import jobs
 from ..properties.preferences import machine

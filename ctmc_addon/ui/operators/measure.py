@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...blender.surface.closeness import Closeness, closeness_steps
-from ...core import Reconstruction, Steps
-from ...core.mesh.measures import Measures, measures_steps
-from ...core.progress import within
+from ...blender.surface import Closeness, closeness_steps
+from ...core import Reconstruction, Steps, within
+from ...core.mesh import Measures, measures_steps
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,18 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from ...blender.surface.objects import require_changeable
-from ...core import Reconstruction, Steps
-from ...core.errors import LabelError, MeshError, ReadError, SettingsError
-from ...core.pipeline import full_steps, simplified_steps
-from ...core.progress import within
+from ...blender.surface import require_changeable
+from ...core import (
+    LabelError,
+    MeshError,
+    ReadError,
+    Reconstruction,
+    SettingsError,
+    Steps,
+    full_steps,
+    simplified_steps,
+    within,
+)
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import session, surfaces, volumes

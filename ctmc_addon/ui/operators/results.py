@@ -8,14 +8,17 @@ import bpy
 
 from ... import blender as scenes
 from ...blender.figure.colour_map import paint_deviation
-from ...blender.surface.closeness import Trees, closeness_steps, middle_of
-from ...blender.surface.evaluate import evaluated_triangles
-from ...blender.surface.objects import require_changeable, settings_of
-from ...blender.surface.readback import own_mesh
-from ...core import CtmcError, Reconstruction, Steps, TriangleMesh
-from ...core.errors import MeshError
-from ...core.mesh.measures import measures_steps
-from ...core.progress import within
+from ...blender.surface import (
+    Trees,
+    closeness_steps,
+    evaluated_triangles,
+    middle_of,
+    own_mesh,
+    require_changeable,
+    settings_of,
+)
+from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh, within
+from ...core.mesh import measures_steps
 from ...reporting.command_line import command_line
 from .. import jobs
 from ..state import session, surfaces, volumes

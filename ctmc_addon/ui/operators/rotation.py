@@ -12,13 +12,10 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ... import blender as scenes
+from ...blender.rotation import can_draw
 from ...blender.rotation import timing as turntable
-from ...blender.rotation.offscreen import can_draw
-from ...blender.surface.objects import placement_of
-from ...blender.surface.placement import SCALE
-from ...core import CtmcError, Steps, TriangleMesh
-from ...core.errors import MeshError, SettingsError
-from ...core.progress import within
+from ...blender.surface import SCALE, placement_of
+from ...core import CtmcError, MeshError, SettingsError, Steps, TriangleMesh, within
 from ...reporting.atomic_write import whole_file
 from ...reporting.rotation_table import RotationTable, parsed_levels
 from .. import jobs

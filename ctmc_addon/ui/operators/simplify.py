@@ -7,12 +7,18 @@ from dataclasses import replace
 import bpy
 
 from ... import blender as scenes
-from ...blender.surface.objects import require_changeable, settings_of
-from ...blender.surface.readback import read_back
-from ...core import CtmcError, Reconstruction, ReconstructionSettings, Steps, Volume
-from ...core.errors import MeshError
-from ...core.pipeline import full_steps, simplified_steps
-from ...core.progress import within
+from ...blender.surface import read_back, require_changeable, settings_of
+from ...core import (
+    CtmcError,
+    MeshError,
+    Reconstruction,
+    ReconstructionSettings,
+    Steps,
+    Volume,
+    full_steps,
+    simplified_steps,
+    within,
+)
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import session, surfaces, volumes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatProperty, IntProperty
 
-from ...core.volume.slices import slice_middle, slice_place
+from ...core.volume import slice_middle, slice_place
 from .. import jobs
 from ..panels.layout import SubPanel, prepare
 from ..properties.view import choose

@@ -9,10 +9,7 @@ import bpy.utils.previews
 from bpy.props import EnumProperty
 
 from ...core import CtmcError
-from ...core.volume.scalar_field import region_box
-from ...core.volume.statistics import histogram_picture
-from ...core.volume.thresholding import otsu
-from ...core.volume.tissues import TISSUES
+from ...core.volume import TISSUES, histogram_picture, otsu, region_box
 from .. import jobs
 from ..state import volumes
 from ..translations import say

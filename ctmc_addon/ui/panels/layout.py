@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...core.settings import described
+from ...core import described
 from ...reporting.formatting import in_lines
 from .. import jobs
 from ..properties.settings import optional, switch

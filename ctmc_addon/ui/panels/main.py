@@ -6,8 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...core import CtmcError
-from ...core.errors import SettingsError
+from ...core import CtmcError, SettingsError
 from ...reporting.formatting import count, directions, duration, size_of_bytes, voxel_sides
 from .. import jobs
 from ..operators import threshold

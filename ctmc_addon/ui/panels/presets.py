@@ -8,7 +8,7 @@ import bpy
 from bl_operators.presets import AddPresetBase  # type: ignore[import-not-found]
 from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
-from ...core.settings import described
+from ...core import described
 from ..properties.settings import optional, switch
 from .layout import SidePanel
 

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import FloatProperty, IntProperty
 
-from ...blender.surface.placement import SCALE
+from ...blender.surface import SCALE
 
 # As an extension this package lies in bl_ext.<repository>.ctmc, and that is what Blender calls the add-on.
 ADDON = __package__.rpartition(".ctmc_addon.")[0] or "ctmc_addon"

@@ -28,8 +28,7 @@ from bpy.props import (
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core import ReconstructionSettings
-from ...core.settings import Setting, described
+from ...core import ReconstructionSettings, Setting, described
 from ..state import change_events as marks
 
 # What a setting that may be absent starts from when it is switched on.

@@ -13,8 +13,7 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
-from ...core.volume.slices import slice_place, usual_window
-from ...core.volume.thresholding import value_range
+from ...core.volume import slice_place, usual_window, value_range
 from ..state.change_events import OURS
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()

@@ -11,12 +11,8 @@ from dataclasses import dataclass
 import bpy
 
 from ... import blender as scenes
-from ...blender.surface.alpha_key import set_alpha
-from ...blender.surface.mesh_data import edges_steps
-from ...blender.surface.objects import MEMORY, require_changeable
-from ...core import Reconstruction, ReconstructionSettings, Step, Steps
-from ...core.errors import MeshError
-from ...core.progress import within
+from ...blender.surface import MEMORY, edges_steps, require_changeable, set_alpha
+from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, within
 from ..properties.preferences import machine
 from ..translations import say
 from . import session, volumes

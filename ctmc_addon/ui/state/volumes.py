@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from ...core import Volume
-from ...core.volume.statistics import Survey
+from ...core.volume import Survey
 from ...readers import Series
 
 

@@ -15,11 +15,20 @@ import bpy
 
 from ...blender import refresh_normals
 from ...blender.materials import BONE, colour_of
-from ...blender.surface.alpha_key import set_alpha
-from ...blender.viewport.preview_surface import PreviewSurface, forget_shader
-from ...core import CtmcError, Reconstruction, ReconstructionSettings, Steps
-from ...core.cost_estimate import CALIBRATION, Prepared, Price, price_steps
-from ...core.preview import Preview, Shown
+from ...blender.surface import set_alpha
+from ...blender.viewport import PreviewSurface, forget_shader
+from ...core import (
+    CALIBRATION,
+    CtmcError,
+    Prepared,
+    Preview,
+    Price,
+    Reconstruction,
+    ReconstructionSettings,
+    Shown,
+    Steps,
+    price_steps,
+)
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events as marks

@@ -10,10 +10,18 @@ from typing import Any
 
 import bpy
 
-from ...blender.viewport.overlay import Picture, draw_letters, draw_lines
+from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
-from ...core.volume.region import EDGES, region_corners, side_places, volume_box
-from ...core.volume.slices import picture, slice_corners, slice_place, slice_values
+from ...core.volume import (
+    EDGES,
+    picture,
+    region_corners,
+    side_places,
+    slice_corners,
+    slice_place,
+    slice_values,
+    volume_box,
+)
 from ..operators.threshold import used_threshold
 from ..properties.preferences import machine
 from ..properties.view import window_and_level

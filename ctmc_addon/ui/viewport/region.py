@@ -14,14 +14,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core import Volume
-from ...core.volume.region import (
-    region_corners,
-    region_directions,
-    region_limits,
-    region_moved,
-    region_shift,
-    region_with,
-)
+from ...core.volume import region_corners, region_directions, region_limits, region_moved, region_shift, region_with
 from .. import jobs
 from ..panels.layout import SubPanel, prepare
 from ..properties.preferences import machine
