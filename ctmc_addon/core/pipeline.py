@@ -18,7 +18,8 @@ from .progress import Pauses, Step, Steps, finish, said, within
 from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed, simplify_steps
 from .version import VERSION
-from .volume.scalar_field import field_steps, region_box
+from .volume.region import region_box
+from .volume.scalar_field import field_steps
 from .volume.volume import Volume, determinant, normals_to_ras, to_ras_mm
 
 T = TypeVar("T")

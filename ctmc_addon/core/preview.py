@@ -18,7 +18,7 @@ from .mesh.triangle_mesh import Surface
 from .pipeline import full_steps
 from .progress import Steps, finish
 from .settings import ReconstructionSettings
-from .volume.scalar_field import region_box
+from .volume.region import region_box
 from .volume.volume import Volume
 
 FIRST_PACE = 8e-8  # seconds a voxel, before anything has been measured: slow on purpose

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SettingsError, ThresholdError
-from ..volume.thresholding import value_range
+from ..errors import SettingsError
 
 WORD = 64
 ROWS_READ_IN_VAIN = 4
@@ -201,28 +200,3 @@ def _every(stride: int, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return inside[..., ::stride]
     # The lowest byte of every 2, 4 or 8: several times faster than stepping from byte to byte.
     return inside.view(f"<u{stride}").astype(np.uint8).view(bool)
-
-
-def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:
-    """Raise `ThresholdError` where no value or every value is at or above the threshold.
-
-    Parameters
-    ----------
-    values : (slices, rows, columns)
-        NaN and infinite ones are passed over.
-    kind : str
-        As in `Volume`: what the values mean.
-    """
-    low, high = value_range(values)
-    if low < threshold <= high:
-        return
-    if not low <= high:
-        raise ThresholdError("no voxel has a finite value, so there is no surface; check the file")
-    if threshold > high:
-        beyond = f"above this volume's maximum {high:g}"
-    else:
-        beyond = f"not above this volume's minimum {low:g}, so every voxel would be inside"
-    hint = "choose one inside that range"
-    if kind != "HU" and low >= 0 and high <= 255:
-        hint = f"these look like 8 bit slices, not HU: {hint}"
-    raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")

@@ -27,10 +27,11 @@ from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import in_batches, worker_count
 from ..progress import Step, Steps, finish, within
+from ..volume.thresholding import check_threshold
 from .active_voxels import Slab, find_active
 from .faces import fill_faces
 from .gradients import Sampler, complete_normals
-from .grid import WORD, Grid, check_threshold, inside_bits, make_grid
+from .grid import WORD, Grid, inside_bits, make_grid
 from .interior_vertices import resolved
 from .trilinear_decider import tables
 from .vertices import fill_vertices

@@ -2,6 +2,7 @@
 
 from .region import (
     EDGES,
+    region_box,
     region_corners,
     region_directions,
     region_limits,
@@ -11,7 +12,6 @@ from .region import (
     side_places,
     volume_box,
 )
-from .scalar_field import region_box
 from .slices import picture, slice_corners, slice_middle, slice_place, slice_values, usual_window
 from .statistics import Survey, histogram_picture, survey_steps
 from .thresholding import otsu, slabs, value_range

@@ -6,14 +6,20 @@ voxels its box is as oblique or sheared as the volume. Corners are numbered by b
 
 from __future__ import annotations
 
+import math
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SettingsError
+from ..settings import ReconstructionSettings
 from .volume import Volume, to_index, to_ras_mm
 
 EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
 SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
 Region = tuple[float, ...]
+Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]  # start and stop along x, y, z
 
 
 def volume_box(volume: Volume) -> NDArray[np.float64]:
@@ -108,3 +114,32 @@ def side_places(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, ND
     low, high = corners.min(axis=0), corners.max(axis=0)
     reach = (high - low) / 2 + gap * (high - low).max()
     return {letter: (low + high) / 2 + np.array(side) * reach for letter, side in SIDES.items()}
+
+
+def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
+    """The voxels inside the region of the settings; a region in mm takes every voxel it touches.
+
+    Raises
+    ------
+    SettingsError
+        If fewer than two samples of the volume along an axis lie in the region.
+    """
+    region = settings.region
+    if region is None:
+        return tuple((0, size) for size in volume.size)  # type: ignore[return-value]
+    low, high = np.array(region[:3]), np.array(region[3:])
+    if settings.region_unit == "mm":
+        corners = np.array(list(product(*zip(low, high, strict=True))))  # (8, 3)
+        at = to_index(volume.affine, corners)
+        low, high = at.min(axis=0), at.max(axis=0)
+    box = []
+    for axis, size in enumerate(volume.size):
+        # A millionth of a voxel is rounding, not a voxel that is touched.
+        start, stop = max(0, math.floor(low[axis] + 1e-6)), min(size, math.ceil(high[axis] - 1e-6) + 1)
+        if stop - start < 2:
+            raise SettingsError(
+                f"region {region} ({settings.region_unit}) leaves less than 2 of the volume's {size} samples along "
+                f"{'xyz'[axis]}; choose one inside the volume"
+            )
+        box.append((start, stop))
+    return (box[0], box[1], box[2])

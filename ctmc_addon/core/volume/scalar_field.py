@@ -7,22 +7,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LabelError, SettingsError, VolumeError
-from ..extraction.grid import check_threshold
+from ..errors import LabelError, VolumeError
 from ..memory import require
 from ..progress import Step, Steps, within
 from ..settings import ReconstructionSettings
+from .region import Box, region_box
 from .smoothing import REACH, soften_steps
-from .thresholding import otsu
-from .volume import Volume, to_index
+from .thresholding import check_threshold, otsu
+from .volume import Volume
 
-Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 MOST_LABELS = 20  # as many are named in a message
 
 
@@ -93,35 +91,6 @@ def field_steps(
         values = yield from within(soften_steps(values, volume.spacing, settings.soften_mm, threads), 0.5, 1.0)
     yield Step(1.0, "Values ready")
     return Field(values, (box[0][0], box[1][0], box[2][0]), window, threshold, notes)
-
-
-def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
-    """The voxels inside the region of the settings; a region in mm takes every voxel it touches.
-
-    Raises
-    ------
-    SettingsError
-        If fewer than two samples of the volume along an axis lie in the region.
-    """
-    region = settings.region
-    if region is None:
-        return tuple((0, size) for size in volume.size)  # type: ignore[return-value]
-    low, high = np.array(region[:3]), np.array(region[3:])
-    if settings.region_unit == "mm":
-        corners = np.array(list(product(*zip(low, high, strict=True))))  # (8, 3)
-        at = to_index(volume.affine, corners)
-        low, high = at.min(axis=0), at.max(axis=0)
-    box = []
-    for axis, size in enumerate(volume.size):
-        # A millionth of a voxel is rounding, not a voxel that is touched.
-        start, stop = max(0, math.floor(low[axis] + 1e-6)), min(size, math.ceil(high[axis] - 1e-6) + 1)
-        if stop - start < 2:
-            raise SettingsError(
-                f"region {region} ({settings.region_unit}) leaves less than 2 of the volume's {size} samples along "
-                f"{'xyz'[axis]}; choose one inside the volume"
-            )
-        box.append((start, stop))
-    return (box[0], box[1], box[2])
 
 
 def _slices(box: Box) -> tuple[slice, ...]:

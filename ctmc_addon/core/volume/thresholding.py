@@ -143,3 +143,28 @@ def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
             counts = counts.copy()
             counts[outer] = 0
     return counts
+
+
+def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:
+    """Raise `ThresholdError` where no value or every value is at or above the threshold.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns)
+        NaN and infinite ones are passed over.
+    kind : str
+        As in `Volume`: what the values mean.
+    """
+    low, high = value_range(values)
+    if low < threshold <= high:
+        return
+    if not low <= high:
+        raise ThresholdError("no voxel has a finite value, so there is no surface; check the file")
+    if threshold > high:
+        beyond = f"above this volume's maximum {high:g}"
+    else:
+        beyond = f"not above this volume's minimum {low:g}, so every voxel would be inside"
+    hint = "choose one inside that range"
+    if kind != "HU" and low >= 0 and high <= 255:
+        hint = f"these look like 8 bit slices, not HU: {hint}"
+    raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")

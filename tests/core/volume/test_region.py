@@ -8,6 +8,7 @@ import pytest
 from ctmc_addon.core import ReconstructionSettings, Volume
 from ctmc_addon.core.volume.region import (
     EDGES,
+    region_box,
     region_corners,
     region_directions,
     region_limits,
@@ -17,7 +18,6 @@ from ctmc_addon.core.volume.region import (
     side_places,
     volume_box,
 )
-from ctmc_addon.core.volume.scalar_field import region_box
 
 SHEARED = np.array([[-0.7, 0.05, 0.3, 40.0], [0.1, -0.8, 0.4, -12.0], [0.02, 0.1, -2.5, 90.0], [0.0, 0.0, 0.0, 1.0]])
 
