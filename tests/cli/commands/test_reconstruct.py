@@ -305,7 +305,7 @@ def test_without_blender_there_is_one_sentence(tmp_path):
 
 
 @pytest.mark.parametrize("there", [False, True])
-@pytest.mark.parametrize("fails", ["scene.export", "scene.render_figure", "cli.reconstruct.write_json"])
+@pytest.mark.parametrize("fails", ["blender.export", "blender.render_figure", "cli.commands.reconstruct.write_json"])
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
     names = ["f.png", "r.json", "t.stl"]
     if there:
