@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy topology experiments figures sidebar-pictures clean
+.PHONY: help setup demo test test-all test-window lint types build bench accuracy topology experiments figures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -51,6 +51,9 @@ figures: setup  ## the pictures of docs/figures.md, by the commands on that page
 
 sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
 	@PYTHONPATH=tests $(python) -m window.sidebar_pictures
+
+translations: setup  ## list what the sidebar shows in English for want of a translation
+	@PYTHONPATH=tests $(python) -m ui.strings_of_ours
 
 clean:  ## remove what was made: environments, wheels, zips, outputs, caches
 	rm -rf .venv .venvs build dist out wheels *.egg-info .pytest_cache .ruff_cache .mypy_cache

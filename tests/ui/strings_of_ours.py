@@ -1,4 +1,7 @@
-"""Every string of ours that a person can read in Blender's interface: registered, drawn, messages of steps."""
+"""Every string of ours that a person can read in Blender's interface; run it to list what is not translated.
+
+`PYTHONPATH=tests python -m ui.strings_of_ours`. A string without a translation is shown in English.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,19 @@ from pathlib import Path
 
 import bpy
 
+import ctmc_addon
+from ctmc_addon.ui import translations
 from ctmc_addon.ui.properties import figure as figure_properties
 from ctmc_addon.ui.properties import preferences
 from ctmc_addon.ui.properties import settings as properties
 from ctmc_addon.ui.properties import view as view_properties
 
-PACKAGE = Path(__file__).resolve().parents[2] / "ctmc_addon"
+PACKAGE = Path(ctmc_addon.__file__).parent
 # Calls that show their first argument, or the argument of this name.
 SHOWN_FIRST = {"say", "poll_message_set"}
 SHOWN_NAMED = {"text", "heading"}
+# Calls of core and readers whose strings are messages of steps.
+STEPS = {"Step", "in_batches", "decoded_steps", "pooled_steps"}
 GROUPS = (
     properties.CTMCSettings,
     properties.CTMCLabel,
@@ -31,9 +38,9 @@ def our_types() -> Iterator[type]:
     """The classes that the extension has registered, but operators."""
     yield from GROUPS
     for name in dir(bpy.types):
-        found = getattr(bpy.types, name)
-        if getattr(found, "__module__", "").startswith("ctmc_addon."):
-            yield found
+        kind = getattr(bpy.types, name)
+        if getattr(kind, "__module__", "").startswith("ctmc_addon."):
+            yield kind
 
 
 def our_properties() -> Iterator[bpy.types.Property]:
@@ -49,20 +56,20 @@ def our_properties() -> Iterator[bpy.types.Property]:
 
 def registered_strings() -> set[str]:
     """Labels and descriptions of classes, properties and choices."""
-    found = set()
+    strings = set()
     for kind in our_types():
         for name in ("bl_label", "bl_description", "bl_category"):
-            found.add(getattr(kind, name, ""))
+            strings.add(getattr(kind, name, ""))
     for name in dir(bpy.ops.ctmc):
         kind = getattr(bpy.types, f"CTMC_OT_{name}")
-        found |= {kind.bl_label, kind.bl_description}
+        strings |= {kind.bl_label, kind.bl_description}
     for prop in our_properties():
         if prop.is_hidden:
             continue
-        found |= {prop.name, prop.description}
+        strings |= {prop.name, prop.description}
         if prop.type == "ENUM":
-            found |= {text for item in prop.enum_items for text in (item.name, item.description)}
-    return found
+            strings |= {text for item in prop.enum_items for text in (item.name, item.description)}
+    return strings
 
 
 def literals(node: ast.AST) -> set[str]:
@@ -72,40 +79,58 @@ def literals(node: ast.AST) -> set[str]:
     return {one.value for one in constants if isinstance(one.value, str)}
 
 
+def calls(*rooms: str) -> Iterator[tuple[str, ast.Call]]:
+    """Every call in the sources of some rooms, with the name that is called."""
+    for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                yield getattr(node.func, "id", getattr(node.func, "attr", "")), node
+
+
 def drawn_strings() -> set[str]:
     """Literals that panels and operators show."""
-    found = set()
-    for path in (PACKAGE / "ui").glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Call):
-                continue
-            called = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            shown = list(node.args[:1]) if called in SHOWN_FIRST else []
-            shown += [word.value for word in node.keywords if word.arg in SHOWN_NAMED]
-            for value in shown:
-                # What `say` is asked inside is found there.
-                if not (isinstance(value, ast.Call) and called not in SHOWN_FIRST):
-                    found |= literals(value)
-    return found
+    strings = set()
+    for called, node in calls("ui"):
+        shown = list(node.args[:1]) if called in SHOWN_FIRST else []
+        shown += [word.value for word in node.keywords if word.arg in SHOWN_NAMED]
+        for value in shown:
+            # What is translated inside is collected there.
+            if not (isinstance(value, ast.Call) and called not in SHOWN_FIRST):
+                strings |= literals(value)
+    return strings
 
 
 def step_strings() -> set[str]:
-    """Messages of steps, which status bar and panel show; those with a name or number in them are left out."""
-    found = set()
-    for room in ("core", "readers", "scene"):
-        for path in (PACKAGE / room).glob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                called = getattr(getattr(node, "func", None), "id", "")
-                if called == "Step":
-                    found |= literals(node.args[1])
-                elif called in {"in_batches", "decoded_steps", "pooled_steps", "said"}:
-                    found |= {text for arg in node.args for text in literals(arg)}
-                elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "MESSAGE":
-                    found |= literals(node.value)
-    return found
+    """Messages of steps and names of stages, which status bar and panel show, if no name or number is in them."""
+    strings = set()
+    for called, node in calls("core", "readers", "blender", "ui"):
+        if called in STEPS:
+            strings |= {text for arg in node.args for text in literals(arg)}
+        elif called == "Stages" and node.args and isinstance(node.args[0], ast.Dict):
+            strings |= {text for key in node.args[0].keys if key is not None for text in literals(key)}
+    return strings
 
 
 def all_strings() -> set[str]:
-    """All of them, without what has no letters or is an address in the code."""
-    found = registered_strings() | drawn_strings() | step_strings()
-    return {text for text in found if re.search("[A-Za-z]", text) and not text.startswith("CTMC_")}
+    """All of them, without what has no letters or is an address in the code; the extension must be registered."""
+    strings = registered_strings() | drawn_strings() | step_strings()
+    return {text for text in strings if re.search("[A-Za-z]", text) and not text.startswith("CTMC_")}
+
+
+def every_literal() -> set[str]:
+    """Every string in the sources, to know which translations nothing asks for."""
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py"))
+    return {text for tree in trees for text in literals(tree)}
+
+
+if __name__ == "__main__":
+    ctmc_addon.register()
+    ours = all_strings()
+    used = ours | every_literal()
+    for table in translations.LOCALES:
+        known = set(translations.table(table))
+        print(f"{table}: {len(ours - known)} of {len(ours)} strings are shown in English, {len(known - used)} unused")
+        for heading, strings in (("not translated", ours - known), ("not used", known - used)):
+            for text in sorted(strings):
+                print(f"  {heading}: {text}")
+    ctmc_addon.unregister()

@@ -319,7 +319,7 @@ def test_the_command_line_starts_from_the_same_pages():
 
 
 def test_the_panel_shows_what_each_kind_asks_for(surface):
-    from ui.test_panels import drawn
+    from ui.drawing import drawn
 
     chosen = bpy.context.scene.ctmc_figure
     asked = {

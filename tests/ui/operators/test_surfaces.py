@@ -344,7 +344,7 @@ def namesake(tmp_path):
 
 
 def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, ball_file, namesake):
-    from ui.test_panels import drawn
+    from ui.drawing import drawn
 
     from ctmc_addon.ui.panels import main as panels
     from ctmc_addon.ui.state import surfaces
@@ -406,7 +406,7 @@ def test_load_again_says_that_the_content_has_changed(loaded, ball_file):
 
 
 def test_what_could_not_be_read_stays_in_the_panel_until_the_next_load(loaded, ball_file, tmp_path):
-    from ui.test_panels import drawn
+    from ui.drawing import drawn
 
     from ctmc_addon.ui.panels import main as panels
 

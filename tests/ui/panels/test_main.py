@@ -6,48 +6,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui.drawing import Layout, drawn
+
 from ctmc_addon.core.settings import described
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import sub_panels
 from ctmc_addon.ui.viewport import region
-
-
-class Layout:
-    """Takes the place of Blender's, which exists only while a window is drawn."""
-
-    def __init__(self):
-        self.shown, self.buttons, self.texts, self.icons = [], [], [], []
-
-    def row(self, **_):
-        return self
-
-    box = column = split = grid_flow = row
-
-    def panel(self, _identifier, **_):
-        return self, self
-
-    def prop(self, owner, name, **_):
-        assert name in owner.bl_rna.properties, name
-        self.shown.append(name)
-
-    def operator(self, name, text=None, **_):
-        self.buttons.append(name if text is None else f"{name} {text}".rstrip())
-        return type("Button", (), {})()
-
-    def operator_menu_enum(self, name, _property, **_):
-        self.buttons.append(name)
-
-    def label(self, text="", **_):
-        self.texts.append(text)
-
-    def progress(self, factor, text):
-        assert 0 <= factor <= 1
-        self.texts.append(text)
-
-    def template_list(self, kind, _, owner, name, *_a, **_k):
-        assert hasattr(bpy.types, kind)
-        self.shown.append(name)
 
 
 PANELS = (
@@ -59,12 +24,6 @@ PANELS = (
     sub_panels.CTMC_PT_results,
     figure_panel.CTMC_PT_figure,
 )
-
-
-def drawn(panel):
-    holder = type("Panel", (), {"layout": Layout()})()
-    panel.draw(holder, bpy.context)
-    return holder.layout
 
 
 def test_every_setting_is_shown(scene):

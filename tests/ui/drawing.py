@@ -1,0 +1,48 @@
+"""A layout that writes down what a panel asks for."""
+
+from __future__ import annotations
+
+import bpy
+
+
+class Layout:
+    """Takes the place of Blender's, which exists only while a window is drawn."""
+
+    def __init__(self):
+        self.shown, self.buttons, self.texts, self.icons = [], [], [], []
+
+    def row(self, **_):
+        return self
+
+    box = column = split = grid_flow = row
+
+    def panel(self, _identifier, **_):
+        return self, self
+
+    def prop(self, owner, name, **_):
+        assert name in owner.bl_rna.properties, name
+        self.shown.append(name)
+
+    def operator(self, name, text=None, **_):
+        self.buttons.append(name if text is None else f"{name} {text}".rstrip())
+        return type("Button", (), {})()
+
+    def operator_menu_enum(self, name, _property, **_):
+        self.buttons.append(name)
+
+    def label(self, text="", **_):
+        self.texts.append(text)
+
+    def progress(self, factor, text):
+        assert 0 <= factor <= 1
+        self.texts.append(text)
+
+    def template_list(self, kind, _, owner, name, *_a, **_k):
+        assert hasattr(bpy.types, kind)
+        self.shown.append(name)
+
+
+def drawn(panel):
+    holder = type("Panel", (), {"layout": Layout()})()
+    panel.draw(holder, bpy.context)
+    return holder.layout
