@@ -37,7 +37,7 @@ build: setup  ## the extension's zips, one for each platform, in dist
 bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extraction" for a part of it
 	@'$(or $(starter),python3)' tests/benchmarks/environment.py $(ARGS)
 
-accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/accuracy.md
+accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/development/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
 
 topology: setup  ## how often parts and Euler numbers are not the trilinear surface's; ARGS="100" for a hundred

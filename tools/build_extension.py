@@ -1,12 +1,14 @@
 """Pack the extension: one zip for each platform, with the wheels of the libraries it reads CT with.
 
-Wheels are gathered by pip into wheels/ and stay there between builds. Each zip is staged in a temporary folder,
+Wheels are gathered by pip into wheels/ and stay there between builds. tools/wheels.txt pins them by version and hash;
+`--pin` writes the hashes anew after a version has changed. Each zip is staged in a temporary folder,
 then built and validated by Blender's own tool, which the bpy wheel brings along.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import json
 import re
@@ -52,7 +54,10 @@ def run(command: list[str], failure: str) -> None:
 
 
 def gather_wheels(name: str) -> list[Path]:
-    """The wheels of one platform, from wheels/ or by pip; one for each library and Python, pure ones once."""
+    """The wheels of one platform, from wheels/ or by pip; one for each library and Python, pure ones once.
+
+    pip refuses a wheel whose hash is not in tools/wheels.txt.
+    """
     wheels = {}
     for python in PLATFORMS[name].pythons:
         folder = WHEELS / f"{name}-{python}"
@@ -67,6 +72,22 @@ def gather_wheels(name: str) -> list[Path]:
             shutil.copyfile(REQUIREMENTS, stamp)
         wheels.update({wheel.name: wheel for wheel in folder.glob("*.whl")})
     return [wheels[key] for key in sorted(wheels)]
+
+
+def pin_wheels() -> None:
+    """Write the hashes of the wheels of all platforms behind the versions in tools/wheels.txt."""
+    pinned = [line for line in REQUIREMENTS.read_text(encoding="utf-8").splitlines() if "--hash" not in line]
+    pinned = [line.removesuffix(" \\") for line in pinned]
+    REQUIREMENTS.write_text("\n".join(pinned) + "\n", encoding="utf-8")
+    hashes: dict[str, set[str]] = {}
+    for wheel in {wheel for name in PLATFORMS for wheel in gather_wheels(name)}:
+        library = wheel.name.partition("-")[0].replace("_", "-").lower()
+        hashes.setdefault(library, set()).add(hashlib.sha256(wheel.read_bytes()).hexdigest())
+    lines = []
+    for line in pinned:
+        library = line.partition("==")[0].replace("_", "-").lower()
+        lines.append(" \\\n".join([line, *(f"    --hash=sha256:{digest}" for digest in sorted(hashes.get(library, ())))]))
+    REQUIREMENTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def blender_scripts() -> Path:
@@ -125,8 +146,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Pack the extension for Blender.")
     parser.add_argument("--platform", action="append", choices=PLATFORMS, help="only this one (may be repeated)")
     parser.add_argument("--output", type=Path, default=ROOT / "dist", help="folder for the zips (default: dist)")
+    parser.add_argument("--pin", action="store_true", help="write the wheels' hashes into tools/wheels.txt, and stop")
     arguments = parser.parse_args()
     try:
+        if arguments.pin:
+            pin_wheels()
+            return 0
         for name in arguments.platform or PLATFORMS:
             package = build(name, arguments.output)
             print(f"{package}  {package.stat().st_size / 1e6:.1f} MB", flush=True)

@@ -1,7 +1,7 @@
-"""Print how near the surface comes to the truth; with --write-docs also into docs/accuracy.md.
+"""Print how near the surface comes to the truth; with --write-docs also into docs/development/accuracy.md.
 
 Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumours over stride and alpha.
-The same numbers come on every machine. tests/core/test_geometry.py holds them.
+The same numbers come on every machine. tests/core/test_accuracy.py holds them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ctmc_addon.core.volume.volume import normals_to_ras
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "accuracy.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "development" / "accuracy.md"
 STEPS = (2.0, 1.0, 0.5, 0.25)  # mm; along z times 1 or 2.5
 FINE = STEPS[1:]  # what the orders are taken from: at 2 mm the torus' tube is three voxels wide
 ALPHAS = (0.0, 0.5, 1.0)

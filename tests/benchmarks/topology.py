@@ -1,7 +1,7 @@
 """Print how often a surface has other parts or another Euler number than the trilinear interpolant's.
 
 Single voxels, and grids of 5 x 5 x 5 samples whose outermost are outside, of random values. The truth is resampled
-(tests/trilinear_oracle.py). Give a number of each; with --write-docs the table goes into docs/accuracy.md.
+(tests/oracles/trilinear.py). Give a number of each; with --write-docs the table goes into docs/development/accuracy.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("count", nargs="?", type=int, default=COUNT, help="of voxels, and of grids")
-    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/accuracy.md")
+    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/development/accuracy.md")
     given = parser.parse_args()
     text = topology_table(given.count)
     print(text)
