@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 from .errors import MemoryLimitError
 
@@ -13,17 +15,24 @@ def available_bytes() -> int | None:
     """Memory that can be had without swapping, in bytes; None where the system does not say."""
     if sys.platform == "win32":
         return _windows_available()
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            for line in lines:
-                if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    try:  # macOS: half of what is built in, since the free pages alone say little there
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    except (OSError, ValueError):
-        return None
+    if sys.platform.startswith("linux"):
+        return linux_available(Path("/"))
+    return _half_of_physical()
+
+
+def linux_available(root: Path) -> int | None:
+    """The least of what the machine has left, what its control groups allow and what the process may address.
+
+    In a container or a batch system's job (SLURM) the control group's limit is below the machine's memory.
+
+    Parameters
+    ----------
+    root : Path
+        Folder that holds `proc` and `sys`.
+    """
+    known = [_meminfo_available(root), *_cgroups_available(root), _address_space_available(root)]
+    limits = [limit for limit in known if limit is not None]
+    return max(0, min(limits)) if limits else _half_of_physical()
 
 
 def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None = None) -> None:
@@ -34,6 +43,73 @@ def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None =
             f"{what} needs about {needed_bytes / 2**30:.1f} GiB of memory "
             f"and {limit / 2**30:.1f} GiB are available; {remedy}"
         )
+
+
+def _meminfo_available(root: Path) -> int | None:
+    for line in _lines(root / "proc/meminfo"):
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * 1024
+    return None
+
+
+def _cgroups_available(root: Path) -> list[int]:
+    """What is left to each control group of this process and to the groups around it; groups without limit left out."""
+    left = []
+    for line in _lines(root / "proc/self/cgroup"):
+        number, controllers, path = line.split(":", 2)
+        if number == "0":  # version 2
+            mount, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            mount = root / "sys/fs/cgroup/memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        # A container sees its own group at the mount, under whatever path the machine knows it by.
+        group = mount / path.lstrip("/")
+        for folder in (group, *group.parents):
+            limit, used = (_number(folder / name) for name in names[:2])
+            if limit is not None and used is not None:
+                left.append(limit - used + _reclaimable(folder / "memory.stat", names[2]))
+            if folder == mount:
+                break
+    return left
+
+
+def _reclaimable(stat: Path, name: str) -> int:
+    """Cached file contents that count as used, and that the kernel gives up for a program."""
+    return next((int(line.split()[1]) for line in _lines(stat) if line.split()[0] == name), 0)
+
+
+def _address_space_available(root: Path) -> int | None:
+    """What `ulimit -v` leaves to this process; None without such a limit."""
+    import resource  # not on Windows
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    pages = _lines(root / "proc/self/statm")
+    if limit == resource.RLIM_INFINITY or not pages:
+        return None
+    return limit - int(pages[0].split()[0]) * resource.getpagesize()
+
+
+def _half_of_physical() -> int | None:
+    """For macOS: half of what is built in, since the free pages alone say little there."""
+    with suppress(OSError, ValueError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    return None
+
+
+def _lines(path: Path) -> list[str]:
+    """The lines of a small file; none where it is missing or closed to us."""
+    try:
+        return path.read_text("ascii").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return []
+
+
+def _number(path: Path) -> int | None:
+    """The number in a file; None where there is no file or it says 'max'."""
+    text = "".join(_lines(path)).strip()
+    return int(text) if text.isdigit() else None
 
 
 def _windows_available() -> int | None:

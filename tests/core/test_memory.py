@@ -1,0 +1,87 @@
+"""What memory there is: the machine's, the control group's, the process's, whichever is least."""
+
+import pytest
+
+from ctmc_addon.core.errors import MemoryLimitError
+from ctmc_addon.core.memory import available_bytes, linux_available, require
+
+GIB = 2**30
+
+
+def written(root, files):
+    meminfo = f"MemTotal: 99 kB\nMemAvailable: {8 * 2**20} kB\n"
+    for name, text in {"proc/meminfo": meminfo, **files}.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("files", "gib"),
+    [
+        ({}, 8),
+        ({"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/memory.max": "max\n", "sys/fs/cgroup/memory.current": "5"}, 8),
+        (
+            {
+                "proc/self/cgroup": "0::/\n",
+                "sys/fs/cgroup/memory.max": f"{3 * GIB}\n",
+                "sys/fs/cgroup/memory.current": f"{2 * GIB}\n",
+                "sys/fs/cgroup/memory.stat": f"anon {GIB}\ninactive_file {GIB}\n",
+            },
+            2,
+        ),
+        (  # the group around is the narrower one
+            {
+                "proc/self/cgroup": "0::/slurm/job_1\n",
+                "sys/fs/cgroup/slurm/job_1/memory.max": f"{7 * GIB}\n",
+                "sys/fs/cgroup/slurm/job_1/memory.current": "0\n",
+                "sys/fs/cgroup/slurm/memory.max": f"{6 * GIB}\n",
+                "sys/fs/cgroup/slurm/memory.current": f"{2 * GIB}\n",
+            },
+            4,
+        ),
+        (  # version 1, in a container that has its own group at the mount
+            {
+                "proc/self/cgroup": "7:cpu,cpuacct:/docker/ab\n4:memory:/docker/ab\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": f"{4 * GIB}\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": f"{GIB}\n",
+                "sys/fs/cgroup/memory/memory.stat": "cache 1\ntotal_inactive_file 0\n",
+            },
+            3,
+        ),
+        (  # version 1 without a limit
+            {
+                "proc/self/cgroup": "4:memory:/\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": f"{2**63 - 4096}\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": f"{GIB}\n",
+            },
+            8,
+        ),
+        (  # more in use than allowed
+            {
+                "proc/self/cgroup": "0::/\n",
+                "sys/fs/cgroup/memory.max": f"{GIB}\n",
+                "sys/fs/cgroup/memory.current": f"{2 * GIB}\n",
+            },
+            0,
+        ),
+    ],
+)
+def test_the_narrowest_limit_decides(tmp_path, files, gib):
+    assert linux_available(written(tmp_path, files)) == gib * GIB
+
+
+def test_the_address_space_of_the_process_is_a_limit(tmp_path, monkeypatch):
+    resource = pytest.importorskip("resource")
+    page = resource.getpagesize()
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (3 * GIB, 3 * GIB))
+    root = written(tmp_path, {"proc/self/statm": f"{GIB // page} 5 5 5\n"})
+    assert linux_available(root) == 2 * GIB
+
+
+def test_work_beyond_the_limit_is_refused_with_both_numbers():
+    require(GIB, "a surface", "use a larger stride", 2 * GIB)
+    with pytest.raises(MemoryLimitError, match=r"3\.0 GiB.*2\.0 GiB"):
+        require(3 * GIB, "a surface", "use a larger stride", 2 * GIB)
+    assert (available_bytes() or 1) > 0
