@@ -6,10 +6,10 @@ from .extraction.marching_cubes import marching_cubes
 from .memory import available_bytes
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
-from .parallel import in_batches, worker_count
+from .parallel import map_steps, worker_count
 from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
 from .preview import Preview, Shown
-from .progress import Step, Steps, finish, said, within
+from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, said, timed_steps, within
 from .settings import ReconstructionSettings, Setting, described
 from .simplification.simplify import simplify, simplify_steps
 from .version import VERSION
@@ -17,6 +17,7 @@ from .volume.volume import Volume
 
 __all__ = [
     "CALIBRATION",
+    "PAUSE",
     "VERSION",
     "CtmcError",
     "LabelError",
@@ -32,6 +33,7 @@ __all__ = [
     "SettingsError",
     "Shown",
     "Stage",
+    "Stages",
     "Step",
     "Steps",
     "Surface",
@@ -40,9 +42,10 @@ __all__ = [
     "available_bytes",
     "described",
     "distances",
+    "equal_part",
     "finish",
     "full_steps",
-    "in_batches",
+    "map_steps",
     "marching_cubes",
     "price_steps",
     "reconstruct",
@@ -51,6 +54,7 @@ __all__ = [
     "simplified_steps",
     "simplify",
     "simplify_steps",
+    "timed_steps",
     "within",
     "worker_count",
 ]

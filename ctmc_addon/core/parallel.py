@@ -1,7 +1,8 @@
 """Work spread over threads, as steps.
 
-NumPy works without Python's lock, so threads help. The pool belongs to the steps: whoever closes them, or drops
-them, leaves no thread behind.
+NumPy works without Python's lock, so threads help. They go on working between two steps: waiting for all of them
+before each step would leave processors idle. They end with the steps: closing these waits for the items at work and
+begins no other.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ def worker_count(threads: int | None) -> int:
     return threads
 
 
-def in_batches(
+def map_steps(
     work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str, batches: int = 16
 ) -> Steps[list[Result]]:
-    """Do `work` for every item; a step after each of about so many batches, the results in the items' order.
+    """`work` of every item, in the items' order; about `batches` steps, after as many items each.
 
     The error of the earliest item is raised, whichever thread met one first.
     """
     done: list[Result] = []
-    at_once = -(-len(items) // batches)
+    batch = -(-len(items) // batches)
     pool = ThreadPoolExecutor(min(threads, len(items))) if min(threads, len(items)) > 1 else None
     try:
         for result in pool.map(work, items) if pool else map(work, items):
             done.append(result)
-            if len(done) % at_once == 0 or len(done) == len(items):
+            if len(done) % batch == 0 or len(done) == len(items):
                 yield Step(len(done) / len(items), message)
     finally:
         if pool:

@@ -83,10 +83,35 @@ class Stages:
     def run(self, name: str, steps: Steps[T]) -> Steps[T]:
         """The same steps as the stage `name` of the whole; a stage that is run again adds to its seconds."""
         low, high = self.shares[name]
-        start = time.perf_counter()
-        result = yield from _between(steps, low, high, name)
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        result, seconds = yield from _between_steps(timed_steps(steps), low, high, name)
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
         return result
+
+
+def timed_steps(steps: Steps[T]) -> Steps[tuple[T, float]]:
+    """The same steps; returns their result and the seconds they worked, without what their driver did meanwhile.
+
+    Examples
+    --------
+    >>> def half_steps():
+    ...     yield Step(0.5)
+    ...     return 42
+    >>> result, seconds = finish(timed_steps(half_steps()))
+    >>> result
+    42
+    """
+    seconds = 0.0
+    try:
+        while True:
+            start = time.perf_counter()
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                return end.value, seconds + time.perf_counter() - start
+            seconds += time.perf_counter() - start
+            yield step
+    finally:
+        steps.close()
 
 
 def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
@@ -99,10 +124,10 @@ def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
     >>> list(equal_part(half_steps(), 1, 2))
     [Step(fraction=0.75, message='Half')]
     """
-    return (yield from _between(steps, number / count, (number + 1) / count))
+    return (yield from _between_steps(steps, number / count, (number + 1) / count))
 
 
-def _between(steps: Steps[T], low: float, high: float, message: str = "") -> Steps[T]:
+def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") -> Steps[T]:
     try:
         while True:
             try:

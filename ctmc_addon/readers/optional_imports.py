@@ -13,7 +13,7 @@ from concurrent import futures
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ..core import ReadError, Step, Steps, finish, in_batches
+from ..core import ReadError, Step, Steps, finish, map_steps
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -98,7 +98,7 @@ def quiet_batches(
     while len(done) < len(items):
         some = items[len(done) : len(done) + at_once]
         with quiet():
-            done += finish(in_batches(work, some, threads, message))
+            done += finish(map_steps(work, some, threads, message))
         yield Step(len(done) / len(items), message)
     return done
 

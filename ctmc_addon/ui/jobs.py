@@ -1,8 +1,8 @@
 """One driver for every long operator: modal with a timer in a window, all at once in a script.
 
 A job is a generator of steps that returns a function, its conclusion. Nothing is written to the scene before the
-conclusion runs, so a job that is cancelled leaves the scene as it was. Worker pools have ended before a step is
-yielded, so no thread is left either.
+conclusion runs, so a job that is cancelled leaves the scene as it was. Closing a job waits for its threads, which
+know NumPy alone, so none is left either.
 
 Esc and the window wait for a step at most, so steps are short: `python -m benchmarks.steps` measures them all. Steps in
 a thread of their own would leave the window free for longer, but not Esc: NumPy cannot be stopped in the midst of a

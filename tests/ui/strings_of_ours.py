@@ -24,7 +24,7 @@ PACKAGE = Path(ctmc_addon.__file__).parent
 SHOWN_FIRST = {"say", "poll_message_set"}
 SHOWN_NAMED = {"text", "heading"}
 # Calls of core and readers whose strings are messages of steps.
-STEPS = {"Step", "in_batches", "decoded_steps", "pooled_steps"}
+STEPS = {"Step", "map_steps", "decoded_steps", "pooled_steps"}
 GROUPS = (
     properties.CTMCSettings,
     properties.CTMCLabel,

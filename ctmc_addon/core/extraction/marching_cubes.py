@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError, SettingsError, ThresholdError, VolumeError
 from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
-from ..parallel import in_batches, worker_count
+from ..parallel import map_steps, worker_count
 from ..progress import Step, Steps, finish, within
 from ..volume.thresholding import check_threshold
 from .active_voxels import Slab, find_active
@@ -158,7 +158,7 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
     ranges = _even_parts(np.full(layers, rows * pitch / SLAB_SAMPLES))
-    compare = in_batches(
+    compare = map_steps(
         lambda part: inside_bits(grid, threshold, *part, bits), ranges, threads, "Comparing with the threshold"
     )
     yield from within(compare, 0.0, 0.3)
@@ -171,7 +171,7 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         slab = find_active(grid, bits, *part)
         return resolved(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
-    return (yield from within(in_batches(scan, ranges, threads, "Finding active voxels"), 0.3, 0.5))
+    return (yield from within(map_steps(scan, ranges, threads, "Finding active voxels"), 0.3, 0.5))
 
 
 def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
@@ -233,7 +233,7 @@ def _extract_steps(
         )
         fill_faces(slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
 
-    yield from within(in_batches(fill, range(len(slabs)), threads, "Placing vertices and triangles"), 0.5, 0.95)
+    yield from within(map_steps(fill, range(len(slabs)), threads, "Placing vertices and triangles"), 0.5, 0.95)
     if directions is not None:
         complete_normals(directions, positions[-1], faces)
     yield Step(1.0, "Surface extracted")

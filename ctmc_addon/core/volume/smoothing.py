@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parallel import in_batches, worker_count
+from ..parallel import map_steps, worker_count
 from ..progress import Steps, within
 
 REACH = 4.0  # standard deviations after which the Gaussian is cut off
@@ -61,7 +61,7 @@ def soften_steps(
         (in_plane, range(slices), 0.0, share),
         (through, range(0, rows, deep) if len(along_z) > 1 else range(0), share, 1.0),
     ):
-        yield from within(in_batches(work, items, workers, "Softening", batches=BATCHES), low, high)
+        yield from within(map_steps(work, items, workers, "Softening", batches=BATCHES), low, high)
     return softened
 
 
