@@ -86,7 +86,8 @@ def pin_wheels() -> None:
     lines = []
     for line in pinned:
         library = line.partition("==")[0].replace("_", "-").lower()
-        lines.append(" \\\n".join([line, *(f"    --hash=sha256:{digest}" for digest in sorted(hashes.get(library, ())))]))
+        digests = sorted(hashes.get(library, ()))
+        lines.append(" \\\n".join([line, *(f"    --hash=sha256:{digest}" for digest in digests)]))
     REQUIREMENTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -78,7 +78,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="3 calls instead of 9, for a first look")
     parser.add_argument("--repeats", type=int, help="calls of which the median counts")
     parser.add_argument("--ct", type=Path, action="append", default=[], help="a CT of your own to measure as well")
-    parser.add_argument("--write-docs", action="store_true", help="put the numbers into docs/development/performance.md")
+    parser.add_argument("--write-docs", action="store_true", help="renew docs/development/performance.md")
     hidden = {"help": argparse.SUPPRESS}
     parser.add_argument("--part", **hidden)
     parser.add_argument("--scratch", type=Path, **hidden)

@@ -14,7 +14,6 @@ from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import sub_panels
 from ctmc_addon.ui.viewport import region
 
-
 PANELS = (
     panels.CTMC_PT_main,
     region.CTMC_PT_region,
