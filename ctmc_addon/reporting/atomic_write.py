@@ -6,12 +6,14 @@ disk nor a crash leaves half of one, and an older file stays until the new one i
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -44,24 +46,24 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(path)
     # A short name of its own: the target's may already be as long as the disk allows.
     beside = target.parent / f".ctmc-{uuid.uuid4().hex[:12]}{target.suffix}"
-    try:
-        beside.open("xb").close()
-        yield beside
-        beside.replace(target)
-    except OSError as error:
-        raise refused(target, error) from error
-    finally:
+    with _refusing(target):
         try:
-            beside.unlink(missing_ok=True)
-        except OSError:
-            pass  # a folder that is none; said already
+            beside.open("xb").close()
+            yield beside
+            _sync(beside)
+            beside.replace(target)
+            _sync_folder(target.parent)
+        finally:
+            with suppress(OSError):  # the folder may not exist
+                beside.unlink(missing_ok=True)
 
 
 @contextmanager
 def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
     """For every path a place to write it to; all are moved to their paths at the end, none if anything goes wrong.
 
-    The places lie in a hidden folder beside each path, under its name, which errors then show.
+    The places lie in a hidden folder beside each path, under its name, which errors then show. Where one file cannot
+    be moved, those that were are taken back: the older files return, the new ones go.
 
     Raises
     ------
@@ -75,14 +77,63 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
             with _refusing(path):
                 place.parent.mkdir(exist_ok=True)
         yield places
-        for path, place in places.items():
-            with _refusing(path):
-                place.replace(path)
+        _replace_all(places)
     except OutputError as error:
         raise OutputError(str(error).replace(hidden + os.sep, "")) from error
     finally:
         for folder in {place.parent for place in places.values()}:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _replace_all(places: Mapping[Path, Path]) -> None:
+    """Move every place to its path, or none."""
+    older: dict[Path, Path | None] = {}  # a second name of what stands at a path
+    for path, place in places.items():
+        with _refusing(path):
+            _sync(place)
+            older[path] = _second_name(path, place.parent) if path.exists() else None
+    moved = []
+    try:
+        for path, place in places.items():
+            with _refusing(path):
+                place.replace(path)
+            moved.append(path)
+    except OutputError:
+        for path in reversed(moved):
+            with suppress(OSError):
+                second = older[path]
+                path.unlink() if second is None else second.replace(path)
+        raise
+    for folder in {path.parent for path in places}:
+        _sync_folder(folder)
+
+
+def _second_name(path: Path, folder: Path) -> Path:
+    """A hard link to the file in `folder`, or a copy where the disk does not know links."""
+    second = folder / uuid.uuid4().hex[:12]
+    try:
+        os.link(path, second)
+    except OSError:
+        shutil.copy2(path, second)
+    return second
+
+
+def _sync(path: Path) -> None:
+    """Have a file's bytes on the disk before its name says that they are."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have a folder's names on the disk, where the system can."""
+    if os.name == "nt":
+        return
+    with suppress(OSError):  # some network disks refuse it
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 @contextmanager
@@ -139,8 +190,39 @@ def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
                 one.rmdir()
 
 
-def write_json(path: str | os.PathLike[str], content: Any) -> None:
-    """Write `content` as indented UTF-8 JSON, whole or not at all."""
-    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write UTF-8 text with the line ends it has, whole or not at all."""
     with whole_file(path) as beside:
         beside.write_bytes(text.encode())
+
+
+def write_json(path: str | os.PathLike[str], content: Any) -> None:
+    """Write `content` as indented UTF-8 JSON, whole or not at all."""
+    write_text(path, json_text(content))
+
+
+def write_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> None:
+    """Write rows under their column names as CSV, whole or not at all; what a row does not have stays empty."""
+    write_text(path, csv_text(rows, names))
+
+
+def json_text(content: Any) -> str:
+    """`content` as indented JSON; NaN and infinite numbers are refused, as JSON does not know them."""
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
+    """Rows under their column names as CSV.
+
+    Examples
+    --------
+    >>> print(csv_text([{"a": 1, "b": "x,y"}, {"a": 2}], ["a", "b"]), end="")
+    a,b
+    1,"x,y"
+    2,
+    """
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()

@@ -21,7 +21,7 @@ from ...readers import file_format, folder_format, nrrd
 from ...readers.dicom import series as dicom
 from ...readers.file_formats import files_below, suffix
 from ...readers.images import folder as stacks
-from ...reporting.atomic_write import made_folder, refused
+from ...reporting.atomic_write import json_text, made_folder, refused
 
 UNFINISHED = ".ctmc-unfinished"
 THUMBNAILS = "thumbnails"
@@ -56,7 +56,7 @@ def put_text(path: Path, text: str) -> None:
 
 def put_record(folder: Path, name: str, record: Mapping[str, Any]) -> None:
     """Write the JSON of an output."""
-    put_text(record_path(folder, name), json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    put_text(record_path(folder, name), json_text(record))
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:

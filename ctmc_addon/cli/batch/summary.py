@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import base64
-import csv
 import html
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, OutputError
+from ...reporting.atomic_write import csv_text, json_text
 from .files import put_text, read_record, thumbnail_path
 
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
@@ -53,8 +51,8 @@ def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
     """
     plain = [asdict(row) for row in rows]
     texts = {
-        "summary.json": json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
-        "summary.csv": csv_text(plain),
+        "summary.json": json_text(plain),
+        "summary.csv": csv_text(plain, [field.name for field in fields(Row)]),
         "summary.html": html_text(folder, rows, over),
     }
     for name, text in texts.items():
@@ -63,15 +61,6 @@ def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
         except OutputError:
             if over:
                 raise
-
-
-def csv_text(rows: Sequence[dict[str, Any]]) -> str:
-    """The rows as CSV; what is None stays empty."""
-    stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, [field.name for field in fields(Row)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
 
 
 def html_text(folder: Path, rows: Sequence[Row], over: bool) -> str:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...reporting.atomic_write import own_folder, whole_file, write_json
+from ...reporting.atomic_write import csv_text, own_folder, write_json, write_text
 from ..machine import machine, versions
 from ..terminal import listing, require_empty, table
 
@@ -100,22 +98,12 @@ def as_csv(rows: Sequence[Row]) -> str:
             cells |= {name: value} if many is None else many
         flat.append(cells)
     names = list(dict.fromkeys(name for row in flat for name in row))
-    stream = io.StringIO(newline="")
-    writer = csv.DictWriter(stream, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(flat)
-    return stream.getvalue()
+    return csv_text(flat, names)
 
 
 def escaped(text: str) -> str:
     """Text that Markdown leaves as it is, inside a table too."""
     return "".join("\\" + letter if letter in "\\`*_|<>" else letter for letter in text)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text, whole or not at all."""
-    with whole_file(path) as beside:
-        beside.write_bytes(text.encode())
 
 
 @contextmanager

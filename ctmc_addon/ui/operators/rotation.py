@@ -16,7 +16,7 @@ from ...blender.rotation import can_draw
 from ...blender.rotation import timing as turntable
 from ...blender.surface import SCALE, placement_of
 from ...core import CtmcError, MeshError, SettingsError, Steps, TriangleMesh, within
-from ...reporting.atomic_write import whole_file
+from ...reporting.atomic_write import write_text
 from ...reporting.rotation_table import RotationTable, parsed_levels
 from .. import jobs
 from ..state import session, surfaces
@@ -232,8 +232,7 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
         """Save it."""
         path = Path(ensured(bpy.path.abspath(self.filepath)))
         try:
-            with whole_file(path) as beside:
-                beside.write_text(session.of(context.scene).rotation.csv(), encoding="utf-8")
+            write_text(path, session.of(context.scene).rotation.csv())
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
         self.report({"INFO"}, say("Wrote {name}").format(name=path.name))

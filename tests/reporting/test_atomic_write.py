@@ -1,0 +1,86 @@
+"""Files that appear whole or not at all, alone and together."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ctmc_addon.core import OutputError
+from ctmc_addon.reporting.atomic_write import whole_file, whole_files, write_json
+
+
+def everything_in(folder: Path) -> dict[str, str]:
+    return {path.name: "folder" if path.is_dir() else path.read_text() for path in sorted(folder.iterdir())}
+
+
+def test_a_file_appears_whole(tmp_path):
+    with whole_file(tmp_path / "a.txt") as beside:
+        beside.write_text("new")
+        assert not (tmp_path / "a.txt").exists()
+    assert everything_in(tmp_path) == {"a.txt": "new"}
+
+
+def write_half(path: Path) -> None:
+    with whole_file(path) as beside:
+        beside.write_text("half")
+        raise ZeroDivisionError
+
+
+def write_both(folder: Path) -> None:
+    with whole_files([folder / "a.txt", folder / "b.txt"]) as places:
+        for place in places.values():
+            place.write_text("new")
+
+
+def test_an_error_leaves_the_older_file(tmp_path):
+    (tmp_path / "a.txt").write_text("older")
+    with pytest.raises(ZeroDivisionError):
+        write_half(tmp_path / "a.txt")
+    assert everything_in(tmp_path) == {"a.txt": "older"}
+
+
+def test_a_missing_folder_is_refused(tmp_path):
+    with pytest.raises(OutputError, match=r"b\.txt"), whole_file(tmp_path / "a" / "b.txt"):
+        pass
+
+
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("older", [{}, {"a.txt": "older a"}, {"a.txt": "older a", "b.txt": "older b"}])
+def test_when_one_file_cannot_be_moved_none_is(tmp_path, monkeypatch, links, older):
+    for name, text in older.items():
+        (tmp_path / name).write_text(text)
+    plain = Path.replace
+
+    def replace(self, target):
+        if self.name == Path(target).name == "b.txt":
+            raise PermissionError(13, "denied")
+        return plain(self, target)
+
+    def link(*_names):
+        raise OSError("no links here")
+
+    monkeypatch.setattr(Path, "replace", replace)
+    if not links:
+        monkeypatch.setattr(os, "link", link)
+    with pytest.raises(OutputError, match=r"b\.txt"):
+        write_both(tmp_path)
+    assert everything_in(tmp_path) == older
+
+
+def test_a_folder_in_the_place_of_the_second_file_leaves_the_first(tmp_path):
+    (tmp_path / "a.txt").write_text("older")
+    (tmp_path / "b.txt").mkdir()
+    with pytest.raises(OutputError, match=r"b\.txt"):
+        write_both(tmp_path)
+    assert everything_in(tmp_path) == {"a.txt": "older", "b.txt": "folder"}
+
+
+def test_bytes_reach_the_disk_before_the_name_does(tmp_path, monkeypatch):
+    done, fsync, replace = [], os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: done.append("sync") or fsync(handle))
+    monkeypatch.setattr(Path, "replace", lambda self, target: done.append("move") or replace(self, target))
+    write_json(tmp_path / "a.json", {"b": 1})
+    with whole_files([tmp_path / "c.txt"]) as places:
+        places[tmp_path / "c.txt"].write_text("c")
+    folders = [] if os.name == "nt" else ["sync"]
+    assert done == ["sync", "move", *folders] * 2
