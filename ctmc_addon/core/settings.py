@@ -28,6 +28,7 @@ class Setting:
     size: int = 1
     type: type = float
     flag: str = ""
+    low_open: bool = False
     high_open: bool = False
 
     @property
@@ -38,7 +39,7 @@ class Setting:
         if self.low is None and self.high is None:
             return "a finite number"
         if self.high is None:
-            return f"{self.low:g} or more"
+            return f"above {self.low:g}" if self.low_open else f"{self.low:g} or more"
         if self.high_open:
             return f"at least {self.low:g} and below {self.high:g}"
         return f"from {self.low:g} to {self.high:g}"
@@ -190,6 +191,7 @@ class ReconstructionSettings:
         label="Maximum Error",
         unit="mm",
         low=0.0,
+        low_open=True,
         flag="max-error",
     )
     nan_as: float | None = setting(
@@ -284,7 +286,7 @@ def checked_one(name: str, value: Any, about: Setting) -> Any:
     if not exact:
         kind = "a whole number" if about.type is int else "a finite number"
         raise SettingsError(f"{name} must be {kind}, not {value!r}")
-    too_low = about.low is not None and number < about.low
+    too_low = about.low is not None and (number < about.low or (about.low_open and number == about.low))
     too_high = about.high is not None and (number > about.high or (about.high_open and number == about.high))
     if too_low or too_high:
         raise SettingsError(f"{name} must be {about.limits}, not {number:g}")

@@ -37,6 +37,7 @@ def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
         ({"stride": (1.5, 1, 1)}, "stride must be a whole number, not 1.5"),
         ({"reduction": 1.0}, "reduction must be at least 0 and below 1, not 1"),
         ({"soften_mm": -1}, "soften_mm must be from 0 to 50, not -1"),
+        ({"max_error_mm": 0}, "max_error_mm must be above 0, not 0"),
         ({"normals": "up"}, "normals is one of gradient, mesh, not 'up'"),
         ({"threshold": float("inf")}, "threshold must be a finite number"),
         ({"threshold": "bone"}, "threshold must be a finite number, not 'bone'"),

@@ -138,7 +138,7 @@ def property_of(name: str, about: Setting) -> Any:
         common["size"] = about.size
     whole = about.type is int
     if about.low is not None:
-        common["min"] = int(about.low) if whole else about.low
+        common["min"] = int(about.low) if whole else lowest(about)
     if about.high is not None:
         common["max"] = int(about.high) if whole else highest(about)
     if whole:
@@ -150,6 +150,12 @@ def property_of(name: str, about: Setting) -> Any:
 def tooltip(about: Setting) -> str:
     """The setting's text with its unit."""
     return f"{about.text} [{about.unit}]" if about.unit else about.text
+
+
+def lowest(about: Setting) -> float:
+    """The smallest float32 that the setting allows."""
+    low = np.float32(about.low)
+    return float(np.nextafter(low, np.float32(np.inf)) if about.low_open else low)
 
 
 def highest(about: Setting) -> float:
