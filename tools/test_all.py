@@ -11,7 +11,6 @@ import sys
 from run_tests import run_tests
 from setup_environment import BLENDERS, SetupError, say, set_up
 
-
 WITH_BLENDER = ["tests/blender", "tests/ui", "tests/extension"]
 WITHOUT_BLENDER = ["tests/core", "tests/reporting", "tests/readers"]
 TESTS = {  # the rest runs in Blender 5.0, by `make test`
