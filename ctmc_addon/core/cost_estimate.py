@@ -7,20 +7,20 @@ and again on every surface that is made.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import CtmcError, MemoryLimitError
+from .errors import CtmcError, MemoryLimitError, MeshError
 from .extraction.grid import Grid, make_grid
 from .extraction.marching_cubes import Counts, count_steps, extract_steps
 from .memory import available_bytes
 from .pipeline import Reconstruction
-from .progress import Step, Steps, finish, within
+from .progress import PAUSE, Step, Steps, timed_steps, within
 from .settings import ReconstructionSettings
-from .simplification.simplify import memory_needed, simplify
+from .simplification.simplify import memory_needed, simplify_steps
 from .volume.scalar_field import Field, field_steps
+from .volume.thresholding import check_threshold
 from .volume.volume import Volume
 
 # Bytes: positions at both ends of alpha and normals are 36 a vertex, triangles 12; Blender keeps about as much again
@@ -90,23 +90,21 @@ class Calibration:
     placed: float = 2.0e-6  # a triangle measured and handed to Blender
     known: bool = False
 
-    def measure(self) -> None:
+    def measure_steps(self) -> Steps[None]:
         """Time a small ball, once in a process."""
         if self.known:
             return
         axis = np.arange(BALL, dtype=np.float32) - (BALL - 1) / 2
         square = axis * axis
         ball = -(square[:, None, None] + square[:, None] + square)
+        yield PAUSE
         grid, level = make_grid(ball), -((BALL / 2.5) ** 2)
-        finish(count_steps(grid, level, 1))
-        scanned, counts = timed_count(grid, level)
-        start = time.perf_counter()
-        surface = finish(extract_steps(grid, level))
-        rest = max(1e-4, time.perf_counter() - start - scanned)
-        self.vertex = self.face = rest / (counts.vertices + counts.faces)
-        start = time.perf_counter()
-        simplify(surface.at(1.0), reduction=0.5)
-        self.removed = (time.perf_counter() - start) / (0.5 * counts.faces)
+        yield from count_steps(grid, level, 1)  # the first run of new code is slower
+        counts, scanned = yield from timed_steps(count_steps(grid, level))
+        surface, seconds = yield from timed_steps(extract_steps(grid, level))
+        self.vertex = self.face = max(1e-4, seconds - scanned) / (counts.vertices + counts.faces)
+        _, seconds = yield from timed_steps(simplify_steps(surface.at(1.0), reduction=0.5))
+        self.removed = seconds / (0.5 * counts.faces)
         self.bounded = BOUNDED_TIMES * self.removed
         self.known = True
 
@@ -153,21 +151,12 @@ class Prepared:
             None if settings.label is None else settings.stride,
         )
         if self.field is None or key != self.key:
-            start = time.perf_counter()
-            made = yield from field_steps(self.volume, settings, self.threads, self.memory_limit)
-            self.field, self.key, self.seconds = made, key, time.perf_counter() - start
+            work = field_steps(self.volume, settings, self.threads, self.memory_limit)
+            self.field, self.seconds = yield from timed_steps(work)
+            self.key = key
         elif settings.threshold is not None:
             self.field = replace(self.field, threshold=settings.threshold)
         return self.field
-
-
-def timed_count(
-    grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic"
-) -> tuple[float, Counts]:
-    """Seconds of the first passes, and what they counted."""
-    start = time.perf_counter()
-    counts = finish(count_steps(grid, threshold, threads, topology))
-    return time.perf_counter() - start, counts
 
 
 def price_steps(prepared: Prepared, settings: ReconstructionSettings) -> Steps[Price]:
@@ -178,11 +167,13 @@ def price_steps(prepared: Prepared, settings: ReconstructionSettings) -> Steps[P
     CtmcError
         Where they give no surface at all.
     """
-    CALIBRATION.measure()
-    made = yield from within(prepared.steps(settings), 0.0, 0.6)
-    start = time.perf_counter()
-    counts = yield from within(counted(made, settings, settings.stride, prepared.threads), 0.6, 0.9)
-    scanned = time.perf_counter() - start
+    yield from within(CALIBRATION.measure_steps(), 0.0, 0.3)
+    made = yield from within(prepared.steps(settings), 0.3, 0.6)
+    counting = timed_steps(counted(made, settings, settings.stride, prepared.threads))
+    counts, scanned = yield from within(counting, 0.6, 0.9)
+    if not counts.faces:
+        check_threshold(made.threshold, made.values, prepared.volume.kind)
+        raise MeshError(f"no sample of this grid is cut off by threshold {made.threshold:g}; use a smaller stride")
     price = Price(
         voxels=grid_of(made, settings, settings.stride).voxels,
         vertices=counts.vertices,

@@ -8,7 +8,7 @@ import pytest
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
 from ctmc_addon.core import cost_estimate as price
 from ctmc_addon.core.cost_estimate import Prepared, price_steps, require_fits
-from ctmc_addon.core.errors import MemoryLimitError
+from ctmc_addon.core.errors import MemoryLimitError, ThresholdError
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,21 @@ def test_values_are_prepared_again_only_when_something_matters_to_them(volume, m
     assert len(made) == 1
     finish(price_steps(prepared, ReconstructionSettings(threshold=150.0, soften_mm=2.0)))
     assert len(made) == 2
+
+
+def test_a_threshold_without_a_surface_is_refused_after_another_one(volume):
+    prepared = Prepared(volume)
+    assert finish(price_steps(prepared, ReconstructionSettings(threshold=100.0))).faces > 0
+    with pytest.raises(ThresholdError, match="5000"):
+        finish(price_steps(prepared, ReconstructionSettings(threshold=5000.0)))
+
+
+def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
+    calibration = price.Calibration()
+    assert sum(1 for _ in calibration.measure_steps()) > 10
+    assert calibration.known
+    assert min(calibration.vertex, calibration.removed) > 0
+    assert list(calibration.measure_steps()) == []
 
 
 def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
