@@ -8,13 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core import ReconstructionSettings, Setting, SettingsError, described
+from ..core import EXCLUSIVE, ReconstructionSettings, Setting, SettingsError, described
 from ..reporting.command_line import command_of as command_of
 from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml
-
-# Settings of which one at most may be given.
-ALTERNATIVES = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
 
 
 def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
@@ -27,7 +24,7 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
         "--settings", metavar="FILE.toml", help="settings to start from, as `ctmc settings` writes them; flags win"
     )
     groups = {}
-    for names in ALTERNATIVES:
+    for names in EXCLUSIVE:
         groups.update(dict.fromkeys(names, group.add_mutually_exclusive_group()))
     for name, about in described().items():
         add_setting(groups.get(name, group), name, about, name in many)
@@ -70,7 +67,7 @@ def metavar_of(about: Setting) -> str | tuple[str, ...]:
         return ("X0", "Y0", "Z0", "X1", "Y1", "Z1")
     if about.unit in ("mm", "mm3"):
         return about.unit.upper()
-    return "N" if about.type is int else "VALUE" if "grey value" in about.unit else about.label.upper()
+    return "N" if about.type is int else "VALUE" if "gray value" in about.unit else about.label.upper()
 
 
 def settings_from(chosen: argparse.Namespace) -> ReconstructionSettings:
@@ -92,7 +89,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     >>> overridden({"threshold": 200.0, "alpha": 0.5}, {"label": 2})
     {'alpha': 0.5, 'label': 2}
     """
-    replaced = {name for names in ALTERNATIVES if set(names) & set(above) for name in names}
+    replaced = {name for names in EXCLUSIVE if set(names) & set(above) for name in names}
     return {name: value for name, value in below.items() if name not in replaced} | dict(above)
 
 

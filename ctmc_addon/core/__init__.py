@@ -10,13 +10,15 @@ from .parallel import map_steps, worker_count
 from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
 from .preview import Preview, Shown
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, said, timed_steps, within
-from .settings import ReconstructionSettings, Setting, described
+from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed
 from .simplification.simplify import simplify, simplify_steps
 from .version import VERSION
 from .volume.volume import Volume
 
 __all__ = [
     "CALIBRATION",
+    "EXCLUSIVE",
+    "GOALS",
     "PAUSE",
     "VERSION",
     "CtmcError",
@@ -45,6 +47,7 @@ __all__ = [
     "equal_part",
     "finish",
     "full_steps",
+    "is_allowed",
     "map_steps",
     "marching_cubes",
     "price_steps",

@@ -1,4 +1,4 @@
-"""Everything a reconstruction can be told, with default, limits, unit and text in one place.
+"""All settings of a reconstruction, with default, limits, unit and text, and which of them exclude each other.
 
 The panel, the command line, the checks, the reports and the manual are made from these fields.
 """
@@ -14,10 +14,34 @@ from typing import Any
 
 from .errors import SettingsError
 
+GOALS = ("reduction", "target_faces", "max_error_mm")
+EXCLUSIVE = (("threshold", "label"), GOALS)
+"""Groups of settings of which one at most may be given."""
+INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
+"""Settings that one choice of another setting does not allow: Blender's Decimate has no error bound."""
+
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of one field: the text and label a user reads, unit, limits, choices, size, flag."""
+    """The description of one field.
+
+    Parameters
+    ----------
+    text, label : str
+        The explanation and the name that a user reads.
+    unit : str
+    low, high : float, optional
+        Limits; the limit itself is refused where `low_open` or `high_open`.
+    choices : tuple of str
+    size : int
+        How many numbers the value has.
+    type : type
+        Of the value, or of each of its numbers.
+    flag : str
+        On the command line, without dashes; by default the field's name with dashes.
+    start : optional
+        For a field that is None by default: the value that the panel and the settings file offer.
+    """
 
     text: str
     label: str
@@ -30,10 +54,11 @@ class Setting:
     flag: str = ""
     low_open: bool = False
     high_open: bool = False
+    start: Any = None
 
     @property
     def limits(self) -> str:
-        """The limits in words, for messages: 'from 0 to 1', 'of 0 or more'."""
+        """The limits in words, for messages: 'from 0 to 1', '0 or more'."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self.low is None and self.high is None:
@@ -46,7 +71,7 @@ class Setting:
 
 
 def setting(default: Any, text: str, **rest: Any) -> Any:
-    """A dataclass field that describes itself; `rest` are fields of `Setting`."""
+    """Return a dataclass field with its `Setting`, of which `rest` are the fields."""
     return dataclasses.field(default=default, metadata={"setting": Setting(text, **rest)})
 
 
@@ -70,21 +95,23 @@ class ReconstructionSettings:
 
     threshold: float | None = setting(
         None,
-        "Grey value of the surface: voxels at or above it are inside. "
+        "Gray value of the surface: voxels at or above it are inside. "
         "Larger = only denser tissue. Without it Otsu's threshold is used",
         label="Threshold",
-        unit="HU or grey value",
+        unit="HU or gray value",
+        start=200.0,
     )
     label: int | None = setting(
         None,
         "Value of the structure in a label volume, reconstructed instead of a threshold",
         label="Label",
         type=int,
+        start=1,
     )
     stride: tuple[int, int, int] = setting(
         (1, 1, 1),
         "Sides of a voxel along x, y and z, in pixels. Larger = fewer voxels to visit and fewer triangles",
-        label="Voxel Sides",
+        label="Stride",
         unit="px",
         low=1,
         high=16,
@@ -93,8 +120,8 @@ class ReconstructionSettings:
     )
     alpha: float = setting(
         1.0,
-        "Smoothness: 0 puts vertices at edge midpoints (least distortion), 1 at the linear crossing (smoothest). "
-        "Does nothing on a label that is not softened, where every crossing is the midpoint",
+        "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
+        "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
         label="Alpha",
         low=0.0,
         high=1.0,
@@ -109,9 +136,9 @@ class ReconstructionSettings:
     )
     soften_mm: float = setting(
         0.0,
-        "Standard deviation of a Gaussian blur of the label or the grey values before the surface is sought. "
-        "Larger = smoother, and small parts vanish. 0 = none",
-        label="Soften",
+        "Standard deviation of the Gaussian that smooths the label or the gray values before extraction. "
+        "Larger = smoother, and small components vanish. 0 = none",
+        label="Smooth",
         unit="mm",
         low=0.0,
         high=50.0,
@@ -129,6 +156,7 @@ class ReconstructionSettings:
         label="Region",
         unit="voxels or mm",
         size=6,
+        start=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
     )
     region_unit: str = setting(
         "voxel",
@@ -139,7 +167,7 @@ class ReconstructionSettings:
     )
     keep_parts: int = setting(
         0,
-        "Keep this many of the largest connected parts, each with its cavities. 0 = all",
+        "Keep this many of the largest connected components, each with its cavities. 0 = all",
         label="Keep Largest",
         low=0,
         high=1_000_000,
@@ -147,23 +175,24 @@ class ReconstructionSettings:
     )
     min_part_mm3: float = setting(
         0.0,
-        "Drop connected parts and fill cavities whose volume is below this. Larger = fewer specks. 0 = none",
-        label="Smallest Part",
+        "Drop connected components and fill cavities whose volume is below this. "
+        "Larger = fewer small components. 0 = none",
+        label="Minimum Volume",
         unit="mm3",
         low=0.0,
         flag="min-part",
     )
     normals: str = setting(
         "gradient",
-        "Where normals come from: the gradient of the grey values (smooth shading) or the mesh itself",
+        "Where normals come from: the gradient of the gray values (smooth shading) or the mesh itself",
         label="Normals",
         choices=("gradient", "mesh"),
         type=str,
     )
     simplifier: str = setting(
         "builtin",
-        "What meets the goal set by rate, triangles or error: the built-in quadric error simplifier, "
-        "Blender's live Decimate modifier, or nothing",
+        "How a rate, a number of triangles or a maximum error is reached: by the built-in quadric error simplifier, "
+        "by Blender's live Decimate modifier, or not at all",
         label="Simplifier",
         choices=("none", "builtin", "decimate"),
         type=str,
@@ -176,6 +205,7 @@ class ReconstructionSettings:
         high=1.0,
         high_open=True,
         flag="simplify",
+        start=0.9,
     )
     target_faces: int | None = setting(
         None,
@@ -184,6 +214,7 @@ class ReconstructionSettings:
         low=4,
         type=int,
         flag="triangles",
+        start=10_000,
     )
     max_error_mm: float | None = setting(
         None,
@@ -193,43 +224,43 @@ class ReconstructionSettings:
         low=0.0,
         low_open=True,
         flag="max-error",
+        start=0.5,
     )
     nan_as: float | None = setting(
         None,
-        "Value to read NaN and infinite voxels as",
-        label="Read NaN As",
-        unit="HU or grey value",
+        "Value that replaces NaN and infinite voxels",
+        label="Replace NaN With",
+        unit="HU or gray value",
         flag="nan-as",
+        start=-1024.0,
     )
 
     def __post_init__(self) -> None:
         for name, about in described().items():
             object.__setattr__(self, name, checked(name, getattr(self, name), about))
-        goals = [name for name in ("reduction", "target_faces", "max_error_mm") if getattr(self, name) is not None]
-        if len(goals) > 1:
-            raise SettingsError(f"{' and '.join(goals)} are set together; choose one goal for the simplifier")
-        if self.simplifier == "decimate" and self.max_error_mm is not None:
-            raise SettingsError(
-                "Blender's Decimate knows no error bound; use the built-in simplifier with max_error_mm"
-            )
-        if self.threshold is not None and self.label is not None:
-            raise SettingsError(f"threshold {self.threshold:g} and label {self.label} are set together; choose one")
+        for group in EXCLUSIVE:
+            given = [f"{name} {getattr(self, name):g}" for name in group if getattr(self, name) is not None]
+            if len(given) > 1:
+                raise SettingsError(f"{' and '.join(given)} are set together; choose one")
+        for name in described():
+            if not is_allowed(self, name) and getattr(self, name) is not None:
+                other, choice = INCOMPATIBLE[name]
+                raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
         if self.region is not None and any(self.region[axis] >= self.region[axis + 3] for axis in range(3)):
             raise SettingsError(f"region {self.region} is empty; give the lowest x, y, z first, then the highest")
 
     @property
     def simplifies(self) -> bool:
-        """Whether there is a goal and a simplifier to meet it."""
-        goals = (self.reduction, self.target_faces, self.max_error_mm)
-        return self.simplifier != "none" and any(goal is not None for goal in goals)
+        """Whether the settings give a goal and a simplifier that reaches it."""
+        return self.simplifier != "none" and any(getattr(self, goal) is not None for goal in GOALS)
 
     @property
     def alpha_matters(self) -> bool:
-        """False on a label without softening: its crossings are all midpoints."""
+        """Whether alpha has an effect: not on a label that is not smoothed, where every crossing is the midpoint."""
         return self.label is None or self.soften_mm > 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, strings and lists for JSON and TOML; settings that are None are left out."""
+        """Return plain numbers, strings and lists for JSON and TOML; settings that are None are left out."""
         values = {name: getattr(self, name) for name in described()}
         return {
             name: list(value) if isinstance(value, tuple) else value
@@ -239,7 +270,7 @@ class ReconstructionSettings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionSettings:
-        """The inverse of `to_dict`; an unknown name is a `SettingsError`."""
+        """Return the settings of a dictionary as `to_dict` makes it; an unknown name is a `SettingsError`."""
         unknown = sorted(set(values) - set(described()))
         if unknown:
             raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(described())}")
@@ -247,12 +278,18 @@ class ReconstructionSettings:
 
 
 def described(settings: type = ReconstructionSettings) -> dict[str, Setting]:
-    """Every setting's name and description, in the order of the panel and the manual."""
+    """Return every setting's name and description, in the order of the panel and the manual."""
     return {field.name: field.metadata["setting"] for field in dataclasses.fields(settings)}
 
 
+def is_allowed(settings: Any, name: str) -> bool:
+    """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
+    other, choice = INCOMPATIBLE.get(name, (name, None))
+    return choice is None or getattr(settings, other) != choice
+
+
 def checked(name: str, value: Any, about: Setting) -> Any:
-    """`value` in its own type, or a `SettingsError` with the value and the limits."""
+    """Return `value` in the setting's type; raise a `SettingsError` that names the value and the limits."""
     if value is None:
         default = next(field.default for field in dataclasses.fields(ReconstructionSettings) if field.name == name)
         if default is not None:
@@ -264,12 +301,12 @@ def checked(name: str, value: Any, about: Setting) -> Any:
         many = (value,) * about.size if isinstance(value, numbers.Real) else tuple(value)
         if len(many) != about.size:
             raise SettingsError(f"{name} takes {about.size} numbers, not {len(many)}: {value}")
-        return tuple(checked_one(name, one, about) for one in many)
-    return checked_one(name, value, about)
+        return tuple(checked_item(name, item, about) for item in many)
+    return checked_item(name, value, about)
 
 
-def checked_one(name: str, value: Any, about: Setting) -> Any:
-    """One number, word or switch of a setting, in its own type and within its limits."""
+def checked_item(name: str, value: Any, about: Setting) -> Any:
+    """Return one number, word or switch of a setting in its type; raise a `SettingsError` outside its limits."""
     if about.type is str:
         if value not in about.choices:
             raise SettingsError(f"{name} is {about.limits}, not {value!r}")

@@ -20,7 +20,7 @@ def to_toml(settings: ReconstructionSettings) -> str:
     Examples
     --------
     >>> print(to_toml(ReconstructionSettings(label=2)).splitlines()[-2])
-    # Value to read NaN and infinite voxels as (HU or grey value).
+    # Value that replaces NaN and infinite voxels (HU or gray value).
     >>> from_toml(to_toml(ReconstructionSettings(label=2)))["label"]
     2
     """
@@ -42,7 +42,7 @@ def comment_of(about: Setting) -> list[str]:
 def value_line(name: str, value: Any, about: Setting) -> str:
     """`name = value`; an example behind a comment sign where nothing is set."""
     if value is None:
-        return f"# {name} = {toml_value((0,) * about.size if about.size > 1 else about.type(about.low or 0))}"
+        return f"# {name} = {toml_value(about.start)}"
     return f"{name} = {toml_value(value)}"
 
 

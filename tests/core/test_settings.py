@@ -42,8 +42,8 @@ def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
         ({"threshold": float("inf")}, "threshold must be a finite number"),
         ({"threshold": "bone"}, "threshold must be a finite number, not 'bone'"),
         ({"threshold": 1, "label": 2}, "threshold 1 and label 2 are set together"),
-        ({"reduction": 0.5, "max_error_mm": 1}, "reduction and max_error_mm are set together"),
-        ({"simplifier": "decimate", "max_error_mm": 1}, "Decimate knows no error bound"),
+        ({"reduction": 0.5, "max_error_mm": 1}, "reduction 0.5 and max_error_mm 1 are set together"),
+        ({"simplifier": "decimate", "max_error_mm": 1}, "max_error_mm is not possible with simplifier decimate"),
         ({"region": (5, 0, 0, 5, 9, 9)}, "is empty"),
     ],
 )

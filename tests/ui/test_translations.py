@@ -30,7 +30,7 @@ def test_the_collector_sees_classes_properties_choices_drawings_and_steps(scene)
         "Reconstruct Surface",
         "Share of the triangles to remove. Larger = fewer triangles",
         "Contrast Vessel",
-        "Alpha does nothing on a label that is not softened",
+        "Alpha has no effect on a label that is not smoothed",
         "Load a CT first",
         "Finding active voxels",
     ):

@@ -74,7 +74,7 @@ def field_steps(
     if settings.label is not None:
         values, threshold = values == settings.label, 0.5
         if settings.soften_mm == 0:
-            notes = ("On a label that is not softened every crossing is the midpoint, and alpha does nothing.",)
+            notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
         yield Step(0.0, "Looking at the values")
         if values.dtype.kind == "f":

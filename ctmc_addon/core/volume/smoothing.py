@@ -61,7 +61,7 @@ def soften_steps(
         (in_plane, range(slices), 0.0, share),
         (through, range(0, rows, deep) if len(along_z) > 1 else range(0), share, 1.0),
     ):
-        yield from within(map_steps(work, items, workers, "Softening", batches=BATCHES), low, high)
+        yield from within(map_steps(work, items, workers, "Smoothing", batches=BATCHES), low, high)
     return softened
 
 

@@ -9,6 +9,7 @@ import bpy
 from ... import blender as scenes
 from ...blender.surface import read_back, require_changeable, settings_of
 from ...core import (
+    GOALS,
     CtmcError,
     MeshError,
     Reconstruction,
@@ -26,8 +27,6 @@ from ..state.surfaces import Wanted
 from ..translations import say
 from . import measure
 from .reconstruct import PLACED, conclude, has_surface
-
-GOALS = ("simplifier", "reduction", "target_faces", "max_error_mm")
 
 
 class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
@@ -51,7 +50,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
         scene, thing = context.scene, context.view_layer.objects.active
         require_changeable(thing)
         asked = scene.ctmc.to_settings()
-        goal = {name: getattr(asked, name) for name in GOALS}
+        goal = {name: getattr(asked, name) for name in ("simplifier", *GOALS)}
         settings = replace(settings_of(thing), **goal)
         full = full_of(scene, thing)
         volume = volumes.current(scene)

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...core import CtmcError, SettingsError
+from ...core import GOALS, CtmcError, SettingsError, is_allowed
 from ...reporting.formatting import count, directions, duration, size_of_bytes, voxel_sides
 from .. import jobs
 from ..operators import threshold
@@ -16,7 +16,6 @@ from ..viewport import live
 from .layout import SidePanel, draw_facts, draw_job, draw_pair, draw_setting, draw_text, is_narrow, prepare
 
 LOADING = "Load CT"
-GOALS = ("reduction", "target_faces", "max_error_mm")
 
 
 class CTMC_PT_main(SidePanel, bpy.types.Panel):
@@ -206,7 +205,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.use_property_split = False
     left = row.row()
     left.alignment = "LEFT" if is_narrow(context) else "RIGHT"
-    left.label(text=say("Voxel Sides"), translate=False)
+    left.label(text=say("Stride"), translate=False)
     sides = row.row(align=True)
     for axis in range(3):
         sides.prop(settings, "stride", index=axis, text="")
@@ -223,7 +222,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.enabled = matters
     row.prop(settings, "alpha", slider=True)
     if not matters:
-        draw_text(layout, context, say("Alpha does nothing on a label that is not softened"), "INFO")
+        draw_text(layout, context, say("Alpha has no effect on a label that is not smoothed"), "INFO")
 
 
 def draw_price(layout: Any, context: bpy.types.Context) -> None:
@@ -262,7 +261,7 @@ def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> Non
     goals.active = settings.simplifier != "none"
     for name in GOALS:
         line = goals.column()
-        line.enabled = name != "max_error_mm" or settings.simplifier != "decimate"
+        line.enabled = is_allowed(settings, name)
         draw_setting(line, settings, name)
 
 

@@ -28,21 +28,9 @@ from bpy.props import (
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core import ReconstructionSettings, Setting, described
+from ...core import EXCLUSIVE, ReconstructionSettings, Setting, described
 from ..state import change_events as marks
 
-# What a setting that may be absent starts from when it is switched on.
-STARTS: dict[str, Any] = {
-    "threshold": 200.0,
-    "label": 1,
-    "region": (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
-    "reduction": 0.9,
-    "target_faces": 10_000,
-    "max_error_mm": 0.5,
-    "nan_as": -1024.0,
-}
-# Of these only one may be on; core refuses more.
-RIVALS = (("threshold", "label"), ("reduction", "target_faces", "max_error_mm"))
 CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 DEFAULTS = ReconstructionSettings()
 CONTEXT: dict[str, Any] = {"translation_context": marks.OURS}
@@ -120,7 +108,7 @@ def as_typed(value: Any, about: Setting) -> Any:
 
 def property_of(name: str, about: Setting) -> Any:
     """The Blender property of one setting."""
-    default = STARTS[name] if optional(name) else getattr(DEFAULTS, name)
+    default = about.start if optional(name) else getattr(DEFAULTS, name)
     common = {
         "name": about.label,
         "description": tooltip(about),
@@ -184,7 +172,7 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
 
 def on_switch(name: str) -> Callable[[Any, Any], None]:
     """Switching one of several rivals on switches the others off."""
-    rivals = [other for group in RIVALS if name in group for other in group if other != name]
+    rivals = [other for group in EXCLUSIVE if name in group for other in group if other != name]
 
     def update(properties: Any, _context: Any) -> None:
         if getattr(properties, switch(name)):

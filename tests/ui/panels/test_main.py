@@ -43,14 +43,14 @@ def test_the_buttons_are_there_and_exist(scene):
 
 
 def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(scene):
-    plain = ["Otsu's threshold is used", "Voxel Sides"]
+    plain = ["Otsu's threshold is used", "Stride"]
     assert drawn(panels.CTMC_PT_main).texts == plain
     scene.ctmc.label = 2
-    assert "Alpha does nothing on a label that is not softened" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "Alpha has no effect on a label that is not smoothed" in " ".join(drawn(panels.CTMC_PT_main).texts)
     scene.ctmc.soften_mm = 1.0
     assert drawn(panels.CTMC_PT_main).texts == plain[1:]
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
-    assert "Decimate knows no error bound" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "max_error_mm is not possible with simplifier decimate" in " ".join(drawn(panels.CTMC_PT_main).texts)
 
 
 def test_the_panel_says_what_was_loaded(scene, ball_file):

@@ -65,5 +65,5 @@ def test_the_rate_stays_below_one(scene):
 
 def test_what_contradicts_itself_is_a_settings_error(scene):
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
-    with pytest.raises(SettingsError, match="Decimate knows no error bound"):
+    with pytest.raises(SettingsError, match="max_error_mm is not possible with simplifier decimate"):
         scene.ctmc.to_settings()
