@@ -1,71 +1,42 @@
 """A surface in the Blender file, and out of it.
 
-Every function takes the object or the scene it works on; none reads the context.
+Every function takes the object or the scene it works on; none reads the context. Nothing is imported here, so that
+`figure.spec` can be asked without Blender.
 """
 
-from .export import SUFFIXES, export, writer_of
-from .figure.compose import Cell, Look, Shown
-from .figure.page import Page
-from .figure.render import figure_steps, render_figure, require_png
-from .figure.sheet import Compared, Comparison, deviation_figure_steps, holds_others, sheet_steps
-from .figure.styles import ENGINES, STYLES, require_engine
-from .figure.turntable import Turn, finished_film, is_film, require_turntable, turntable_steps
-from .import_mesh import MESH_SUFFIXES, read_mesh
-from .materials import colour_of
-from .rotation import timing as turntable
-from .rotation.offscreen import can_draw
-from .studio import prepare_scene
-from .surface.decimate import decimated
-from .surface.deviation import Deviation, Reference, deviation
-from .surface.evaluate import evaluated_triangles
-from .surface.objects import (
-    add_reconstruction,
-    make_final,
-    refresh_normals,
-    remembered,
-    surface_mesh,
-    update_reconstruction,
-)
+from __future__ import annotations
 
-__all__ = [
-    "ENGINES",
-    "MESH_SUFFIXES",
-    "STYLES",
-    "SUFFIXES",
-    "Cell",
-    "Compared",
-    "Comparison",
-    "Deviation",
-    "Look",
-    "Page",
-    "Reference",
-    "Shown",
-    "Turn",
-    "add_reconstruction",
-    "can_draw",
-    "colour_of",
-    "decimated",
-    "deviation",
-    "deviation_figure_steps",
-    "evaluated_triangles",
-    "export",
-    "figure_steps",
-    "finished_film",
-    "holds_others",
-    "is_film",
-    "make_final",
-    "prepare_scene",
-    "read_mesh",
-    "refresh_normals",
-    "remembered",
-    "render_figure",
-    "require_engine",
-    "require_png",
-    "require_turntable",
-    "sheet_steps",
-    "surface_mesh",
-    "turntable",
-    "turntable_steps",
-    "update_reconstruction",
-    "writer_of",
-]
+from importlib import import_module
+from typing import Any
+
+MODULES = {
+    "export": "SUFFIXES export",
+    "figure.compose": "Cell Look Shown",
+    "figure.page": "Page",
+    "figure.render": "figure_steps render_figure require_png",
+    "figure.sheet": "Compared Comparison deviation_figure_steps holds_others sheet_steps",
+    "figure.styles": "ENGINES STYLES require_engine",
+    "figure.turntable": "Turn finished_film is_film require_turntable turntable_steps",
+    "import_mesh": "MESH_SUFFIXES read_mesh",
+    "materials": "colour_of",
+    "rotation.offscreen": "can_draw",
+    "studio": "prepare_scene",
+    "surface.decimate": "decimated",
+    "surface.deviation": "Deviation Reference deviation",
+    "surface": "add_reconstruction refresh_normals surface_mesh update_reconstruction evaluated_triangles",
+    "surface.provenance": "remembered",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """The names that were here before callers imported the modules, loaded with the first of them."""
+    if name.startswith("__"):
+        raise AttributeError(name)
+    for module, names in MODULES.items():
+        loaded = import_module(f".{module}", __name__)
+        globals().update({one: getattr(loaded, one) for one in names.split()})
+    globals()["turntable"] = import_module(".rotation.timing", __name__)
+    globals()["make_final"] = import_module(".surface", __name__).apply_shape_and_modifiers
+    if name not in globals():
+        raise AttributeError(name)
+    return globals()[name]

@@ -20,6 +20,8 @@ def load_scene() -> Any:
     """The package that talks to Blender, or a sentence if there is no Blender here."""
     with interrupts_held():
         try:
+            import bpy  # noqa: F401
+
             from .. import blender as scene
         except ImportError as error:
             raise CtmcError(

@@ -18,8 +18,9 @@ from ..datablocks import remove_render_results, render_results
 from ..materials import BONE, Colour
 from ..studio import AZIMUTH, ELEVATION, light_up, rotation, set_render, sun_axes, view_axes
 from ..surface import mesh_data as meshes
-from ..surface.evaluate import evaluated_copy, scale_of
+from ..surface.evaluate import evaluated_copy
 from ..surface.placement import moved
+from ..surface.readback import placement_of
 from .annotations import CAP, LEADING, Board, legend, orientation_marker, round_length, scale_bar
 from .distance_map import HEAT, Heat, colour_bar, heat_material
 from .layout import Layout, laid_out
@@ -115,6 +116,7 @@ class Stage:
     size: tuple[int, int] = (0, 0)
     layout: Layout | None = None
     unit: float = 0.0
+    scale: float = 0.0  # Blender units of 1 mm in the first surface
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
     made: list[bpy.types.ID] = field(default_factory=list)
     fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
@@ -179,8 +181,7 @@ def copied(stage: Stage, thing: bpy.types.Object, scene: bpy.types.Scene | None)
     copy = bpy.data.objects.new(NAME, mesh)
     stage.made.append(copy)
     copy.matrix_world = evaluated.matrix_world
-    if "ctmc" in thing:
-        copy["ctmc"] = {"scale": scale_of(thing)}
+    stage.scale = stage.scale or placement_of(thing).scale
     stage.scene.collection.objects.link(copy)
     return copy
 
@@ -337,7 +338,7 @@ def write(stage: Stage, cells: Sequence[Cell], look: Look, board: Board) -> None
     if look.scale_bar:
         thing = stage.copies[0][0]
         # The object itself may have been scaled in the scene.
-        scale = scale_of(thing) * abs(thing.matrix_world.determinant()) ** (1 / 3)
+        scale = stage.scale * abs(thing.matrix_world.determinant()) ** (1 / 3)
         left, _, right, _ = layout.pictures[0]
         longest = min(0.25 * board.size_mm[0], 0.45 * (right - left)) * stage.unit / scale
         length = round_length(longest)

@@ -25,7 +25,7 @@ from ..datablocks import remove_blocks
 from ..materials import BONE, surface_material
 from ..studio import AZIMUTH, ELEVATION, frame, prepare_scene, view_axes
 from ..surface import mesh_data as meshes
-from ..surface.placement import SCALE, centred
+from ..surface.placement import SCALE, placed_at_center
 
 LEVELS = (0.0, 50.0, 90.0)
 ROUNDS = 5
@@ -81,7 +81,7 @@ def levels_in(
     scene: bpy.types.Scene, simplified: Sequence[tuple[float, TriangleMesh]], scale: float = SCALE
 ) -> Iterator[list[Level]]:
     """Static objects of these meshes (RAS+ mm) in `scene`, about one origin; removed after the block."""
-    placement = centred(simplified[0][1].vertices, scale)
+    placement = placed_at_center(simplified[0][1].vertices, scale)
     material = surface_material("CTMC Rotation Test", BONE)
     levels: list[Level] = []
     try:

@@ -2,17 +2,31 @@
 
 from .alpha_key import set_alpha
 from .closeness import Closeness, Trees, closeness_steps, middle_of
-from .evaluate import evaluated_triangles
 from .mesh_data import edges_steps
-from .objects import MEMORY, placement_of, require_changeable, settings_of
+from .objects import (
+    add_reconstruction,
+    apply_shape_and_modifiers,
+    refresh_normals,
+    require_editable,
+    surface_mesh,
+    temporary_surfaces,
+    update_reconstruction,
+)
 from .placement import SCALE
-from .readback import as_shown, own_mesh, read_back
+from .provenance import PROPERTY as MEMORY
+from .provenance import Provenance, read_provenance, require_provenance, settings_of
+from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
+
+require_changeable = require_editable
 
 __all__ = [
     "MEMORY",
     "SCALE",
     "Closeness",
+    "Provenance",
     "Trees",
+    "add_reconstruction",
+    "apply_shape_and_modifiers",
     "as_shown",
     "closeness_steps",
     "edges_steps",
@@ -21,7 +35,14 @@ __all__ = [
     "own_mesh",
     "placement_of",
     "read_back",
+    "read_provenance",
+    "refresh_normals",
     "require_changeable",
+    "require_editable",
+    "require_provenance",
     "set_alpha",
     "settings_of",
+    "surface_mesh",
+    "temporary_surfaces",
+    "update_reconstruction",
 ]

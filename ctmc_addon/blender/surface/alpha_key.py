@@ -1,35 +1,87 @@
-"""Alpha of a finished surface, moved through its shape key with no extraction."""
+"""The shape key `alpha`: linear crossings over midpoints (Su and Ma, eq. 5 to 7), moved with no extraction."""
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
-from .objects import KEY, MEMORY
+from ...core import Surface
+from ...core.mesh import blend
+from . import mesh_data as meshes
+from .placement import Placement
+from .provenance import read_provenance, set_settings
+
+KEY = "alpha"
 
 
-def has_alpha(thing: bpy.types.Object) -> bool:
-    """Whether a surface's alpha is still open: the built-in simplifier and Make Final fix it."""
-    keys = getattr(thing.data, "shape_keys", None)
-    return thing.get(MEMORY) is not None and keys is not None and KEY in keys.key_blocks
+def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
+    """The key `alpha` of a mesh, or None."""
+    return None if mesh.shape_keys is None else mesh.shape_keys.key_blocks.get(KEY)
 
 
-def set_alpha(thing: bpy.types.Object, alpha: float) -> bool:
+def has_alpha(obj: bpy.types.Object) -> bool:
+    """Whether a surface's alpha is still open: the built-in simplifier and applying the shape fix it."""
+    return read_provenance(obj) is not None and alpha_key(obj.data) is not None
+
+
+def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: Placement) -> None:
+    """Give an object, whose vertices are the midpoints, the key of the linear crossings."""
+    obj.shape_key_add(name="Basis", from_mix=False)
+    key = obj.shape_key_add(name=KEY, from_mix=False)
+    key.points.foreach_set("co", placement.to_local(surface.linear).ravel())
+    key.value = alpha
+
+
+def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
     """Move a surface to `alpha` and note it among its settings; whether anything changed.
 
     An animation or driver of the key has the last word.
     """
-    if not has_alpha(thing):
+    made = read_provenance(obj)
+    key = None if made is None else alpha_key(obj.data)
+    if made is None or key is None:
         return False
-    keys, memory = thing.data.shape_keys, thing[MEMORY]
-    noted = json.loads(memory["settings"])
-    if noted.get("alpha") == alpha and abs(keys.key_blocks[KEY].value - alpha) < 1e-6:
+    if made.settings.alpha == alpha and abs(key.value - alpha) < 1e-6:
         return False
-    keys.key_blocks[KEY].value = alpha
-    noted["alpha"] = alpha
-    memory["settings"] = json.dumps(noted)
-    report = json.loads(memory["report"])
-    report["settings"]["alpha"] = alpha
-    memory["report"] = json.dumps(report, ensure_ascii=False)
+    key.value = alpha
+    set_settings(obj, replace(made.settings, alpha=alpha))
     return True
+
+
+def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
+    """Carry the key over to a new mesh: its animation, and its value where that is not `old_alpha` of the settings."""
+    before, animation = old.key_blocks.get(KEY), old.animation_data
+    if before is not None and (before.value != np.float32(old_alpha) or is_animated(old)):
+        new.key_blocks[KEY].value = before.value
+    if animation is None:
+        return
+    target = new.animation_data_create()
+    target.action = animation.action
+    if getattr(animation, "action_slot", None) is not None:
+        target.action_slot = animation.action_slot
+    for driver in animation.drivers:
+        target.drivers.from_existing(src_driver=driver)
+
+
+def is_animated(keys: bpy.types.Key) -> bool:
+    """Whether an action or a driver moves a mesh's keys."""
+    animation = keys.animation_data
+    return animation is not None and (animation.action is not None or len(animation.drivers) > 0)
+
+
+def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """The vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
+    key = alpha_key(mesh)
+    if key is None:
+        return meshes.read_positions(mesh)
+    count = len(mesh.vertices)
+    basis = meshes.read_vectors(mesh.shape_keys.reference_key.points, "co", count)
+    return blend(basis, meshes.read_vectors(key.points, "co", count), value_of(key))
+
+
+def value_of(key: bpy.types.ShapeKey) -> float:
+    """How far a key moves the mesh."""
+    return 0.0 if key.mute else float(key.value)

@@ -9,8 +9,9 @@ import bpy
 from ...core import TriangleMesh
 from ..datablocks import remove_blocks
 from . import mesh_data as meshes
-from .evaluate import evaluated_object, evaluated_triangles
-from .placement import centred
+from .evaluate import evaluated_object
+from .placement import placed_at_center
+from .readback import evaluated_triangles
 
 
 def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, float]:
@@ -28,7 +29,7 @@ def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, floa
     seconds : float
         From the mesh in Blender to its evaluated mesh; neither building the one nor reading the other.
     """
-    placement = centred(mesh.vertices)
+    placement = placed_at_center(mesh.vertices)
     home = bpy.data.scenes.new("CTMC Decimate")
     plain = meshes.new_mesh("CTMC Decimate", placement.to_local(mesh.vertices), mesh.faces)
     thing = bpy.data.objects.new("CTMC Decimate", plain)

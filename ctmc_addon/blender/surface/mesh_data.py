@@ -95,18 +95,28 @@ def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
     return read_vectors(mesh.corner_normals, "vector", len(mesh.loops))
 
 
-def remember_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
-    """Keep (V, 3) normals on the mesh; from Blender 4.5 this is also what it is shaded with."""
-    attribute = mesh.attributes.get(NORMALS) or mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "POINT")
-    attribute.data.foreach_set("vector", np.ascontiguousarray(normals, np.float32).ravel())
+def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32]) -> None:
+    """Keep a vector for every vertex, (V, 3) float32, as the attribute `name`."""
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT_VECTOR", "POINT")
+    attribute.data.foreach_set("vector", np.ascontiguousarray(vectors, np.float32).ravel())
 
 
-def remembered_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
-    """The normals kept by `remember_normals`, (V, 3) float32, or None."""
-    attribute = mesh.attributes.get(NORMALS)
+def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
+    """What `write_attribute` kept, (V, 3) float32, or None."""
+    attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
         return None
     return read_vectors(attribute.data, "vector", len(mesh.vertices))
+
+
+def keep_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
+    """Keep (V, 3) normals on the mesh; from Blender 4.5 this is also what it is shaded with."""
+    write_attribute(mesh, NORMALS, normals)
+
+
+def kept_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
+    """The normals kept by `keep_normals`, (V, 3) float32, or None."""
+    return read_attribute(mesh, NORMALS)
 
 
 def encode_normals(mesh: bpy.types.Mesh, positions: NDArray[np.float32], normals: NDArray[np.float32]) -> None:

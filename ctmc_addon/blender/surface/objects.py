@@ -1,26 +1,25 @@
-"""A reconstruction as an object: made, updated, and made final.
+"""A reconstruction as an object: added, updated, made plain, removed.
 
 Alpha is the shape key `alpha` over the midpoints (Su and Ma, eq. 5 to 7), Decimate a live modifier after it.
-What made the object is remembered in its custom property `ctmc`, which any Blender shows without this extension.
 """
 
 from __future__ import annotations
 
-import json
-from typing import Any
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core import VERSION, MeshError, Reconstruction, ReconstructionSettings
+from ...core import MeshError, Reconstruction, ReconstructionSettings
 from ..materials import Colour, colour_of, surface_material
 from . import mesh_data as meshes
-from .evaluate import evaluated_copy
-from .placement import SCALE, Placement, centred
+from .alpha_key import add_alpha, keep_key, mixed_positions
+from .evaluate import evaluated_copy, evaluated_object
+from .placement import SCALE, placed_at_center
+from .provenance import Provenance, provenance_of_result, require_provenance, write_provenance
+from .readback import evaluated_alpha, keep_positions_mm, placement_of, positions_mm
 
-MEMORY = "ctmc"
-KEY = "alpha"
 DECIMATE = "CTMC Decimate"
 NAME_BYTES = 63  # Blender 4 cuts longer names
 STRUCTURE_BYTES = 40  # of them for a label's name at most
@@ -33,6 +32,7 @@ def add_reconstruction(
     color: Colour | None = None,
     mesh: bpy.types.Mesh | None = None,
     structure: str = "",
+    fingerprint: str = "",
 ) -> bpy.types.Object:
     """A new object in `scene` for a surface, at its place in the patient.
 
@@ -41,11 +41,13 @@ def add_reconstruction(
     scale : float
         Blender units of 1 mm.
     color : (red, green, blue) or None
-        Linear; None takes the colour of the label.
+        Linear; None takes the color of the label.
     mesh : Mesh or None
         What `surface_mesh` has made of it at this scale; None makes it now.
     structure : str
         What the label is called, for the object's name; empty where the CT does not say.
+    fingerprint : str
+        Of the volume's values.
 
     Raises
     ------
@@ -55,19 +57,22 @@ def add_reconstruction(
     name = object_name(result, structure)
     mesh = surface_mesh(result, None, scale) if mesh is None else mesh
     mesh.name = name
-    placement = centred(result.mesh.vertices, scale)
+    placement = placed_at_center(result.mesh.vertices, scale)
     mesh.materials.append(surface_material(name, color or colour_of(result.settings.label)))
-    thing = bpy.data.objects.new(name, mesh)
-    thing.location = placement.origin
-    scene.collection.objects.link(thing)
-    add_alpha(thing, result, placement)
-    follow_decimate(thing, result)
-    shade(thing, result)
-    remember(thing, result, placement)
-    return thing
+    obj = bpy.data.objects.new(name, mesh)
+    obj.location = placement.origin
+    scene.collection.objects.link(obj)
+    if result.surface is not None:
+        add_alpha(obj, result.surface, result.settings.alpha, placement)
+    update_decimate(obj, result)
+    shade(obj, result)
+    write_provenance(obj, provenance_of_result(result, placement, fingerprint))
+    return obj
 
 
-def update_reconstruction(thing: bpy.types.Object, result: Reconstruction, mesh: bpy.types.Mesh | None = None) -> None:
+def update_reconstruction(
+    obj: bpy.types.Object, result: Reconstruction, mesh: bpy.types.Mesh | None = None, fingerprint: str = ""
+) -> None:
     """Give an object another surface; its transform, materials, modifiers and animation stay.
 
     The mesh is what `surface_mesh` has made of it for this object; None makes it now.
@@ -80,99 +85,94 @@ def update_reconstruction(thing: bpy.types.Object, result: Reconstruction, mesh:
     MeshError
         If the object was not made here or cannot be changed, or the surface has no triangles.
     """
-    require_changeable(thing)
-    mesh = surface_mesh(result, thing) if mesh is None else mesh
-    placement, before = placement_of(thing), settings_of(thing)
-    old, old_keys = thing.data, thing.data.shape_keys
+    require_editable(obj)
+    before = require_provenance(obj)
+    mesh = surface_mesh(result, obj) if mesh is None else mesh
+    old, old_keys = obj.data, obj.data.shape_keys
     for material in old.materials:
         mesh.materials.append(material)
-    thing.data = mesh
-    add_alpha(thing, result, placement)
+    obj.data = mesh
+    if result.surface is not None:
+        add_alpha(obj, result.surface, result.settings.alpha, before.placement)
     if old_keys is not None and mesh.shape_keys is not None:
-        keep_key(old_keys, mesh.shape_keys, before.alpha)
-    follow_decimate(thing, result, before)
-    shade(thing, result)
-    remember(thing, result, placement)
+        keep_key(old_keys, mesh.shape_keys, before.settings.alpha)
+    update_decimate(obj, result, before)
+    shade(obj, result)
+    write_provenance(obj, provenance_of_result(result, before.placement, fingerprint))
     discard(old, mesh)
 
 
-def make_final(thing: bpy.types.Object) -> None:
-    """Bake alpha and every modifier that shows in the viewport into a plain mesh.
+def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
+    """Make a plain mesh of alpha and every modifier that shows in the viewport.
 
     Raises
     ------
     MeshError
         If the object cannot be changed.
     """
-    require_changeable(thing)
-    old = thing.data
-    refresh_normals(thing)
-    mesh, _ = evaluated_copy(thing)
-    thing.data = mesh
-    for modifier in [one for one in thing.modifiers if one.show_viewport]:
-        thing.modifiers.remove(modifier)
+    require_editable(obj)
+    old = obj.data
+    refresh_normals(obj)
+    evaluated, depsgraph = evaluated_object(obj)
+    local, alpha = meshes.read_positions(evaluated.data), evaluated_alpha(obj, depsgraph)
+    vertices, _ = positions_mm(evaluated.data, local, placement_of(obj), alpha)
+    mesh, _ = evaluated_copy(obj)
+    keep_positions_mm(mesh, vertices)
+    obj.data = mesh
+    for modifier in [modifier for modifier in obj.modifiers if modifier.show_viewport]:
+        obj.modifiers.remove(modifier)
     discard(old, mesh)
 
 
-def refresh_normals(thing: bpy.types.Object) -> None:
+@contextmanager
+def temporary_surfaces(
+    results: Sequence[Reconstruction], name: str = "CTMC"
+) -> Iterator[tuple[bpy.types.Scene, list[bpy.types.Object]]]:
+    """A scene of its own with an object for every surface; after the block nothing of them is left."""
+    scene = bpy.data.scenes.new(name)
+    objects: list[bpy.types.Object] = []
+    try:
+        for result in results:
+            objects.append(add_reconstruction(result, scene))
+        yield scene, objects
+    finally:
+        blocks = [block for obj in objects for block in (*obj.data.materials, obj.data, obj)]
+        bpy.data.batch_remove([*blocks, scene])
+
+
+def refresh_normals(obj: bpy.types.Object) -> None:
     """Before Blender 4.5: shade with the gradient at the key's present value; later versions need no such thing.
 
     Call it when alpha has come to rest. Under a Decimate modifier such normals would be wrong, and are left out.
     """
-    mesh = thing.data
-    normals = meshes.remembered_normals(mesh)
+    mesh = obj.data
+    normals = meshes.kept_normals(mesh)
     if meshes.FREE_NORMALS or normals is None:
         return
-    if any(modifier.type == "DECIMATE" and modifier.show_viewport for modifier in thing.modifiers):
+    if any(modifier.type == "DECIMATE" and modifier.show_viewport for modifier in obj.modifiers):
         normals = np.zeros_like(normals)
     meshes.encode_normals(mesh, mixed_positions(mesh), normals)
-
-
-def remembered(thing: bpy.types.Object) -> dict[str, Any]:
-    """What is known of how an object was made: version, name, settings, counts, notes; empty for others."""
-    memory = thing.get(MEMORY)
-    return json.loads(memory["report"]) if memory is not None else {}
-
-
-def settings_of(thing: bpy.types.Object) -> ReconstructionSettings:
-    """The settings an object was made with."""
-    return ReconstructionSettings.from_dict(json.loads(memory_of(thing)["settings"]))
-
-
-def placement_of(thing: bpy.types.Object) -> Placement:
-    """How the patient's millimetres became the object's local space."""
-    memory = memory_of(thing)
-    x, y, z = memory["origin"]
-    return Placement((x, y, z), memory["scale"])
-
-
-def memory_of(thing: bpy.types.Object) -> Any:
-    """The custom property that `remember` wrote, or a `MeshError`."""
-    memory = thing.get(MEMORY)
-    if memory is None:
-        raise MeshError(f"{thing.name} was not made by CTMC; choose a reconstructed object")
-    return memory
 
 
 def object_name(result: Reconstruction, structure: str = "") -> str:
     """The file's stem and the label or what it is called, short enough for every Blender to keep the label."""
     label = "" if result.settings.label is None else f" {structure or f'label {result.settings.label}'}"
-    label = cut(label, STRUCTURE_BYTES)
-    return cut(result.name, NAME_BYTES - 4 - len(label.encode())) + label  # 4 for the .001 of a second one
+    label = shortened(label, STRUCTURE_BYTES)
+    return shortened(result.name, NAME_BYTES - 4 - len(label.encode())) + label  # 4 for the .001 of a second one
 
 
-def cut(text: str, size: int) -> str:
+def shortened(text: str, size: int) -> str:
     """The beginning of a text, of so many bytes at most."""
     return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 
 def surface_mesh(
     result: Reconstruction,
-    thing: bpy.types.Object | None = None,
+    obj: bpy.types.Object | None = None,
     scale: float = SCALE,
     edges: meshes.Edges | None = None,
 ) -> bpy.types.Mesh:
-    """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `thing` or a new object to take.
+    """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
 
     This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet. Its edges
     may have been found before, by `meshes.edges_steps`.
@@ -185,56 +185,32 @@ def surface_mesh(
     if not len(result.mesh.faces):
         raise MeshError(
             f"the surface of {result.name} has no triangles; choose another threshold or label"
-            if thing is None
-            else f"the new surface has no triangles, so {thing.name} keeps its old one; choose another threshold"
+            if obj is None
+            else f"the new surface has no triangles, so {obj.name} keeps its old one; choose another threshold"
         )
-    name = object_name(result) if thing is None else thing.data.name
-    placement = centred(result.mesh.vertices, scale) if thing is None else placement_of(thing)
+    name = object_name(result) if obj is None else obj.data.name
+    placement = placed_at_center(result.mesh.vertices, scale) if obj is None else require_provenance(obj).placement
     surface = result.surface
-    points, faces = (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
-    return meshes.new_mesh(name, placement.to_local(points), faces, edges)
+    vertices, faces = (
+        (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
+    )
+    mesh = meshes.new_mesh(name, placement.to_local(vertices), faces, edges)
+    keep_positions_mm(mesh, vertices, surface)
+    return mesh
 
 
-def add_alpha(thing: bpy.types.Object, result: Reconstruction, placement: Placement) -> None:
-    """The shape key `alpha`: linear crossings over midpoints, at the value of the settings."""
-    if result.surface is None:
-        return
-    thing.shape_key_add(name="Basis", from_mix=False)
-    key = thing.shape_key_add(name=KEY, from_mix=False)
-    key.points.foreach_set("co", placement.to_local(result.surface.linear).ravel())
-    key.value = result.settings.alpha
-
-
-def keep_key(old: bpy.types.Key, new: bpy.types.Key, set_alpha: float) -> None:
-    """Carry the value and animation of the key `alpha` over to a new mesh's keys."""
-    before = old.key_blocks.get(KEY)
-    if before is not None and before.value != np.float32(set_alpha):
-        new.key_blocks[KEY].value = before.value
-    animation = old.animation_data
-    if animation is None:
-        return
-    target = new.animation_data_create()
-    target.action = animation.action
-    if getattr(animation, "action_slot", None) is not None:
-        target.action_slot = animation.action_slot
-    for driver in animation.drivers:
-        target.drivers.from_existing(src_driver=driver)
-
-
-def follow_decimate(
-    thing: bpy.types.Object, result: Reconstruction, before: ReconstructionSettings | None = None
-) -> None:
+def update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Provenance | None = None) -> None:
     """Our own Decimate modifier, there where the settings ask for it; others are left alone."""
-    settings, modifier = result.settings, thing.modifiers.get(DECIMATE)
+    settings, modifier = result.settings, obj.modifiers.get(DECIMATE)
     if settings.simplifier != "decimate" or not settings.simplifies:
         if modifier is not None:
-            thing.modifiers.remove(modifier)
+            obj.modifiers.remove(modifier)
         return
     ratio = decimate_ratio(settings, len(result.mesh.faces))
     if modifier is None:
-        modifier = thing.modifiers.new(DECIMATE, "DECIMATE")
+        modifier = obj.modifiers.new(DECIMATE, "DECIMATE")
         modifier.ratio = ratio
-    elif before is not None and modifier.ratio == np.float32(decimate_ratio(before, remembered(thing)["full_faces"])):
+    elif before is not None and modifier.ratio == np.float32(decimate_ratio(before.settings, before.full_faces)):
         modifier.ratio = ratio
 
 
@@ -245,61 +221,27 @@ def decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
     return 1.0 if settings.reduction is None else 1.0 - settings.reduction
 
 
-def shade(thing: bpy.types.Object, result: Reconstruction) -> None:
+def shade(obj: bpy.types.Object, result: Reconstruction) -> None:
     """Shade with the surface's own normals, where it has any."""
     normals = result.mesh.normals if result.surface is None else result.surface.normals
     if normals is not None:
-        meshes.remember_normals(thing.data, normals)
-        refresh_normals(thing)
+        meshes.keep_normals(obj.data, normals)
+        refresh_normals(obj)
 
 
-def remember(thing: bpy.types.Object, result: Reconstruction, placement: Placement) -> None:
-    """Note on the object how it was made. JSON, as voxel counts outgrow Blender's whole numbers."""
-    settings = result.settings.to_dict()
-    report = {
-        "version": VERSION,
-        "name": result.name,
-        "settings": settings,
-        "threshold": result.threshold,
-        "faces": len(result.mesh.faces),
-        "vertices": len(result.mesh.vertices),
-        "full_faces": result.full_faces,
-        "voxels_visited": result.voxels_visited,
-        "spacing_mm": list(result.spacing_mm),
-        "notes": list(result.notes),
-    }
-    thing[MEMORY] = {
-        "version": VERSION,
-        "scale": placement.scale,
-        "origin": placement.origin,
-        "settings": json.dumps(settings),
-        "report": json.dumps(report, ensure_ascii=False),
-    }
-
-
-def require_changeable(thing: bpy.types.Object) -> None:
+def require_editable(obj: bpy.types.Object) -> None:
     """Raise `MeshError` with a remedy for an object whose mesh cannot be replaced."""
-    if thing.type != "MESH":
-        raise MeshError(f"{thing.name} is no mesh; choose a reconstructed object")
-    if thing.library is not None or thing.override_library is not None or thing.data.library is not None:
-        raise MeshError(f"{thing.name} is linked from another file; make it local first")
-    require_left_alone(thing)
+    if obj.type != "MESH":
+        raise MeshError(f"{obj.name} is not a mesh; choose a reconstructed object")
+    if obj.library is not None or obj.override_library is not None or obj.data.library is not None:
+        raise MeshError(f"{obj.name} is linked from another file; make it local first")
+    require_object_mode(obj)
 
 
-def require_left_alone(thing: bpy.types.Object) -> None:
+def require_object_mode(obj: bpy.types.Object) -> None:
     """Raise `MeshError` for an object in edit mode: until that is left, its mesh is not the one that is shown."""
-    if thing.mode == "EDIT":
-        raise MeshError(f"{thing.name} is in edit mode; leave it first")
-
-
-def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
-    keys = mesh.shape_keys
-    if keys is None or KEY not in keys.key_blocks:
-        return meshes.read_positions(mesh)
-    key = keys.key_blocks[KEY]
-    basis, linear = (meshes.read_vectors(block.points, "co", len(mesh.vertices)) for block in (keys.reference_key, key))
-    return basis + (linear - basis) * np.float32(0.0 if key.mute else key.value)
+    if obj.mode == "EDIT":
+        raise MeshError(f"{obj.name} is in edit mode; leave it first")
 
 
 def discard(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:

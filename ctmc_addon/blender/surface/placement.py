@@ -1,7 +1,7 @@
 """Where a surface lies in the scene: from RAS+ millimetres to Blender's units and back.
 
 1 mm is `scale` units, and RAS axes are Blender's axes (Z up = head). The object stands at the surface's
-centre, and its vertices are kept relative to it, so float32 holds them to far below a micrometre.
+center, and its vertices are kept relative to it, so float32 holds them to far below a micrometre.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SCALE = 0.01
+from ...core import TriangleMesh
 
-# Patient axes seen from RAS+: what is right, front and head there is left, back and head in LPS.
-SPACES = {"ras": (1.0, 1.0, 1.0), "lps": (-1.0, -1.0, 1.0)}
+SCALE = 0.01
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Placement:
         Blender units of 1 mm.
     """
 
-    origin: tuple[float, float, float]
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float = SCALE
 
     def to_local(self, points_ras_mm: NDArray[Any]) -> NDArray[np.float32]:
@@ -40,14 +39,34 @@ class Placement:
         out -= self.origin
         return out.astype(np.float32)
 
+    def to_mm(self, local: NDArray[np.float32]) -> NDArray[np.float32]:
+        """RAS+ millimetres (n, 3) float32 of local positions."""
+        out = local.astype(np.float64)
+        out += self.origin
+        out /= self.scale
+        return out.astype(np.float32)
 
-def centred(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Placement:
+    def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
+        """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimetres."""
+        matrix = matrix_of(matrix_world)
+        own = matrix[:3, :3] @ np.array(self.origin)
+        # Nothing but a move, or nothing at all, must leave no rounding behind.
+        matrix[:3, 3] = (matrix[:3, 3] - own) / self.scale
+        return matrix
+
+
+def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Placement:
     """The placement whose origin is the middle of the box around (n, 3) points."""
     # A column at a time is ten times as fast as both axes at once.
-    low, high = (np.array([found(points_ras_mm[:, axis]) for axis in range(3)]) for found in (np.min, np.max))
+    low, high = (np.array([end(points_ras_mm[:, axis]) for axis in range(3)]) for end in (np.min, np.max))
     middle = (low.astype(np.float64) + high) * (0.5 * scale)
     x, y, z = (float(value) for value in middle.astype(np.float32))
     return Placement((x, y, z), scale)
+
+
+def matrix_of(matrix: Any) -> NDArray[np.float64]:
+    """A matrix of Blender's as an array."""
+    return np.array([list(row) for row in matrix], np.float64)
 
 
 def moved(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64]:
@@ -59,8 +78,18 @@ def moved(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float
     return out
 
 
-def to_patient(matrix_world: Any, scale: float, space: str = "ras") -> NDArray[np.float64]:
-    """The (4, 4) matrix from an object's local space to millimetres of `space`, "ras" or "lps"."""
-    matrix = np.array([list(row) for row in matrix_world], np.float64)
-    matrix[:3] *= np.array(SPACES[space])[:, None] / scale
-    return matrix
+def moved_mesh(matrix: NDArray[np.float64], mesh: TriangleMesh) -> TriangleMesh:
+    """A mesh moved by a (4, 4) matrix, its normals with it; a mirrored one turns the winding too."""
+    if (matrix == np.eye(4)).all():
+        return mesh
+    faces, normals = mesh.faces, mesh.normals
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
+    if normals is not None:
+        inverse_transpose = np.eye(4)
+        inverse_transpose[:3, :3] = np.linalg.inv(matrix[:3, :3]).T
+        turned = moved(inverse_transpose, normals)
+        length = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2 + turned[:, 2] ** 2)
+        length[length == 0] = 1.0
+        normals = (turned / length[:, None]).astype(np.float32)
+    return TriangleMesh(moved(matrix, mesh.vertices).astype(np.float32), faces, normals)

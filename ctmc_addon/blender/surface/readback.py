@@ -1,6 +1,7 @@
-"""A surface read back from its object, where the object still holds all of it.
+"""A surface read back from its object, in the patient's millimetres.
 
-The inverse of `surfaces.add_reconstruction`, up to float32: vertices come back to far below a micrometre.
+The mesh keeps its positions in millimetres beside those in Blender units, so a surface that nobody has changed comes
+back bit for bit, and vertices that somebody has moved come back to far below a micrometre.
 """
 
 from __future__ import annotations
@@ -13,41 +14,126 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Reconstruction, ReconstructionSettings, Surface, TriangleMesh
+from ...core.mesh import blend, vertex_normals
+from ...reporting.mesh_files import in_space
 from . import mesh_data as meshes
-from .alpha_key import has_alpha
+from .alpha_key import KEY, alpha_key, mixed_positions, value_of
 from .evaluate import evaluated_object
-from .objects import KEY, mixed_positions, placement_of, remembered, settings_of
-from .placement import Placement
+from .placement import Placement, moved_mesh
+from .provenance import Provenance, read_provenance, require_provenance
+
+POSITIONS_MM = ".ctmc_positions_mm"  # of the midpoints where the surface has the key `alpha`
+LINEAR_MM = ".ctmc_linear_mm"
+ROUNDING = 4 * float(np.finfo(np.float32).eps)
 
 
-def read_back(thing: bpy.types.Object) -> Reconstruction | None:
+def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surface: Surface | None = None) -> None:
+    """Keep RAS+ mm on a mesh, (V, 3) float32: both ends of alpha of `surface` while it is open, else `vertices`."""
+    meshes.write_attribute(mesh, POSITIONS_MM, vertices if surface is None else surface.midpoints)
+    if surface is not None:
+        meshes.write_attribute(mesh, LINEAR_MM, surface.linear)
+    elif LINEAR_MM in mesh.attributes:
+        mesh.attributes.remove(mesh.attributes[LINEAR_MM])
+
+
+def unmoved_mm(
+    local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """RAS+ mm of vertices, (V, 3) float32: `kept` where `local` is as `expected`; and where that is so, (V,)."""
+    rounding = ROUNDING * (np.abs(expected) + np.abs(kept) * np.float32(placement.scale))
+    unmoved = (np.abs(local - expected) <= rounding).all(axis=1)
+    return (kept if unmoved.all() else np.where(unmoved[:, None], kept, placement.to_mm(local))), unmoved
+
+
+def positions_mm(
+    mesh: bpy.types.Mesh, local: NDArray[np.float32], placement: Placement, alpha: float
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """RAS+ mm of a mesh's vertices, (V, 3) float32, and which of them are where the reconstruction has them, (V,).
+
+    Parameters
+    ----------
+    local : (V, 3) float32
+        Where the vertices are now.
+    alpha : float
+        Value of the key `alpha`, if the mesh has one.
+    """
+    kept, linear = meshes.read_attribute(mesh, POSITIONS_MM), meshes.read_attribute(mesh, LINEAR_MM)
+    if kept is None:
+        return placement.to_mm(local), np.ones(len(local), bool)  # of an older version, or another's
+    expected = placement.to_local(kept)
+    if linear is not None:
+        expected = blend(expected, placement.to_local(linear), alpha)
+        kept = blend(kept, linear, alpha)
+    return unmoved_mm(local, expected, kept, placement)
+
+
+def evaluated_triangles(
+    obj: bpy.types.Object, scene: bpy.types.Scene | None = None, space: str = "ras"
+) -> TriangleMesh:
+    """The surface as it stands in the scene, modifiers included, in millimetres of `space`, "ras" or "lps".
+
+    Raises
+    ------
+    MeshError
+        If Blender does not evaluate the object.
+    """
+    evaluated, depsgraph = evaluated_object(obj, scene)
+    placement = placement_of(obj)
+    mesh = triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
+    return in_space(moved_mesh(placement.transform_mm(evaluated.matrix_world), mesh), space)
+
+
+def evaluated_alpha(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> float:
+    """Value of the key `alpha` where the object is evaluated: an animation may move it there alone."""
+    if alpha_key(obj.data) is None:
+        return 0.0
+    return value_of(obj.data.shape_keys.evaluated_get(depsgraph).key_blocks[KEY])
+
+
+def triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> TriangleMesh:
+    """A mesh without keys as triangles, RAS+ mm as it was placed; moved vertices have the normals of their faces."""
+    vertices, unmoved = positions_mm(mesh, meshes.read_positions(mesh), placement, alpha)
+    faces, normals = meshes.read_triangles(mesh), meshes.kept_normals(mesh)
+    if normals is not None and not unmoved.all():
+        normals = np.where(unmoved[:, None], normals, vertex_normals(vertices, faces))
+    return TriangleMesh(vertices, faces, normals)
+
+
+def placement_of(obj: bpy.types.Object) -> Placement:
+    """How the patient's millimetres became the object's local space; of a foreign object, what is usual here."""
+    made = read_provenance(obj)
+    return Placement() if made is None else made.placement
+
+
+def read_back(obj: bpy.types.Object) -> Reconstruction | None:
     """The full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
-    known, mesh = remembered(thing), thing.data
-    if not known or len(mesh.polygons) != known["full_faces"] or len(mesh.loops) != 3 * known["full_faces"]:
+    made, mesh = read_provenance(obj), obj.data
+    if made is None or len(mesh.polygons) != made.full_faces or len(mesh.loops) != 3 * made.full_faces:
         return None
-    placement, settings = placement_of(thing), settings_of(thing)
-    faces, normals = meshes.read_triangles(mesh), meshes.remembered_normals(mesh)
-    if has_alpha(thing):
-        keys = mesh.shape_keys
-        ends = [
-            to_mm(placement, meshes.read_vectors(block.points, "co", len(mesh.vertices)))
-            for block in (keys.reference_key, keys.key_blocks[KEY])
-        ]
-        surface = Surface(ends[0], ends[1], faces, normals)
-        found = surface.at(settings.alpha)
-    else:
-        surface = None
-        found = TriangleMesh(to_mm(placement, meshes.read_positions(mesh)), faces, normals)
-    return _reconstruction(found, surface, settings, known)
+    key, faces, normals = alpha_key(mesh), meshes.read_triangles(mesh), meshes.kept_normals(mesh)
+    if key is None:
+        vertices, _ = positions_mm(mesh, meshes.read_positions(mesh), made.placement, 0.0)
+        return reconstruction_of(TriangleMesh(vertices, faces, normals), None, made.settings, made)
+    ends = []
+    for name, block in ((POSITIONS_MM, mesh.shape_keys.reference_key), (LINEAR_MM, key)):
+        local, kept = meshes.read_vectors(block.points, "co", len(mesh.vertices)), meshes.read_attribute(mesh, name)
+        if kept is None:  # a file of an older version
+            ends.append(made.placement.to_mm(local))
+        else:
+            ends.append(unmoved_mm(local, made.placement.to_local(kept), kept, made.placement)[0])
+    surface = Surface(ends[0], ends[1], faces, normals)
+    return reconstruction_of(surface.at(made.settings.alpha), surface, made.settings, made)
 
 
-def own_mesh(thing: bpy.types.Object) -> TriangleMesh:
+def own_mesh(obj: bpy.types.Object) -> TriangleMesh:
     """The object's own triangles at its present alpha, before any modifier, RAS+ mm."""
-    mesh = thing.data
-    return TriangleMesh(to_mm(placement_of(thing), mixed_positions(mesh)), meshes.read_triangles(mesh))
+    mesh, key = obj.data, alpha_key(obj.data)
+    alpha = 0.0 if key is None else value_of(key)
+    vertices, _ = positions_mm(mesh, mixed_positions(mesh), placement_of(obj), alpha)
+    return TriangleMesh(vertices, meshes.read_triangles(mesh))
 
 
-def as_shown(thing: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Reconstruction:
+def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Reconstruction:
     """The surface as its object shows it, modifiers included, where the patient has it: RAS+ mm, however it was moved.
 
     Its settings have no goal of simplification: what that took away is gone.
@@ -57,34 +143,26 @@ def as_shown(thing: bpy.types.Object, scene: bpy.types.Scene | None = None) -> R
     MeshError
         If the object was not made here, or Blender does not evaluate it.
     """
-    settings, placement, known = settings_of(thing), placement_of(thing), remembered(thing)
-    shown = evaluated_object(thing, scene)[0].data
+    made = require_provenance(obj)
+    evaluated, depsgraph = evaluated_object(obj, scene)
     goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
-    mesh = TriangleMesh(to_mm(placement, meshes.read_positions(shown)), meshes.read_triangles(shown))
-    return _reconstruction(mesh, None, replace(settings, **goals), known)
+    mesh = triangles_mm(evaluated.data, made.placement, evaluated_alpha(obj, depsgraph))
+    return reconstruction_of(replace(mesh, normals=None), None, replace(made.settings, **goals), made)
 
 
-def _reconstruction(
-    mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, known: dict[str, Any]
+def reconstruction_of(
+    mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, made: Provenance
 ) -> Reconstruction:
-    """What an object remembers of its reconstruction, with this mesh."""
+    """The reconstruction that an object was made from, with this mesh."""
     return Reconstruction(
         mesh=mesh,
         surface=surface,
         settings=settings,
-        threshold=known["threshold"],
-        full_faces=known["full_faces"],
-        voxels_visited=known["voxels_visited"],
+        threshold=made.threshold,
+        full_faces=made.full_faces,
+        voxels_visited=made.voxels_visited,
         stages=(),
-        spacing_mm=tuple(known["spacing_mm"]),
-        notes=tuple(known["notes"]),
-        name=known["name"],
+        spacing_mm=made.spacing_mm,
+        notes=made.notes,
+        name=made.name,
     )
-
-
-def to_mm(placement: Placement, local: NDArray[np.float32]) -> NDArray[np.float32]:
-    """RAS+ millimetres (n, 3) float32 of local positions."""
-    out = local.astype(np.float64)
-    out += placement.origin
-    out /= placement.scale
-    return out.astype(np.float32)

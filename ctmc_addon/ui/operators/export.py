@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
-from ...blender import SUFFIXES, export
+from ...blender.export import SUFFIXES, export
 from ...core import CtmcError
 from .. import jobs
 from ..translations import say

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import bpy
 
 from ... import blender as scenes
-from ...blender.surface import MEMORY, edges_steps, require_changeable, set_alpha
+from ...blender.surface import MEMORY, edges_steps, read_provenance, require_changeable
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, within
 from ..properties.preferences import machine
 from ..translations import say
@@ -34,7 +34,7 @@ class Wanted:
 
 def is_surface(thing: bpy.types.Object | None) -> bool:
     """Whether an object was reconstructed by us."""
-    return thing is not None and thing.type == "MESH" and thing.get(MEMORY) is not None
+    return read_provenance(thing) is not None
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -157,7 +157,6 @@ def place(
                 thing = scenes.add_reconstruction(result, scene, machine().scale, one.color, mesh, one.structure)
             else:
                 scenes.update_reconstruction(thing, result, mesh)
-                set_alpha(thing, result.settings.alpha)
             thing[MEMORY][FINGERPRINT] = one.fingerprint
             made.append(thing)
     finally:

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender import add_reconstruction, make_final, refresh_normals
+from ctmc_addon.blender.surface import add_reconstruction, apply_shape_and_modifiers, refresh_normals
 from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.blender.surface.evaluate import evaluated_object
 
@@ -79,7 +79,7 @@ def test_a_final_mesh_keeps_its_shading(scene, ball, decimated):
     extra = {"simplifier": "decimate", "reduction": 0.5} if decimated else {}
     thing = add_reconstruction(ball(alpha=0.5, **extra), scene)
     before = off_radius(thing)
-    make_final(thing)
+    apply_shape_and_modifiers(thing)
     assert abs(off_radius(thing).mean() - before.mean()) < 0.5
     assert off_radius(thing).max() < before.max() + 2.0
 

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender import add_reconstruction, evaluated_triangles, make_final, remembered, update_reconstruction
-from ctmc_addon.blender.surface.objects import settings_of
+from ctmc_addon.blender.surface import (
+    add_reconstruction,
+    apply_shape_and_modifiers,
+    evaluated_triangles,
+    temporary_surfaces,
+    update_reconstruction,
+)
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
 
-def alpha_key(thing):
-    return thing.data.shape_keys.key_blocks["alpha"]
+def alpha_key(obj):
+    return obj.data.shape_keys.key_blocks["alpha"]
 
 
-def worst_mm(thing, mesh):
-    seen = evaluated_triangles(thing)
+def worst_mm(obj, mesh):
+    seen = evaluated_triangles(obj)
     assert (seen.faces == mesh.faces).all()
     return np.abs(seen.vertices.astype(np.float64) - mesh.vertices).max()
 
@@ -34,34 +37,34 @@ def test_the_evaluated_object_is_the_result_within_a_tenth_of_a_micrometre(scene
 @pytest.mark.parametrize("scale", [0.001, 0.01, 1.0])
 def test_blenders_own_matrix_puts_every_vertex_in_its_place(scene, torus, scale):
     result = torus(alpha=1.0)
-    thing = add_reconstruction(result, scene, scale=scale)
+    obj = add_reconstruction(result, scene, scale=scale)
     scene.view_layers[0].update()
-    thing = thing.evaluated_get(scene.view_layers[0].depsgraph)
-    seen = np.array([(thing.matrix_world @ vertex.co)[:] for vertex in thing.data.vertices]) / scale
+    obj = obj.evaluated_get(scene.view_layers[0].depsgraph)
+    seen = np.array([(obj.matrix_world @ vertex.co)[:] for vertex in obj.data.vertices]) / scale
     assert np.abs(seen - result.mesh.vertices).max() <= 1e-4
 
 
 def test_moving_the_key_moves_the_surface_as_core_would(scene, torus):
     result = torus(alpha=0.25)
-    thing = add_reconstruction(result, scene)
+    obj = add_reconstruction(result, scene)
     for alpha in (0.0, 0.6, 1.0):
-        alpha_key(thing).value = alpha
-        assert worst_mm(thing, result.surface.at(alpha)) <= 1e-4
+        alpha_key(obj).value = alpha
+        assert worst_mm(obj, result.surface.at(alpha)) <= 1e-4
 
 
 def test_the_origin_is_the_centre_of_the_surface(scene, torus):
     result = torus(alpha=1.0, centre_mm=np.array([100.0, -50.0, 30.0]))
-    thing = add_reconstruction(result, scene)
-    assert np.abs(np.array(thing.location) - (1.0, -0.5, 0.3)).max() < 1e-3
+    obj = add_reconstruction(result, scene)
+    assert np.abs(np.array(obj.location) - (1.0, -0.5, 0.3)).max() < 1e-3
     low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
-    assert np.abs(np.array(thing.location) - (low + high) / 200).max() < 1e-6
+    assert np.abs(np.array(obj.location) - (low + high) / 200).max() < 1e-6
 
 
 def test_the_mesh_is_valid_smooth_and_has_one_material(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    assert not thing.data.validate(verbose=True)
-    assert all(face.use_smooth for face in thing.data.polygons)
-    assert len(thing.data.materials) == 1
+    obj = add_reconstruction(torus(), scene)
+    assert not obj.data.validate(verbose=True)
+    assert all(face.use_smooth for face in obj.data.polygons)
+    assert len(obj.data.materials) == 1
 
 
 def test_edges_are_in_the_order_of_their_ends_whatever_blenders_threads(scene, torus):
@@ -89,21 +92,11 @@ def test_the_name_is_the_files_and_the_label(scene, torus):
 
 
 def test_labels_have_different_colours_and_a_given_colour_wins(scene, torus):
-    things = [add_reconstruction(torus(label=label, threshold=None), scene) for label in (1, 2)]
-    things.append(add_reconstruction(torus(), scene, color=(0.1, 0.2, 0.3)))
-    colours = [tuple(round(part, 3) for part in thing.data.materials[0].diffuse_color) for thing in things]
+    objs = [add_reconstruction(torus(label=label, threshold=None), scene) for label in (1, 2)]
+    objs.append(add_reconstruction(torus(), scene, color=(0.1, 0.2, 0.3)))
+    colours = [tuple(round(part, 3) for part in obj.data.materials[0].diffuse_color) for obj in objs]
     assert len(set(colours)) == 3
     assert colours[2] == (0.1, 0.2, 0.3, 1.0)
-
-
-def test_the_object_remembers_how_it_was_made(scene, torus):
-    result = torus(alpha=0.3, stride=(2, 2, 1))
-    thing = add_reconstruction(result, scene)
-    report = remembered(thing)
-    assert report["voxels_visited"] == 2**40
-    assert report["notes"] == ["spacing assumed"]
-    assert settings_of(thing) == result.settings
-    assert json.loads(thing["ctmc"]["settings"])["stride"] == [2, 2, 1]  # readable without this extension
 
 
 def test_a_surface_without_triangles_is_refused(scene, torus):
@@ -117,103 +110,114 @@ def test_a_surface_without_triangles_is_refused(scene, torus):
 
 def test_after_the_builtin_simplifier_the_mesh_is_plain(scene, torus):
     result = torus(reduction=0.5)
-    thing = add_reconstruction(result, scene)
-    assert thing.data.shape_keys is None
-    assert not thing.modifiers
-    assert worst_mm(thing, result.mesh) <= 1e-4
+    obj = add_reconstruction(result, scene)
+    assert obj.data.shape_keys is None
+    assert not obj.modifiers
+    assert worst_mm(obj, result.mesh) <= 1e-4
 
 
 @pytest.mark.parametrize(("goal", "left"), [({"reduction": 0.75}, 576), ({"target_faces": 400}, 400)])
 def test_decimate_stays_live_and_meets_the_goal(scene, torus, goal, left):
-    thing = add_reconstruction(torus(simplifier="decimate", **goal), scene)
-    assert [modifier.type for modifier in thing.modifiers] == ["DECIMATE"]
-    assert len(thing.data.polygons) == 2304
-    assert abs(len(evaluated_triangles(thing).faces) - left) <= 2
-    assert alpha_key(thing).value == 0.5
+    obj = add_reconstruction(torus(simplifier="decimate", **goal), scene)
+    assert [modifier.type for modifier in obj.modifiers] == ["DECIMATE"]
+    assert len(obj.data.polygons) == 2304
+    assert abs(len(evaluated_triangles(obj).faces) - left) <= 2
+    assert alpha_key(obj).value == 0.5
 
 
 def test_an_update_keeps_place_transform_materials_and_modifiers(scene, torus):
-    thing = add_reconstruction(torus(centre_mm=np.array([10.0, 20.0, 30.0])), scene)
-    thing.modifiers.new("Mine", "TRIANGULATE")
-    material, where = thing.data.materials[0], thing.location.copy()
+    obj = add_reconstruction(torus(centre_mm=np.array([10.0, 20.0, 30.0])), scene)
+    obj.modifiers.new("Mine", "TRIANGULATE")
+    material, where = obj.data.materials[0], obj.location.copy()
     result = torus(centre_mm=np.array([14.0, 25.0, 36.0]), rings=30)
-    update_reconstruction(thing, result)
-    assert thing.location == where
-    assert thing.data.materials[0] == material
-    assert [modifier.name for modifier in thing.modifiers] == ["Mine"]
-    assert worst_mm(thing, result.mesh) <= 1e-4
+    update_reconstruction(obj, result)
+    assert obj.location == where
+    assert obj.data.materials[0] == material
+    assert [modifier.name for modifier in obj.modifiers] == ["Mine"]
+    assert worst_mm(obj, result.mesh) <= 1e-4
     assert [len(bpy.data.meshes), len(bpy.data.shape_keys)] == [1, 1]
-    assert thing.data.name == "torus"
+    assert obj.data.name == "torus"
 
 
 def test_an_update_of_a_moved_object_leaves_it_moved(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    thing.location.x += 1.0
+    obj = add_reconstruction(torus(), scene)
+    obj.location.x += 1.0
     result = torus(rings=30)
-    update_reconstruction(thing, result)
-    moved_mm = evaluated_triangles(thing).vertices.astype(np.float64) - result.mesh.vertices
+    update_reconstruction(obj, result)
+    moved_mm = evaluated_triangles(obj).vertices.astype(np.float64) - result.mesh.vertices
     assert np.abs(moved_mm - (100, 0, 0)).max() < 1e-3
 
 
 def test_a_key_moved_by_hand_stays_and_an_untouched_one_follows_the_settings(scene, torus):
-    thing = add_reconstruction(torus(alpha=0.5), scene)
-    update_reconstruction(thing, torus(alpha=0.9))
-    assert alpha_key(thing).value == pytest.approx(0.9)
-    alpha_key(thing).value = 0.2
-    update_reconstruction(thing, torus(alpha=0.4, rings=30))
-    assert alpha_key(thing).value == pytest.approx(0.2)
+    obj = add_reconstruction(torus(alpha=0.5), scene)
+    update_reconstruction(obj, torus(alpha=0.9))
+    assert alpha_key(obj).value == pytest.approx(0.9)
+    alpha_key(obj).value = 0.2
+    update_reconstruction(obj, torus(alpha=0.4, rings=30))
+    assert alpha_key(obj).value == pytest.approx(0.2)
 
 
 def test_the_keys_animation_survives_an_update(scene, torus):
-    thing = add_reconstruction(torus(), scene)
+    obj = add_reconstruction(torus(), scene)
     for frame, value in ((1, 0.0), (11, 1.0)):
-        alpha_key(thing).value = value
-        alpha_key(thing).keyframe_insert("value", frame=frame)
+        alpha_key(obj).value = value
+        alpha_key(obj).keyframe_insert("value", frame=frame)
     result = torus(rings=30)
-    update_reconstruction(thing, result)
+    update_reconstruction(obj, result)
     for frame, alpha in ((1, 0.0), (11, 1.0)):
         scene.frame_set(frame)
-        assert alpha_key(thing).value == alpha
-        assert worst_mm(thing, result.surface.at(alpha)) <= 1e-4
+        assert alpha_key(obj).value == alpha
+        assert worst_mm(obj, result.surface.at(alpha)) <= 1e-4
 
 
 def test_the_keys_driver_survives_an_update(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    driver = alpha_key(thing).driver_add("value").driver
+    obj = add_reconstruction(torus(), scene)
+    driver = alpha_key(obj).driver_add("value").driver
     driver.type = "SCRIPTED"
     driver.expression = "0.75"
     result = torus(rings=30)
-    update_reconstruction(thing, result)
-    assert worst_mm(thing, result.surface.at(0.75)) <= 1e-4
+    update_reconstruction(obj, result)
+    assert worst_mm(obj, result.surface.at(0.75)) <= 1e-4
+
+
+def test_an_animated_key_stays_where_it_is_even_at_the_value_of_the_settings(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.5), scene)
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        alpha_key(obj).value = value
+        alpha_key(obj).keyframe_insert("value", frame=frame)
+    scene.frame_set(6)
+    assert alpha_key(obj).value == 0.5
+    update_reconstruction(obj, torus(alpha=0.9, rings=30))
+    assert alpha_key(obj).value == 0.5
 
 
 def test_our_decimate_follows_the_settings_unless_moved_by_hand(scene, torus):
-    thing = add_reconstruction(torus(simplifier="decimate", reduction=0.5), scene)
-    update_reconstruction(thing, torus(simplifier="decimate", reduction=0.9))
-    assert thing.modifiers[0].ratio == pytest.approx(0.1)
-    thing.modifiers[0].ratio = 0.33
-    update_reconstruction(thing, torus(simplifier="decimate", reduction=0.8))
-    assert thing.modifiers[0].ratio == pytest.approx(0.33)
-    update_reconstruction(thing, torus())
-    assert not thing.modifiers
+    obj = add_reconstruction(torus(simplifier="decimate", reduction=0.5), scene)
+    update_reconstruction(obj, torus(simplifier="decimate", reduction=0.9))
+    assert obj.modifiers[0].ratio == pytest.approx(0.1)
+    obj.modifiers[0].ratio = 0.33
+    update_reconstruction(obj, torus(simplifier="decimate", reduction=0.8))
+    assert obj.modifiers[0].ratio == pytest.approx(0.33)
+    update_reconstruction(obj, torus())
+    assert not obj.modifiers
 
 
 def test_a_shared_mesh_is_left_to_the_other_object(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    other = thing.copy()
+    obj = add_reconstruction(torus(), scene)
+    other = obj.copy()
     scene.collection.objects.link(other)
-    update_reconstruction(thing, torus(rings=30))
+    update_reconstruction(obj, torus(rings=30))
     assert len(other.data.polygons) == 2304
-    assert len(thing.data.polygons) == 1440
+    assert len(obj.data.polygons) == 1440
 
 
 def test_an_object_in_edit_mode_or_of_another_kind_is_refused(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    with bpy.context.temp_override(active_object=thing, object=thing):
-        bpy.context.view_layer.objects.active = thing
+    obj = add_reconstruction(torus(), scene)
+    with bpy.context.temp_override(active_object=obj, object=obj):
+        bpy.context.view_layer.objects.active = obj
         bpy.ops.object.mode_set(mode="EDIT")
     with pytest.raises(MeshError, match="edit mode"):
-        update_reconstruction(thing, torus())
+        update_reconstruction(obj, torus())
     bpy.ops.object.mode_set(mode="OBJECT")
     stranger = bpy.data.objects.new("cube", bpy.data.meshes.new("cube"))
     with pytest.raises(MeshError, match="not made by CTMC"):
@@ -221,26 +225,26 @@ def test_an_object_in_edit_mode_or_of_another_kind_is_refused(scene, torus):
 
 
 def test_an_object_that_blender_does_not_evaluate_is_refused(scene, torus):
-    thing = add_reconstruction(torus(), scene)
-    thing.hide_set(True)
-    assert len(evaluated_triangles(thing).faces) == 2304
-    thing.hide_viewport = True
+    obj = add_reconstruction(torus(), scene)
+    obj.hide_set(True)
+    assert len(evaluated_triangles(obj).faces) == 2304
+    obj.hide_viewport = True
     with pytest.raises(MeshError, match="monitor icon"):
-        evaluated_triangles(thing)
-    scene.collection.objects.unlink(thing)
+        evaluated_triangles(obj)
+    scene.collection.objects.unlink(obj)
     with pytest.raises(MeshError, match="no scene"):
-        evaluated_triangles(thing)
+        evaluated_triangles(obj)
 
 
 def test_made_final_it_is_a_plain_mesh_in_the_same_shape(scene, torus):
-    thing = add_reconstruction(torus(simplifier="decimate", reduction=0.75, alpha=0.7), scene)
-    before, material = evaluated_triangles(thing), thing.data.materials[0]
-    make_final(thing)
-    after = evaluated_triangles(thing)
-    assert thing.data.shape_keys is None
-    assert not thing.modifiers
-    assert thing.data.materials[0] == material
-    assert len(thing.data.polygons) == len(before.faces)
+    obj = add_reconstruction(torus(simplifier="decimate", reduction=0.75, alpha=0.7), scene)
+    before, material = evaluated_triangles(obj), obj.data.materials[0]
+    apply_shape_and_modifiers(obj)
+    after = evaluated_triangles(obj)
+    assert obj.data.shape_keys is None
+    assert not obj.modifiers
+    assert obj.data.materials[0] == material
+    assert len(obj.data.polygons) == len(before.faces)
     assert (after.faces == before.faces).all()
     assert np.abs(after.vertices - before.vertices).max() <= 1e-4
     assert len(bpy.data.meshes) == 1
@@ -249,8 +253,43 @@ def test_made_final_it_is_a_plain_mesh_in_the_same_shape(scene, torus):
 def test_larger_polygons_are_read_as_triangles(scene):
     mesh = bpy.data.meshes.new("square")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
-    thing = bpy.data.objects.new("square", mesh)
-    scene.collection.objects.link(thing)
-    seen = evaluated_triangles(thing)
+    obj = bpy.data.objects.new("square", mesh)
+    scene.collection.objects.link(obj)
+    seen = evaluated_triangles(obj)
     assert len(seen.faces) == 2
     assert seen.area == pytest.approx(100.0**2)
+
+
+def test_a_surface_that_nobody_changed_comes_back_bit_for_bit(scene, torus):
+    for alpha in (0.0, 0.3, 1.0):
+        result = torus(alpha=alpha)
+        seen = evaluated_triangles(add_reconstruction(result, scene, scale=0.0137))
+        assert (seen.vertices == result.mesh.vertices).all()
+        assert (seen.normals == result.mesh.normals).all()
+
+
+def test_applied_it_keeps_its_millimetres(scene, torus):
+    result = torus(alpha=0.3)
+    obj = add_reconstruction(result, scene)
+    apply_shape_and_modifiers(obj)
+    assert (evaluated_triangles(obj).vertices == result.mesh.vertices).all()
+
+
+def test_a_vertex_moved_by_hand_is_read_where_it_is_and_the_others_where_they_were(scene, torus):
+    result = torus(alpha=1.0, reduction=0.5)
+    obj = add_reconstruction(result, scene)
+    obj.data.vertices[7].co.z += 0.02
+    seen = evaluated_triangles(obj)
+    expected = result.mesh.vertices.astype(np.float64)
+    expected[7, 2] += 2.0
+    assert np.abs(seen.vertices - expected).max() <= 1e-4
+    others = np.arange(len(expected)) != 7
+    assert (seen.vertices[others] == result.mesh.vertices[others]).all()
+
+
+def test_temporary_surfaces_leave_nothing(scene, torus):
+    kinds = ("scenes", "objects", "meshes", "materials", "shape_keys")
+    before = [len(getattr(bpy.data, kind)) for kind in kinds]
+    with temporary_surfaces([torus(), torus(reduction=0.5)]) as (own_scene, objects):
+        assert [obj.name for obj in own_scene.objects] == [obj.name for obj in objects]
+    assert [len(getattr(bpy.data, kind)) for kind in kinds] == before

@@ -1,0 +1,166 @@
+"""How an object was made, kept in its custom property `ctmc`: complete, or None.
+
+JSON inside, as voxel counts outgrow Blender's whole numbers; any Blender shows it without this extension. The name
+`ctmc` belongs to nobody, so a property that is not complete is another's, and its object is not a surface of ours.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import bpy
+
+from ...core import VERSION, MeshError, Reconstruction, ReconstructionSettings, SettingsError
+from .placement import Placement
+
+PROPERTY = "ctmc"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a surface was made.
+
+    Parameters
+    ----------
+    settings : ReconstructionSettings
+        Their alpha follows the object's.
+    placement : Placement
+        How millimetres became the object's local space.
+    version : str
+        Of this package.
+    name : str
+        Of the volume.
+    threshold : float
+        The grey value that was used.
+    faces, vertices, full_faces : int
+        With and without simplification.
+    voxels_visited : int
+    spacing_mm : (x, y, z) float
+    notes : tuple of str
+        What was assumed.
+    fingerprint : str
+        Of the volume's values; empty where it is not known.
+    """
+
+    settings: ReconstructionSettings
+    placement: Placement
+    version: str
+    name: str
+    threshold: float
+    faces: int
+    vertices: int
+    full_faces: int
+    voxels_visited: int
+    spacing_mm: tuple[float, float, float]
+    notes: tuple[str, ...]
+    fingerprint: str = ""
+
+
+OF_THE_PROPERTY = ("settings", "placement", "fingerprint")
+REPORTED = tuple(field.name for field in fields(Provenance) if field.name not in OF_THE_PROPERTY)
+
+
+def provenance_of_result(result: Reconstruction, placement: Placement, fingerprint: str = "") -> Provenance:
+    """The provenance of an object that is made from a reconstruction."""
+    return Provenance(
+        settings=result.settings,
+        placement=placement,
+        version=VERSION,
+        name=result.name,
+        threshold=result.threshold,
+        faces=len(result.mesh.faces),
+        vertices=len(result.mesh.vertices),
+        full_faces=result.full_faces,
+        voxels_visited=result.voxels_visited,
+        spacing_mm=result.spacing_mm,
+        notes=result.notes,
+        fingerprint=fingerprint,
+    )
+
+
+def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
+    """How an object was made; None for everything that is not a surface of ours."""
+    if obj is None or obj.type != "MESH":
+        return None
+    stored = obj.get(PROPERTY)
+    try:
+        x, y, z = stored["origin"]
+        return parsed(
+            stored["settings"],
+            stored["report"],
+            (float(x), float(y), float(z)),
+            float(stored["scale"]),
+            str(stored.get("fingerprint", "")),
+        )
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        return None  # no property, or another add-on's, of whatever kind
+
+
+def require_provenance(obj: bpy.types.Object) -> Provenance:
+    """How an object was made, or a `MeshError`."""
+    made = read_provenance(obj)
+    if made is None:
+        raise MeshError(f"{obj.name} was not made by CTMC; choose a reconstructed object")
+    return made
+
+
+@lru_cache(maxsize=256)  # panels ask at every redraw
+def parsed(
+    settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str
+) -> Provenance | None:
+    """What stands in the property's texts; None if anything is missing or not what it should be."""
+    try:
+        reported: dict[str, Any] = json.loads(report)
+        if scale <= 0:
+            return None
+        values = {name: reported[name] for name in REPORTED}
+        x, y, z = values.pop("spacing_mm")
+        return Provenance(
+            settings=ReconstructionSettings.from_dict(json.loads(settings)),
+            placement=Placement(origin, scale),
+            spacing_mm=(float(x), float(y), float(z)),
+            notes=tuple(str(note) for note in values.pop("notes")),
+            fingerprint=fingerprint,
+            version=str(values["version"]),
+            name=str(values["name"]),
+            threshold=float(values["threshold"]),
+            faces=int(values["faces"]),
+            vertices=int(values["vertices"]),
+            full_faces=int(values["full_faces"]),
+            voxels_visited=int(values["voxels_visited"]),
+        )
+    except (TypeError, KeyError, ValueError, SettingsError):
+        return None
+
+
+def write_provenance(obj: bpy.types.Object, made: Provenance) -> None:
+    """Note on an object how it was made."""
+    settings = made.settings.to_dict()
+    report = {name: value for name, value in asdict(made).items() if name in REPORTED} | {"settings": settings}
+    obj[PROPERTY] = {
+        "version": made.version,
+        "scale": made.placement.scale,
+        "origin": made.placement.origin,
+        "settings": json.dumps(settings),
+        "report": json.dumps(report, ensure_ascii=False),
+        "fingerprint": made.fingerprint,
+    }
+
+
+def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> None:
+    """Change the settings in an object's provenance."""
+    write_provenance(obj, replace(require_provenance(obj), settings=settings))
+
+
+def remembered(obj: bpy.types.Object) -> dict[str, Any]:
+    """The provenance as plain data; empty where there is none."""
+    made = read_provenance(obj)
+    return {} if made is None else {**asdict(made), "settings": made.settings.to_dict()}
+
+
+def settings_of(obj: bpy.types.Object) -> ReconstructionSettings:
+    """The settings an object was made with."""
+    return require_provenance(obj).settings
