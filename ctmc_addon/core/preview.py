@@ -1,13 +1,12 @@
-"""A coarse surface that follows a slider, and a finer one when the hand rests.
+"""A coarse surface while a slider moves, and a finer one when the hand is idle.
 
-The volume is thinned out once for each stride (every second, fourth... sample along the axes whose samples lie
-closest), and only the thin copy is looked at while a slider moves. How fine it may be is learnt from how long the last
-one took. Surfaces are in RAS+ mm; the last, partial voxel of a stride is left out, as this is only a preview.
+The volume is subsampled once for each stride (every second, fourth... sample along the axes whose samples lie
+closest), and only this small copy is extracted from while a slider moves. How fine it may be follows from the time of
+the last surface. Surfaces are in RAS+ mm; the last, partial voxel of a stride is left out, as this is only a preview.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,16 +15,17 @@ from numpy.typing import NDArray
 from .errors import CtmcError, LabelError
 from .mesh.triangle_mesh import Surface
 from .pipeline import full_steps
-from .progress import Steps, finish
+from .progress import Steps, finish, timed_steps
 from .settings import ReconstructionSettings
-from .volume.region import region_box
+from .volume.region import Box, region_box
+from .volume.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Volume
 
-FIRST_PACE = 8e-8  # seconds a voxel, before anything has been measured: slow on purpose
-FINER = 12.0  # how many times the budget a refined surface may take; it can be stopped at any step
+FIRST_SECONDS = 8e-8  # a voxel, before anything has been measured: slow on purpose
+REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
-CAUTION = 0.7  # of the budget is aimed at: the last surface may have been an easy one
-FEWEST = 8  # samples along an axis
+SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
+FEWEST_SAMPLES = 8  # samples along an axis
 Stride = tuple[int, int, int]
 
 
@@ -39,66 +39,70 @@ class Shown:
 
 
 class Preview:
-    """Surfaces of one volume, quickly.
+    """Quick surfaces of one volume.
 
     Parameters
     ----------
     volume : Volume
     budget : float
-        Seconds that `follow` may take.
-    otsu : float, optional
-        Threshold for settings that give neither threshold nor label.
+        Seconds that `interactive` may take.
     threads, memory_limit : int, optional
         As in `reconstruct`.
     """
 
     def __init__(
-        self,
-        volume: Volume,
-        budget: float = 0.1,
-        otsu: float | None = None,
-        threads: int | None = None,
-        memory_limit: int | None = None,
+        self, volume: Volume, budget: float = 0.1, threads: int | None = None, memory_limit: int | None = None
     ) -> None:
-        self.volume, self.budget, self.otsu = volume, budget, otsu
+        self.volume, self.budget = volume, budget
         self.threads, self.memory_limit = threads, memory_limit
-        self.thin: dict[tuple[object, ...], Volume] = {}
+        self.subsampled: dict[tuple[object, ...], Volume] = {}
         self.last: tuple[int, float] | None = None  # voxels and seconds of the last surface
+        self.threshold: float | None = None  # of the last surface
 
-    def follow(self, settings: ReconstructionSettings) -> Shown | None:
-        """The finest surface that stays within the budget; None where there is none at these settings."""
-        return finish(self.refine_steps(settings, self.budget * CAUTION))
+    def interactive(self, settings: ReconstructionSettings) -> Shown | None:
+        """Return the finest surface that stays within the budget; None where the settings give none."""
+        try:
+            threshold = quick_threshold(self.volume, settings)
+        except CtmcError:
+            return None
+        if threshold is None:
+            threshold = self.threshold  # of another region, until Otsu's of this one is known
+        return finish(self.refine_steps(settings, self.budget * SAFETY_FACTOR, threshold))
 
-    def refine_steps(self, settings: ReconstructionSettings, seconds: float | None = None) -> Steps[Shown | None]:
-        """The finest surface within `seconds` (by default `FINER` budgets), as steps."""
-        limit = self.budget * FINER if seconds is None else seconds
+    def refine_steps(
+        self, settings: ReconstructionSettings, seconds: float | None = None, threshold: float | None = None
+    ) -> Steps[Shown | None]:
+        """Return the finest surface within `seconds` (by default `REFINED` budgets), at the settings' threshold."""
+        limit = self.budget * REFINED if seconds is None else seconds
         box = region_box(self.volume, settings)
         ladder = strides(self.volume, settings.stride, box_size(box))
-        rung = next((at for at, one in enumerate(ladder) if self.expected(one, box) <= limit), len(ladder) - 1)
+        rung = next((at for at, stride in enumerate(ladder) if self.expected(stride, box) <= limit), len(ladder) - 1)
         while True:
             try:
-                return (yield from self._surface(settings, ladder[rung], box))
+                if threshold is None:
+                    threshold = yield from used_threshold_steps(self.volume, settings)
+                return (yield from self._surface_steps(settings, threshold, ladder[rung], box))
             except LabelError:
                 if rung == 0:  # not even at full resolution
                     return None
-                rung = max(0, rung - 3)  # too small for so wide a mesh
+                rung = max(0, rung - 3)  # too small for so wide a stride
             except CtmcError:
                 return None
 
-    def expected(self, stride: Stride, box: tuple[tuple[int, int], ...]) -> float:
-        """Seconds that a surface at this stride will take, from the last one."""
-        voxels = voxels_of(stride, box)
+    def expected(self, stride: Stride, box: Box) -> float:
+        """Return the seconds that a surface at this stride will take, from the last one."""
+        voxels = voxel_count(stride, box)
         if self.last is None:
-            return voxels * FIRST_PACE
+            return voxels * FIRST_SECONDS
         before, seconds = self.last
         return float(seconds * (voxels / before) ** GROWTH)
 
-    def _surface(
-        self, settings: ReconstructionSettings, stride: Stride, box: tuple[tuple[int, int], ...]
+    def _surface_steps(
+        self, settings: ReconstructionSettings, threshold: float, stride: Stride, box: Box
     ) -> Steps[Shown]:
         key = (stride, box)
-        if key not in self.thin:
-            self.thin = {key: thinned(self.volume, stride, box)} | dict(list(self.thin.items())[:2])
+        if key not in self.subsampled:
+            self.subsampled = {key: subsample(self.volume, stride, box)} | dict(list(self.subsampled.items())[:2])
         plain = replace(
             settings,
             stride=(1, 1, 1),
@@ -108,28 +112,27 @@ class Preview:
             target_faces=None,
             max_error_mm=None,
             topology="classic",
-            threshold=self.otsu if settings.threshold is None and settings.label is None else settings.threshold,
+            threshold=threshold if settings.label is None else None,
         )
-        start = time.perf_counter()
-        found = yield from full_steps(self.thin[key], plain, self.threads, self.memory_limit)
-        seconds = time.perf_counter() - start
-        self.last = (voxels_of(stride, box), seconds)
-        assert found.surface is not None, "nothing has been simplified"
-        return Shown(found.surface, stride, seconds)
+        work = full_steps(self.subsampled[key], plain, self.threads, self.memory_limit)
+        result, seconds = yield from timed_steps(work)
+        self.last, self.threshold = (voxel_count(stride, box), seconds), threshold
+        assert result.surface is not None, "nothing has been simplified"
+        return Shown(result.surface, stride, seconds)
 
 
-def box_size(box: tuple[tuple[int, int], ...]) -> tuple[int, ...]:
-    """Samples of a box along x, y and z."""
+def box_size(box: Box) -> tuple[int, ...]:
+    """Return the samples of a box along x, y and z."""
     return tuple(stop - start for start, stop in box)
 
 
-def voxels_of(stride: Stride, box: tuple[tuple[int, int], ...]) -> int:
-    """How many samples of a box remain under a stride."""
+def voxel_count(stride: Stride, box: Box) -> int:
+    """Return how many samples of a box a stride takes."""
     return int(np.prod([-(-size // step) for size, step in zip(box_size(box), stride, strict=True)]))
 
 
 def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Stride]:
-    """Strides from the settings' own to coarser ones, each doubling the axis whose samples lie closest.
+    """Return strides from the settings' own to coarser ones, each doubling the axis whose samples lie closest.
 
     Examples
     --------
@@ -139,17 +142,17 @@ def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Strid
     ladder = [finest]
     while True:
         last = ladder[-1]
-        free = [axis for axis in range(3) if size[axis] // (2 * last[axis]) >= FEWEST]
+        free = [axis for axis in range(3) if size[axis] // (2 * last[axis]) >= FEWEST_SAMPLES]
         if not free:
             return ladder
-        axis = min(free, key=lambda one: (last[one] * volume.spacing[one], one))
+        axis = min(free, key=lambda candidate: (last[candidate] * volume.spacing[candidate], candidate))
         wider = list(last)
         wider[axis] *= 2
         ladder.append((wider[0], wider[1], wider[2]))
 
 
-def thinned(volume: Volume, stride: Stride, box: tuple[tuple[int, int], ...]) -> Volume:
-    """Every so many samples of a box of a volume, at their places; a copy that lies close in memory."""
+def subsample(volume: Volume, stride: Stride, box: Box) -> Volume:
+    """Return every so many samples of a box of a volume, at their positions; a contiguous copy."""
     low, high = zip(*box, strict=True)
     part = volume.cropped(low, high)
     values: NDArray[np.generic] = part.values[tuple(slice(None, None, step) for step in stride[::-1])]

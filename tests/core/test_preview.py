@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview
-from ctmc_addon.core.preview import Preview, strides, thinned
+from ctmc_addon.core.preview import Preview, strides, subsample
 
 
 @pytest.fixture(scope="module")
@@ -22,25 +22,27 @@ def ball():
 
 @pytest.mark.parametrize("budget", [1e-9, 1e-3, 10.0])
 def test_the_surface_is_at_its_true_place_whatever_the_stride(ball, budget):
-    shown = Preview(ball[0], budget).follow(ReconstructionSettings(threshold=100.0))
+    shown = Preview(ball[0], budget).interactive(ReconstructionSettings(threshold=100.0))
     away = np.sqrt(((shown.surface.linear - [5.0, -7.0, 11.0]) ** 2).sum(axis=1))
     assert away.mean() == pytest.approx(20.0, abs=0.15 * max(shown.stride))
     assert (shown.stride == (1, 1, 1)) == (budget == 10.0)
 
 
 def test_faces_point_outwards_in_the_patient(ball):
-    shown = Preview(ball[0], 1e-9).follow(ReconstructionSettings(threshold=100.0))
+    shown = Preview(ball[0], 1e-9).interactive(ReconstructionSettings(threshold=100.0))
     assert shown.surface.at(1.0).volume > 0
 
 
 def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
-    clock = iter(np.arange(0, 1000, 0.5))
-    monkeypatch.setattr(preview.time, "perf_counter", lambda: next(clock))  # every surface takes half a second
+    def half_second_steps(steps):
+        return (yield from steps), 0.5
+
+    monkeypatch.setattr(preview, "timed_steps", half_second_steps)
     quick = Preview(ball[0], 0.3)
-    monkeypatch.setattr(preview, "FIRST_PACE", 0.0)
+    monkeypatch.setattr(preview, "FIRST_SECONDS", 0.0)
     settings = ReconstructionSettings(threshold=100.0)
-    assert quick.follow(settings).stride == (1, 1, 1)
-    coarse = [quick.follow(settings).stride for _ in range(3)]
+    assert quick.interactive(settings).stride == (1, 1, 1)
+    coarse = [quick.interactive(settings).stride for _ in range(3)]
     assert np.prod(coarse[0]) > 1
     assert np.prod(coarse[2]) > np.prod(coarse[0])
 
@@ -48,7 +50,7 @@ def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
 def test_refining_is_finer_and_can_be_stopped(ball):
     quick = Preview(ball[0], 1e-9)
     settings = ReconstructionSettings(threshold=100.0)
-    coarse = quick.follow(settings)
+    coarse = quick.interactive(settings)
     quick.budget = 1.0
     steps = quick.refine_steps(settings)
     next(steps)
@@ -57,18 +59,18 @@ def test_refining_is_finer_and_can_be_stopped(ball):
 
 
 def test_a_small_label_is_found_by_going_finer(ball):
-    shown = Preview(ball[1], 1e-9).follow(ReconstructionSettings(label=3, soften_mm=0.5))
+    shown = Preview(ball[1], 1e-9).interactive(ReconstructionSettings(label=3, soften_mm=0.5))
     assert len(shown.surface.faces) > 0
-    assert Preview(ball[1], 1e-9).follow(ReconstructionSettings(label=9)) is None
+    assert Preview(ball[1], 1e-9).interactive(ReconstructionSettings(label=9)) is None
 
 
 def test_there_is_none_at_a_threshold_without_surface(ball):
-    assert Preview(ball[0]).follow(ReconstructionSettings(threshold=5000.0)) is None
+    assert Preview(ball[0]).interactive(ReconstructionSettings(threshold=5000.0)) is None
 
 
 def test_a_region_is_kept_to(ball):
     settings = ReconstructionSettings(threshold=100.0, region=(0.0, -30.0, 0.0, 40.0, 30.0, 40.0), region_unit="mm")
-    shown = Preview(ball[0], 1e-9).follow(settings)
+    shown = Preview(ball[0], 1e-9).interactive(settings)
     assert shown.surface.linear[:, 0].min() >= -1.0
 
 
@@ -79,11 +81,11 @@ def test_strides_begin_with_the_settings_own_and_even_the_sides_out(ball):
     assert all(np.prod(after) == 2 * np.prod(before) for before, after in pairwise(ladder))
 
 
-def test_a_thinned_volume_has_its_samples_at_their_places(ball):
+def test_a_subsampled_volume_has_its_samples_at_their_places(ball):
     from ctmc_addon.core.volume.volume import to_ras_mm
 
     box = ((4, 60), (6, 50), (3, 33))
-    thin = thinned(ball[0], (2, 3, 2), box)
-    assert thin.values[5, 7, 9] == ball[0].values[3 + 10, 6 + 21, 4 + 18]
-    place = to_ras_mm(thin.affine, np.array([[9, 7, 5]]))
+    small = subsample(ball[0], (2, 3, 2), box)
+    assert small.values[5, 7, 9] == ball[0].values[3 + 10, 6 + 21, 4 + 18]
+    place = to_ras_mm(small.affine, np.array([[9, 7, 5]]))
     assert place == pytest.approx(to_ras_mm(ball[0].affine, np.array([[22, 27, 13]])))

@@ -13,19 +13,20 @@ from .region import (
     volume_box,
 )
 from .slices import picture, slice_corners, slice_middle, slice_place, slice_values, usual_window
-from .statistics import Survey, histogram_picture, survey_steps
-from .thresholding import otsu, slabs, value_range
+from .statistics import VolumeStatistics, histogram_picture, slabs, value_range, volume_statistics_steps
+from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES
 from .volume import Volume
 
 __all__ = [
     "EDGES",
     "TISSUES",
-    "Survey",
     "Volume",
+    "VolumeStatistics",
     "histogram_picture",
     "otsu",
     "picture",
+    "quick_threshold",
     "region_box",
     "region_corners",
     "region_directions",
@@ -39,8 +40,9 @@ __all__ = [
     "slice_middle",
     "slice_place",
     "slice_values",
-    "survey_steps",
+    "used_threshold_steps",
     "usual_window",
     "value_range",
     "volume_box",
+    "volume_statistics_steps",
 ]

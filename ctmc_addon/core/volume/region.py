@@ -22,6 +22,18 @@ Region = tuple[float, ...]
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]  # start and stop along x, y, z
 
 
+def box_slices(box: Box) -> tuple[slice, slice, slice]:
+    """Return the slices (z, y, x) that take a box out of an array of values.
+
+    Examples
+    --------
+    >>> box_slices(((0, 4), (1, 3), (2, 5)))
+    (slice(2, 5, None), slice(1, 3, None), slice(0, 4, None))
+    """
+    x, y, z = box
+    return slice(*z), slice(*y), slice(*x)
+
+
 def volume_box(volume: Volume) -> NDArray[np.float64]:
     """The eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
     x, y, z = volume.size

@@ -16,9 +16,9 @@ from ..errors import LabelError, VolumeError
 from ..memory import require
 from ..progress import Step, Steps, within
 from ..settings import ReconstructionSettings
-from .region import Box, region_box
+from .region import Box, box_slices, region_box
 from .smoothing import REACH, soften_steps
-from .thresholding import check_threshold, otsu
+from .thresholding import check_threshold, used_threshold_steps
 from .volume import Volume
 
 MOST_LABELS = 20  # as many are named in a message
@@ -69,18 +69,22 @@ def field_steps(
     # The blur looks beyond the window, and so do normals, by one voxel.
     blur = [math.ceil(REACH * settings.soften_mm / side) for side in volume.spacing]
     box = _grown(window, [margin + 1 for margin in blur], volume.size)
-    values = volume.values[_slices(box)]
+    values = volume.values[box_slices(box)]
     notes: tuple[str, ...] = ()
     if settings.label is not None:
-        values, threshold = values == settings.label, 0.5
+        values = values == settings.label
         if settings.soften_mm == 0:
             notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
         yield Step(0.0, "Looking at the values")
         if values.dtype.kind == "f":
             reached = _within(_grown(window, blur, volume.size), box)
-            values = _finite(values, values[_slices(reached)], settings.nan_as, memory_limit)
-        threshold, notes = _threshold(values[_slices(_within(window, box))], settings, volume.kind)
+            values = _finite(values, values[box_slices(reached)], settings.nan_as, memory_limit)
+        if settings.threshold is not None:
+            check_threshold(settings.threshold, values[box_slices(_within(window, box))], volume.kind)
+    threshold = yield from used_threshold_steps(volume, settings)
+    if settings.label is None and settings.threshold is None:
+        notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
     if settings.soften_mm > 0:
         require(
             9 * values.size,
@@ -91,10 +95,6 @@ def field_steps(
         values = yield from within(soften_steps(values, volume.spacing, settings.soften_mm, threads), 0.5, 1.0)
     yield Step(1.0, "Values ready")
     return Field(values, (box[0][0], box[1][0], box[2][0]), window, threshold, notes)
-
-
-def _slices(box: Box) -> tuple[slice, ...]:
-    return tuple(slice(*ends) for ends in box[::-1])
 
 
 def _grown(box: Box, margins: list[int], size: tuple[int, int, int]) -> Box:
@@ -131,18 +131,9 @@ def _finite(
     return whole
 
 
-def _threshold(values: NDArray[Any], settings: ReconstructionSettings, kind: str) -> tuple[float, tuple[str, ...]]:
-    """The threshold, checked against the values' range, or Otsu's with a note that says so."""
-    if settings.threshold is None:
-        found = otsu(values)
-        return found, (f"No threshold or label was given: Otsu's threshold {found:g} is used.",)
-    check_threshold(settings.threshold, values, kind)
-    return settings.threshold, ()
-
-
 def _label_box(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:
     """The voxels around a label, its sides on the window's grid, so that a surface is the same as in the whole."""
-    values = volume.values[_slices(window)]
+    values = volume.values[box_slices(window)]
     filled: list[int] = []
     rows = np.zeros(values.shape[1], bool)
     columns = np.zeros(values.shape[2], bool)

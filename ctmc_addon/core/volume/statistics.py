@@ -1,57 +1,139 @@
-"""What a volume holds, in one look: range, histogram, labels, and a fingerprint to know it again by."""
+"""What the values of a volume are: range, histogram, labels, and a fingerprint to recognize the volume by."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ThresholdError
-from ..progress import Step, Steps, within
-from .thresholding import Histogram, histogram_steps, otsu_of, slabs
+from ..progress import Stages, Step, Steps, finish
+from .region import Box, box_slices
 from .volume import Volume
+
+BINS = 1024  # for floats, and for integers over too wide a range to count each value
+MOST_INTEGERS = 2**17
+SLAB_VALUES = 2**20
+
+
+def slabs(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Yield runs of slices, about a million values each, as views."""
+    step = max(1, SLAB_VALUES // max(1, values[0].size))
+    for start in range(0, len(values), step):
+        yield values[start : start + step]
+
+
+def value_range(values: NDArray[Any]) -> tuple[float, float]:
+    """Return the lowest and the highest finite value; NaN twice where there is none.
+
+    Examples
+    --------
+    >>> value_range(np.array([[[np.nan, 2.0], [-1.0, np.inf]]]))
+    (-1.0, 2.0)
+    """
+    lows, highs = [], []
+    for slab in slabs(values):
+        finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
+        if finite.size:
+            lows.append(finite.min())
+            highs.append(finite.max())
+    return (float(min(lows)), float(max(highs))) if lows else (float("nan"), float("nan"))
+
+
+Histogram = tuple[NDArray[np.int64], float, float]
+"""Counts, the first bin's lower end, the width of a bin."""
+
+
+def histogram(values: NDArray[Any]) -> Histogram:
+    """Return counts of the finite values in even bins, the first bin's lower end and the bins' width.
+
+    Integers get a bin each, half a unit to either side, unless they spread over more than 131,072;
+    everything else gets 1024 bins between the lowest and the highest value.
+    """
+    return finish(histogram_steps(values))
+
+
+def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
+    """`histogram` as steps."""
+    low, high = value_range(values)
+    if not low <= high:
+        raise ThresholdError("the volume holds no finite value; no threshold can be found")
+    exact = max(abs(low), abs(high)) < 2**53
+    whole = values.dtype.kind in "bui" and exact and high - low < MOST_INTEGERS
+    bins = int(high - low) + 1 if whole else BINS
+    width = 1.0 if whole else (high - low) / BINS or 1.0
+    counts = np.zeros(bins, np.int64)
+    done = 0
+    for slab in slabs(values):
+        yield Step(done / len(values), "Counting the values")
+        done += len(slab)
+        if whole:
+            index = slab.astype(np.int64).ravel() - int(low)
+        else:
+            wide = slab.astype(np.float64).ravel()
+            if slab.dtype.kind == "f":
+                wide = wide[np.isfinite(wide)]
+            index = np.minimum(((wide - low) / width).astype(np.int64), bins - 1)
+        counts += np.bincount(index, minlength=bins)
+    return counts, low - 0.5 if whole else low, width
+
+
+_histograms: WeakKeyDictionary[Volume, Histogram] = WeakKeyDictionary()  # of whole volumes
+
+
+def box_histogram_steps(volume: Volume, box: Box) -> Steps[Histogram]:
+    """`histogram` of the samples in a box; that of a whole volume is counted once."""
+    whole = is_whole(volume, box)
+    if whole and volume in _histograms:
+        return _histograms[volume]
+    result = yield from histogram_steps(volume.values[box_slices(box)])
+    if whole:
+        _histograms[volume] = result
+    return result
+
+
+def is_counted(volume: Volume, box: Box) -> bool:
+    """Return whether `box_histogram_steps` has its answer at once."""
+    return volume in _histograms and is_whole(volume, box)
+
+
+def is_whole(volume: Volume, box: Box) -> bool:
+    """Return whether a box holds all samples of a volume."""
+    return all(ends == (0, size) for ends, size in zip(box, volume.size, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
-    """What a volume holds.
+class VolumeStatistics:
+    """What the values of a volume are.
 
     Parameters
     ----------
     low, high : float
-        Lowest and highest finite value.
+        Lowest and highest finite value; NaN where there is none.
     histogram : (counts, start, width) or None
-        As `histogram.histogram` gives it; None where no value is finite.
-    broken : int
+        As `histogram` returns it; None where no value is finite.
+    non_finite : int
         Voxels that are NaN or infinite.
     labels : tuple of (value, voxels)
         Of a label volume, without 0, in the order of their values.
     fingerprint : str
-        The same for the same values at the same place.
+        The same for the same values at the same position.
     """
 
     low: float
     high: float
     histogram: Histogram | None
-    broken: int
+    non_finite: int
     labels: tuple[tuple[int, int], ...]
     fingerprint: str
 
-    @property
-    def otsu(self) -> float | None:
-        """Otsu's threshold of the whole volume; None where all values are equal."""
-        if self.histogram is None:
-            return None
-        try:
-            return otsu_of(self.histogram)
-        except ThresholdError:
-            return None
-
-    def heights(self, bars: int) -> NDArray[np.float64]:
-        """The histogram in `bars` even bars from `low` to `high`, as heights from 0 to 1 on a logarithmic scale."""
+    def bar_heights(self, bars: int) -> NDArray[np.float64]:
+        """Return the histogram in `bars` even bars from `low` to `high`: 0 to 1, on a logarithmic scale."""
         if self.histogram is None:
             return np.zeros(bars)
         counts, start, width = self.histogram
@@ -59,81 +141,86 @@ class Survey:
         middle = start + width * (filled + 0.5)
         share = (middle - self.low) / ((self.high - self.low) or 1.0)
         bar = np.clip((share * bars).astype(np.int64), 0, bars - 1)
-        tall = np.log1p(np.bincount(bar, counts[filled], bars))
-        return np.asarray(tall / (tall.max() or 1.0))
+        heights = np.log1p(np.bincount(bar, counts[filled], bars))
+        return np.asarray(heights / (heights.max() or 1.0))
 
 
-def survey_steps(volume: Volume) -> Steps[Survey]:
-    """Look through a volume once or twice, as steps.
+def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
+    """Look through a volume once, or twice where its labels are not integers.
 
     Examples
     --------
     >>> from ctmc_addon.core.progress import finish
     >>> values = np.array([[[0, 0], [2, 0]], [[0, 5], [5, 5]]], np.uint8)
-    >>> finish(survey_steps(Volume(values, np.eye(4), kind="label"))).labels
+    >>> finish(volume_statistics_steps(Volume(values, np.eye(4), kind="label"))).labels
     ((2, 1), (5, 3))
     """
     values = volume.values
+    stages = Stages({"Counting the values": 7, "Counting the labels": 3})
+    x, y, z = volume.size
     try:
-        found: Histogram | None = yield from within(histogram_steps(values), 0.0, 0.7)
+        counting = box_histogram_steps(volume, ((0, x), (0, y), (0, z)))
+        histogram: Histogram | None = yield from stages.run("Counting the values", counting)
     except ThresholdError:
-        found = None
-    low, high, broken = float("nan"), float("nan"), values.size
-    if found is not None:
-        counts, start, width = found
-        filled = np.flatnonzero(counts)
-        whole = width == 1.0 and values.dtype.kind in "bui"
-        low = start + width * (filled[0] + (0.5 if whole else 0.0))
-        high = start + width * (filled[-1] + (0.5 if whole else 1.0))
-        broken = values.size - int(counts.sum())
+        histogram = None
+    low, high, non_finite = float("nan"), float("nan"), values.size
     labels: tuple[tuple[int, int], ...] = ()
-    if volume.kind == "label" and found is not None:
-        labels = yield from within(label_steps(values, found), 0.7, 1.0)
-    return Survey(low, high, found, broken, labels, fingerprint(volume, found))
+    if histogram is not None:
+        counts, start, width = histogram
+        filled = np.flatnonzero(counts)
+        one_by_one = width == 1.0 and values.dtype.kind in "bui"
+        low = start + width * (filled[0] + (0.5 if one_by_one else 0.0))
+        high = start + width * (filled[-1] + (0.5 if one_by_one else 1.0))
+        non_finite = values.size - int(counts.sum())
+        if volume.kind == "label":
+            labels = yield from stages.run("Counting the labels", label_counts_steps(values, histogram))
+    return VolumeStatistics(low, high, histogram, non_finite, labels, fingerprint(volume, histogram))
 
 
-def label_steps(values: NDArray[Any], found: Histogram) -> Steps[tuple[tuple[int, int], ...]]:
-    """Every label but 0 and its number of voxels, labels that are no whole numbers left out."""
-    if values.dtype.kind in "bui" and found[2] == 1.0:
-        counts, start, _ = found
+def label_counts_steps(values: NDArray[Any], histogram: Histogram) -> Steps[tuple[tuple[int, int], ...]]:
+    """Return every label but 0 with its number of voxels; values that are not whole numbers are not labels."""
+    counts, start, width = histogram
+    if values.dtype.kind in "bui" and width == 1.0:
         first = int(start + 0.5)
-        return tuple((first + int(at), int(counts[at])) for at in np.flatnonzero(counts) if first + at)
+        return tuple((first + int(bin), int(counts[bin])) for bin in np.flatnonzero(counts) if first + bin)
     voxels: dict[int, int] = {}
     for number, slab in enumerate(slabs(values)):
-        yield Step(number / len(values), "Counting the labels")
-        for value, count in zip(*(one.tolist() for one in np.unique(slab, return_counts=True)), strict=True):
+        yield Step(number / len(values))
+        for value, count in zip(*(column.tolist() for column in np.unique(slab, return_counts=True)), strict=True):
             if value and value == value // 1:
                 voxels[int(value)] = voxels.get(int(value), 0) + count
     return tuple(sorted(voxels.items()))
 
 
-def fingerprint(volume: Volume, found: Histogram | None) -> str:
-    """Twelve letters made from a volume's size, place and how often it holds each value."""
+def fingerprint(volume: Volume, histogram: Histogram | None) -> str:
+    """Return twelve letters made from a volume's size, affine and histogram."""
     digest = hashlib.sha256(repr((volume.size, volume.kind)).encode())
     # Rounded: another version of a library may place the volume a last bit further.
     digest.update((np.round(volume.affine, 4) + 0.0).tobytes())
-    if found is not None:
-        digest.update(np.ascontiguousarray(found[0], "<i8").tobytes())
-        digest.update(np.array(found[1:], "<f8").tobytes())
+    if histogram is not None:
+        digest.update(np.ascontiguousarray(histogram[0], "<i8").tobytes())
+        digest.update(np.array(histogram[1:], "<f8").tobytes())
     return digest.hexdigest()[:12]
 
 
-BACK, BELOW, ABOVE, LINE = (0.10, 0.10, 0.11), (0.36, 0.36, 0.38), (0.86, 0.55, 0.24), (1.0, 1.0, 1.0)
+BACKGROUND, BELOW, ABOVE, LINE = (0.10, 0.10, 0.11), (0.36, 0.36, 0.38), (0.86, 0.55, 0.24), (1.0, 1.0, 1.0)
 
 
-def histogram_picture(survey: Survey, threshold: float | None, width: int, height: int) -> NDArray[np.float32]:
-    """The histogram as a picture, (height, width, 4) float32 from the bottom up, with the threshold as a line in it.
+def histogram_picture(
+    statistics: VolumeStatistics, threshold: float | None, width: int, height: int
+) -> NDArray[np.float32]:
+    """Return the histogram as a picture, (height, width, 4) float32 from the bottom up, the threshold as a line.
 
-    What is at or above the threshold, inside the surface, has a colour.
+    Bars at or above the threshold, inside the surface, have a color.
     """
-    tall = np.ceil(survey.heights(width) * (height - 2))
-    filled = np.arange(height)[:, None] < tall  # (height, width)
-    span = (survey.high - survey.low) or 1.0
-    share = 1.0 if threshold is None else (threshold - survey.low) / span
+    heights = np.ceil(statistics.bar_heights(width) * (height - 2))
+    filled = np.arange(height)[:, None] < heights  # (height, width)
+    span = (statistics.high - statistics.low) or 1.0
+    share = 1.0 if threshold is None else (threshold - statistics.low) / span
     column = int(np.clip(share * width, 0, width - 1)) if np.isfinite(share) else width - 1
     above = np.arange(width) >= column
     out = np.empty((height, width, 4), np.float32)
-    out[..., :3], out[..., 3] = BACK, 1.0
+    out[..., :3], out[..., 3] = BACKGROUND, 1.0
     out[..., :3][filled & ~above] = BELOW
     if threshold is not None:
         out[..., :3][filled & above] = ABOVE

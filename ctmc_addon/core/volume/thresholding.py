@@ -1,84 +1,67 @@
-"""Range and Otsu's threshold of a volume of any type and size, read slab by slab.
+"""Which threshold is used: the setting, Otsu's threshold of the region, or half of a label.
 
+Panel, preview, slice tint, cost estimate and reconstruction all ask `used_threshold_steps` or `quick_threshold`.
 Otsu 1979, doi:10.1109/TSMC.1979.4310076.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ThresholdError
-from ..progress import Step, Steps, finish
+from ..progress import Steps, finish
+from ..settings import ReconstructionSettings
+from .region import Box, region_box
+from .statistics import Histogram, box_histogram_steps, histogram, is_counted, value_range
+from .volume import Volume
 
-BINS = 1024  # for floats and for integers that spread too widely to count each
-MOST_INTEGERS = 2**17
-SLAB_VALUES = 2**20
-
-
-def slabs(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Runs of slices, about a million values each; views."""
-    step = max(1, SLAB_VALUES // max(1, values[0].size))
-    for start in range(0, len(values), step):
-        yield values[start : start + step]
+HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
+QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
+_otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
 
 
-def value_range(values: NDArray[Any]) -> tuple[float, float]:
-    """Lowest and highest finite value; NaN twice where there is none.
+def used_threshold_steps(volume: Volume, settings: ReconstructionSettings) -> Steps[float]:
+    """Return the threshold that a reconstruction of `volume` with `settings` uses.
 
-    Examples
-    --------
-    >>> value_range(np.array([[[np.nan, 2.0], [-1.0, np.inf]]]))
-    (-1.0, 2.0)
+    The setting where there is one; half of 0 and 1 for a label; else Otsu's threshold of the finite values in the
+    region, which is found once for each region.
+
+    Raises
+    ------
+    SettingsError
+        If fewer than two samples along an axis lie in the region.
+    ThresholdError
+        If Otsu's threshold is needed and all values in the region are equal or none is finite.
     """
-    lows, highs = [], []
-    for slab in slabs(values):
-        finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
-        if finite.size:
-            lows.append(finite.min())
-            highs.append(finite.max())
-    return (float(min(lows)), float(max(highs))) if lows else (float("nan"), float("nan"))
+    if settings.label is not None:
+        return HALF_LABEL
+    if settings.threshold is not None:
+        return settings.threshold
+    box = region_box(volume, settings)
+    of_box = _otsu.setdefault(volume, {})
+    if box not in of_box:
+        of_box[box] = otsu_of_histogram((yield from box_histogram_steps(volume, box)))
+    return of_box[box]
 
 
-Histogram = tuple[NDArray[np.int64], float, float]
-"""Counts, the first bin's lower end, the bins' width."""
+def quick_threshold(volume: Volume, settings: ReconstructionSettings) -> float | None:
+    """Return the threshold of `used_threshold_steps` if that takes less than 0.1 s, else None.
 
-
-def histogram(values: NDArray[Any]) -> Histogram:
-    """Counts of the finite values in even bins, the first bin's lower end and the bins' width.
-
-    Integers get a bin each, half a unit to either side, unless they spread over more than 131,072;
-    everything else gets 1024 bins between the lowest and the highest value.
+    Raises
+    ------
+    SettingsError, ThresholdError
+        As `used_threshold_steps`.
     """
-    return finish(histogram_steps(values))
-
-
-def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
-    """`histogram` as steps."""
-    low, high = value_range(values)
-    if not low <= high:
-        raise ThresholdError("the volume holds no finite value; no threshold can be found")
-    exact = max(abs(low), abs(high)) < 2**53
-    whole = values.dtype.kind in "bui" and exact and high - low < MOST_INTEGERS
-    bins = int(high - low) + 1 if whole else BINS
-    width = 1.0 if whole else (high - low) / BINS or 1.0
-    counts = np.zeros(bins, np.int64)
-    done = 0
-    for slab in slabs(values):
-        yield Step(done / len(values), "Counting the values")
-        done += len(slab)
-        if whole:
-            index = slab.astype(np.int64).ravel() - int(low)
-        else:
-            wide = slab.astype(np.float64).ravel()
-            if slab.dtype.kind == "f":
-                wide = wide[np.isfinite(wide)]
-            index = np.minimum(((wide - low) / width).astype(np.int64), bins - 1)
-        counts += np.bincount(index, minlength=bins)
-    return counts, low - 0.5 if whole else low, width
+    if settings.label is None and settings.threshold is None:
+        box = region_box(volume, settings)
+        samples = int(np.prod([stop - start for start, stop in box]))
+        if samples > QUICK_VALUES and box not in _otsu.get(volume, {}) and not is_counted(volume, box):
+            return None
+    return finish(used_threshold_steps(volume, settings))
 
 
 def otsu(values: NDArray[Any]) -> float:
@@ -105,10 +88,10 @@ def otsu(values: NDArray[Any]) -> float:
     >>> otsu(np.array([[[0, 0, 255], [0, 255, 255]]], np.uint8))
     127.5
     """
-    return otsu_of(histogram(values))
+    return otsu_of_histogram(histogram(values))
 
 
-def otsu_of(found: Histogram) -> float:
+def otsu_of_histogram(found: Histogram) -> float:
     """Otsu's threshold of a histogram."""
     counts, start, width = found
     counts = without_padding(counts)

@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
 from ... import readers
 from ...blender.materials import colour_of
 from ...core import ReadError, Steps, within
-from ...core.volume import survey_steps
+from ...core.volume import volume_statistics_steps
 from ...readers.file_formats import KNOWN_SUFFIXES
 from .. import jobs
 from ..properties.preferences import machine
@@ -93,7 +93,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         series = yield from within(readers.list_series_steps(path), 0.0, 0.1)
         read = readers.read_volume_steps(path, **reading, threads=machine().threads)
         volume = yield from within(read, 0.1, 0.9)
-        survey = yield from within(survey_steps(volume), 0.9, 1.0)
+        survey = yield from within(volume_statistics_steps(volume), 0.9, 1.0)
         found = volumes.Loaded(
             path,
             volume,

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
 import bpy.utils.previews
 from bpy.props import EnumProperty
 
-from ...core import CtmcError
-from ...core.volume import TISSUES, histogram_picture, otsu, region_box
+from ...core import CtmcError, finish
+from ...core.volume import TISSUES, histogram_picture, quick_threshold, used_threshold_steps
 from .. import jobs
 from ..state import volumes
 from ..translations import say
@@ -42,15 +43,12 @@ class CTMC_OT_auto_threshold(bpy.types.Operator):
         loaded = volumes.loaded(scene)
         assert loaded is not None, "poll asks for one"
         try:
-            settings = scene.ctmc
-            found = loaded.survey.otsu
-            if settings.use_region or found is None:
-                box = region_box(loaded.volume, settings.to_settings())
-                found = otsu(loaded.volume.values[tuple(slice(*ends) for ends in box[::-1])])
+            settings = replace(scene.ctmc.to_settings(), threshold=None, label=None)
+            threshold = finish(used_threshold_steps(loaded.volume, settings))
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
-        settings.threshold = found
-        self.report({"INFO"}, say("Threshold {value}").format(value=f"{settings.threshold:g}"))
+        scene.ctmc.threshold = threshold
+        self.report({"INFO"}, say("Threshold {value}").format(value=f"{threshold:g}"))
         return {"FINISHED"}
 
 
@@ -85,11 +83,12 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
 
 def used_threshold(scene: bpy.types.Scene) -> float | None:
-    """The threshold as set, or Otsu's where none is."""
-    if scene.ctmc.use_threshold:
-        return float(scene.ctmc.threshold)
-    loaded = volumes.loaded(scene)
-    return None if loaded is None else loaded.survey.otsu
+    """The threshold that a reconstruction would use; None where it is not known yet or there is none."""
+    volume = volumes.current(scene)
+    try:
+        return None if volume is None else quick_threshold(volume, scene.ctmc.to_settings())
+    except CtmcError:
+        return None
 
 
 def histogram_icon(scene: bpy.types.Scene) -> int:

@@ -103,8 +103,10 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
         column.operator("ctmc.load", text="Apply to Stack", icon="FILE_REFRESH").again = True
-    if survey.broken:
-        draw_text(layout, context, say("{count} voxels are NaN or infinite").format(count=count(survey.broken)), "INFO")
+    if survey.non_finite:
+        draw_text(
+            layout, context, say("{count} voxels are NaN or infinite").format(count=count(survey.non_finite)), "INFO"
+        )
     for note in volume.notes:
         draw_text(layout, context, note, "INFO")
     if loaded.sibling is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from ...core import Volume
-from ...core.volume import Survey
+from ...core.volume import VolumeStatistics
 from ...readers import Series
 
 
@@ -32,7 +32,7 @@ class Loaded:
 
     path: Path
     volume: Volume
-    survey: Survey
+    survey: VolumeStatistics
     series: tuple[Series, ...] = ()
     reading: Mapping[str, Any] = field(default_factory=dict)
     geometry: bool = True

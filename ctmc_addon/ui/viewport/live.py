@@ -159,9 +159,7 @@ def follow_volume(scene: bpy.types.Scene) -> None:
         return
     limits = machine()
     live.shown = None
-    live.preview = Preview(
-        loaded.volume, limits.preview_seconds, loaded.survey.otsu, limits.threads, limits.memory_limit
-    )
+    live.preview = Preview(loaded.volume, limits.preview_seconds, limits.threads, limits.memory_limit)
     live.prepared = Prepared(loaded.volume, limits.threads, limits.memory_limit)
 
 
@@ -171,7 +169,7 @@ def follow(scene: bpy.types.Scene) -> Shown | None:
     if settings is None or live.preview is None:
         return None
     live.preview.budget = machine().preview_seconds
-    return live.preview.follow(settings)
+    return live.preview.interactive(settings)
 
 
 def wanted(scene: bpy.types.Scene) -> ReconstructionSettings | None:

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
+from ctmc_addon.core import Prepared, Preview, ReconstructionSettings, Volume, finish, price_steps, reconstruct
 from ctmc_addon.core.errors import ThresholdError
-from ctmc_addon.core.volume.thresholding import otsu, value_range
+from ctmc_addon.core.volume import thresholding, volume_statistics_steps
+from ctmc_addon.core.volume.statistics import value_range
+from ctmc_addon.core.volume.thresholding import otsu, quick_threshold, used_threshold_steps
 
 
 def brute(values):
@@ -84,3 +87,56 @@ def test_a_volume_of_one_value_has_no_threshold(value):
         otsu(np.full((3, 3, 3), value, np.float32))
     with pytest.raises(ThresholdError, match="no finite value"):
         otsu(np.full((3, 3, 3), np.nan))
+
+
+REGION = (0.0, 0.0, 0.0, 19.0, 19.0, 8.0)
+
+
+@pytest.fixture
+def two_scales():
+    """A box of 100 in 0 in the lower half, one of 1000 in the upper; Otsu's is 550 of all and 50 of the lower half."""
+    values = np.zeros((20, 20, 20), np.int16)
+    values[2:7, 5:15, 5:15] = 100
+    values[12:17, 5:15, 5:15] = 1000
+    return Volume(values, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({}, 550.0),
+        ({"region": REGION}, 50.0),
+        ({"region": REGION, "region_unit": "mm"}, 50.0),
+        ({"threshold": 20.0, "region": REGION}, 20.0),
+        ({"label": 100, "region": REGION}, 0.5),
+    ],
+)
+def test_all_use_the_same_threshold(two_scales, settings, expected):
+    settings = ReconstructionSettings(**settings)
+    assert finish(used_threshold_steps(two_scales, settings)) == expected
+    assert quick_threshold(two_scales, settings) == expected
+    assert reconstruct(two_scales, settings).threshold == expected
+    preview, prepared = Preview(two_scales, 10.0), Prepared(two_scales)
+    assert preview.interactive(settings) is not None
+    assert preview.threshold == expected
+    finish(price_steps(prepared, settings))
+    assert prepared.field.threshold == expected
+
+
+def test_a_large_region_is_looked_through_once_and_not_while_a_slider_moves(two_scales, monkeypatch):
+    settings = ReconstructionSettings(region=REGION)
+    preview = Preview(two_scales, 10.0)
+    assert preview.interactive(ReconstructionSettings()) is not None
+    monkeypatch.setattr(thresholding, "QUICK_VALUES", 1)
+    assert quick_threshold(two_scales, settings) is None
+    preview.interactive(settings)
+    assert preview.threshold == 550.0  # that of the last surface
+    finish(preview.refine_steps(settings))
+    assert preview.threshold == quick_threshold(two_scales, settings) == 50.0
+
+
+def test_the_threshold_of_a_whole_volume_is_known_with_its_statistics(two_scales, monkeypatch):
+    monkeypatch.setattr(thresholding, "QUICK_VALUES", 1)
+    assert quick_threshold(two_scales, ReconstructionSettings()) is None
+    finish(volume_statistics_steps(two_scales))
+    assert quick_threshold(two_scales, ReconstructionSettings()) == 550.0

@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender import evaluated_triangles, remembered
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
+from ctmc_addon.core.volume import otsu
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.state import (
     session,
@@ -314,7 +315,7 @@ def test_otsu_and_tissues_set_the_threshold(loaded):
     loaded.ctmc.use_threshold = False
     assert bpy.ops.ctmc.auto_threshold() == {"FINISHED"}
     assert loaded.ctmc.use_threshold
-    assert loaded.ctmc.threshold == pytest.approx(volumes.loaded(loaded).survey.otsu)
+    assert loaded.ctmc.threshold == pytest.approx(otsu(volumes.loaded(loaded).volume.values))
     with pytest.raises(RuntimeError, match="Tissues are known by their HU"):
         bpy.ops.ctmc.tissue(tissue="bone")
 
