@@ -1,6 +1,6 @@
 """Numbers: from grey values to triangles, with NumPy and the standard library alone."""
 
-from .cost_estimate import CALIBRATION, Prepared, Price, price_steps
+from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
 from .memory import available_bytes
@@ -8,7 +8,7 @@ from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
 from .parallel import map_steps, worker_count
 from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
-from .preview import Preview, Shown
+from .preview import Preview, PreviewResult
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, said, timed_steps, within
 from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed
 from .simplification.simplify import simplify, simplify_steps
@@ -21,19 +21,19 @@ __all__ = [
     "GOALS",
     "PAUSE",
     "VERSION",
+    "CostEstimate",
     "CtmcError",
+    "FieldCache",
     "LabelError",
     "MeshError",
     "OutputError",
-    "Prepared",
     "Preview",
-    "Price",
+    "PreviewResult",
     "ReadError",
     "Reconstruction",
     "ReconstructionSettings",
     "Setting",
     "SettingsError",
-    "Shown",
     "Stage",
     "Stages",
     "Step",
@@ -42,6 +42,7 @@ __all__ = [
     "TriangleMesh",
     "Volume",
     "available_bytes",
+    "cost_estimate_steps",
     "described",
     "distances",
     "equal_part",
@@ -50,7 +51,6 @@ __all__ = [
     "is_allowed",
     "map_steps",
     "marching_cubes",
-    "price_steps",
     "reconstruct",
     "reconstruct_steps",
     "said",

@@ -1,8 +1,8 @@
 """What a surface will cost, before it is made: voxels, triangles, memory, seconds.
 
-Voxels and triangles are counted by extraction's own first passes and are exact before simplification and before parts
-are dropped. Seconds are those counts times what a unit of work costs in this process: measured once on a small ball,
-and again on every surface that is made.
+Voxels and triangles are counted by extraction's own first passes and are exact before simplification and before
+components are dropped. Seconds are those counts times what a unit of work takes in this process: measured once on a
+small ball, and again on every surface that is made.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import CtmcError, MemoryLimitError, MeshError
+from .errors import CtmcError, MeshError
 from .extraction.grid import Grid, make_grid
 from .extraction.marching_cubes import Counts, count_steps, extract_steps
 from .memory import available_bytes
 from .pipeline import Reconstruction
-from .progress import PAUSE, Step, Steps, timed_steps, within
+from .progress import PAUSE, Stages, Steps, timed_steps
 from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed, simplify_steps
-from .volume.scalar_field import Field, field_steps
+from .volume.scalar_field import ScalarField, scalar_field_steps
 from .volume.thresholding import check_threshold
 from .volume.volume import Volume
 
@@ -27,29 +27,30 @@ from .volume.volume import Volume
 # with keys, edges and corners; the built-in simplifier its edges, quadrics and costs.
 VERTEX_BYTES, FACE_BYTES, ACTIVE_BYTES = 36, 12, 40
 BLENDER_VERTEX_BYTES, BLENDER_FACE_BYTES = 60, 52
-WIDEST = 16
-BOUNDED_TIMES = 20  # what a largest distance costs a triangle, in removals: 10 on smooth surfaces, 35 on bone
-BALL = 112  # samples along an axis of the ball that a fresh process is measured on
+MOST_STRIDE = 16
+BOUNDED_COLLAPSES = 20  # collapses that a triangle costs with a maximum error: 10 on smooth surfaces, 35 on bone
+BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
+BALL_SAMPLES = 112  # along an axis of the ball that a fresh process is measured on
 
 
 @dataclass(frozen=True)
-class Price:
-    """What the settings will cost.
+class CostEstimate:
+    """What a surface with some settings will cost.
 
     Parameters
     ----------
     voxels : int
         To visit.
     vertices, faces : int
-        Exact, before simplification and before parts are dropped.
+        Exact, before simplification and before components are dropped.
     memory : int
-        Bytes at the highest.
+        Peak, bytes.
     seconds : float
         Within a factor of two.
-    scanned : float
-        Seconds of the first passes among them.
+    counting_seconds : float
+        Of the first passes, among the seconds.
     available : int or None
-        Bytes there are.
+        Bytes of memory that can be had.
     remedy : str
         Where it does not fit: what would.
     """
@@ -59,18 +60,18 @@ class Price:
     faces: int
     memory: int
     seconds: float
-    scanned: float = 0.0
+    counting_seconds: float = 0.0
     available: int | None = None
     remedy: str = ""
 
     @property
     def fits(self) -> bool:
-        """Whether there is memory enough."""
+        """Whether there is enough memory."""
         return self.available is None or self.memory <= self.available
 
     @property
     def sentence(self) -> str:
-        """Why it cannot be started, and what could be; empty where it fits."""
+        """Why the surface cannot be made, and what would fit; empty where it fits."""
         if self.fits or self.available is None:
             return ""
         return (
@@ -81,66 +82,79 @@ class Price:
 
 @dataclass
 class Calibration:
-    """Seconds that a unit of work takes in this process."""
+    """Seconds that a unit of work takes in this process.
+
+    Parameters
+    ----------
+    vertex, face : float
+        To extract one.
+    collapse : float
+        To remove a triangle.
+    bounded_face : float
+        To simplify a triangle with a maximum error.
+    blender_face : float
+        To measure a triangle and hand it to Blender.
+    measured : bool
+    """
 
     vertex: float = 0.0
     face: float = 0.0
-    removed: float = 0.0
-    bounded: float = 0.0  # a triangle of a surface that is simplified to a largest distance
-    placed: float = 2.0e-6  # a triangle measured and handed to Blender
-    known: bool = False
+    collapse: float = 0.0
+    bounded_face: float = 0.0
+    blender_face: float = 2.0e-6
+    measured: bool = False
 
     def measure_steps(self) -> Steps[None]:
         """Time a small ball, once in a process."""
-        if self.known:
+        if self.measured:
             return
-        axis = np.arange(BALL, dtype=np.float32) - (BALL - 1) / 2
+        axis = np.arange(BALL_SAMPLES, dtype=np.float32) - (BALL_SAMPLES - 1) / 2
         square = axis * axis
         ball = -(square[:, None, None] + square[:, None] + square)
         yield PAUSE
-        grid, level = make_grid(ball), -((BALL / 2.5) ** 2)
-        yield from count_steps(grid, level, 1)  # the first run of new code is slower
-        counts, scanned = yield from timed_steps(count_steps(grid, level))
-        surface, seconds = yield from timed_steps(extract_steps(grid, level))
-        self.vertex = self.face = max(1e-4, seconds - scanned) / (counts.vertices + counts.faces)
+        grid, threshold = make_grid(ball), -((BALL_SAMPLES / 2.5) ** 2)
+        yield from count_steps(grid, threshold, 1)  # the first run of new code is slower
+        counts, counting = yield from timed_steps(count_steps(grid, threshold))
+        surface, seconds = yield from timed_steps(extract_steps(grid, threshold))
+        self.vertex = self.face = max(1e-4, seconds - counting) / (counts.vertices + counts.faces)
         _, seconds = yield from timed_steps(simplify_steps(surface.at(1.0), reduction=0.5))
-        self.removed = seconds / (0.5 * counts.faces)
-        self.bounded = BOUNDED_TIMES * self.removed
-        self.known = True
+        self.collapse = seconds / (0.5 * counts.faces)
+        self.bounded_face = BOUNDED_COLLAPSES * self.collapse
+        self.measured = True
 
-    def learn(self, price: Price, result: Reconstruction, placed: float) -> None:
-        """Take over what a real surface has cost; `placed` are the seconds after the last stage."""
-        took = {stage.name: stage.seconds for stage in result.stages}
+    def learn(self, estimate: CostEstimate, result: Reconstruction, blender_seconds: float) -> None:
+        """Take over the seconds of a real surface; `blender_seconds` are those after its last stage."""
+        seconds = {stage.name: stage.seconds for stage in result.stages}
         removed = result.full_faces - len(result.mesh.faces)
-        counted = price.faces + price.vertices
-        if "Extracting the surface" in took and counted > 10_000:
-            made = took["Extracting the surface"] + took.get("Placing it in the patient", 0.0) - price.scanned
-            self.vertex = self.face = max(made, 0.0) / counted
-        if "Simplifying" in took and removed > 1000:
+        counted = estimate.faces + estimate.vertices
+        if "Extracting the surface" in seconds and counted > 10_000:
+            extracting = seconds["Extracting the surface"] + seconds.get("Placing it in the patient", 0.0)
+            self.vertex = self.face = max(extracting - estimate.counting_seconds, 0.0) / counted
+        if "Simplifying" in seconds and removed > 1000:
             if result.settings.max_error_mm is not None:
-                self.bounded = took["Simplifying"] / result.full_faces
+                self.bounded_face = seconds["Simplifying"] / result.full_faces
             else:
-                self.removed = took["Simplifying"] / removed
-        if price.faces > 1000:
-            self.placed = placed / price.faces
+                self.collapse = seconds["Simplifying"] / removed
+        if estimate.faces > 1000:
+            self.blender_face = blender_seconds / estimate.faces
 
 
 CALIBRATION = Calibration()
 
 
 @dataclass
-class Prepared:
-    """The values to extract from, made again only when something that matters to them has changed."""
+class FieldCache:
+    """The scalar field of a volume, made again only when a setting that matters to it has changed."""
 
     volume: Volume
     threads: int | None = None
     memory_limit: int | None = None
     key: tuple[object, ...] | None = None
-    field: Field | None = None
+    field: ScalarField | None = None
     seconds: float = 0.0
 
-    def steps(self, settings: ReconstructionSettings) -> Steps[Field]:
-        """The field for these settings."""
+    def field_steps(self, settings: ReconstructionSettings) -> Steps[ScalarField]:
+        """Return the scalar field for these settings."""
         key = (
             settings.label,
             settings.threshold is None,
@@ -151,7 +165,7 @@ class Prepared:
             None if settings.label is None else settings.stride,
         )
         if self.field is None or key != self.key:
-            work = field_steps(self.volume, settings, self.threads, self.memory_limit)
+            work = scalar_field_steps(self.volume, settings, self.threads, self.memory_limit)
             self.field, self.seconds = yield from timed_steps(work)
             self.key = key
         elif settings.threshold is not None:
@@ -159,101 +173,94 @@ class Prepared:
         return self.field
 
 
-def price_steps(prepared: Prepared, settings: ReconstructionSettings) -> Steps[Price]:
-    """What these settings will cost.
+def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
+    """Return what a surface with these settings will cost.
 
     Raises
     ------
     CtmcError
         Where they give no surface at all.
     """
-    yield from within(CALIBRATION.measure_steps(), 0.0, 0.3)
-    made = yield from within(prepared.steps(settings), 0.3, 0.6)
-    counting = timed_steps(counted(made, settings, settings.stride, prepared.threads))
-    counts, scanned = yield from within(counting, 0.6, 0.9)
+    stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, "Looking for what fits": 1})
+    yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
+    field = yield from stages.run("Preparing values", cache.field_steps(settings))
+    grid = grid_of(field, settings, settings.stride)
+    counting = count_steps(grid, field.threshold, cache.threads, settings.topology)
+    counts = yield from stages.run("Counting", counting)
     if not counts.faces:
-        check_threshold(made.threshold, made.values, prepared.volume.kind)
-        raise MeshError(f"no sample of this grid is cut off by threshold {made.threshold:g}; use a smaller stride")
-    price = Price(
-        voxels=grid_of(made, settings, settings.stride).voxels,
+        check_threshold(field.threshold, field.values, cache.volume.kind)
+        raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
+    seconds = stages.seconds["Counting"]
+    estimate = CostEstimate(
+        voxels=grid.voxels,
         vertices=counts.vertices,
         faces=counts.faces,
-        memory=memory_of(counts, settings, made, prepared.volume),
-        seconds=prepared.seconds + scanned + seconds_of(counts, settings),
-        scanned=scanned,
-        available=available_bytes() if prepared.memory_limit is None else prepared.memory_limit,
+        memory=memory_of(counts, settings, field, cache.volume),
+        seconds=cache.seconds + seconds + seconds_after_counting(counts, settings),
+        counting_seconds=seconds,
+        available=available_bytes() if cache.memory_limit is None else cache.memory_limit,
     )
-    if not price.fits:
-        price = replace(price, remedy=(yield from within(remedy_steps(prepared, made, settings, price), 0.9, 1.0)))
-    yield Step(1.0, "Counted")
-    return price
+    if not estimate.fits:
+        looking = remedy_steps(cache, field, settings, estimate)
+        estimate = replace(estimate, remedy=(yield from stages.run("Looking for what fits", looking)))
+    return estimate
 
 
-def grid_of(made: Field, settings: ReconstructionSettings, stride: tuple[int, int, int]) -> Grid:
-    """The samples at a stride."""
-    return make_grid(made.values, stride, settings.close_border, made.window_in_values)
+def grid_of(field: ScalarField, settings: ReconstructionSettings, stride: tuple[int, int, int]) -> Grid:
+    """Return the samples of a field at a stride."""
+    return make_grid(field.values, stride, settings.close_border, field.window_in_values)
 
 
-def counted(
-    made: Field, settings: ReconstructionSettings, stride: tuple[int, int, int], threads: int | None
-) -> Steps[Counts]:
-    """Extraction's own first passes."""
-    return (yield from count_steps(grid_of(made, settings, stride), made.threshold, threads, settings.topology))
-
-
-def goal_faces(faces: int, settings: ReconstructionSettings) -> int:
-    """Triangles that the simplifier will leave, as far as that can be known."""
+def simplified_faces(faces: int, settings: ReconstructionSettings) -> int:
+    """Return how many triangles the simplifier will leave, as far as that can be predicted."""
     if not settings.simplifies:
         return faces
     if settings.target_faces is not None:
         return min(faces, settings.target_faces)
-    return round(faces * (1.0 - (0.9 if settings.reduction is None else settings.reduction)))
+    return round(faces * (1.0 - (BOUNDED_REDUCTION if settings.reduction is None else settings.reduction)))
 
 
-def seconds_of(counts: Counts, settings: ReconstructionSettings) -> float:
-    """Seconds after the first passes."""
+def seconds_after_counting(counts: Counts, settings: ReconstructionSettings) -> float:
+    """Return the seconds of all that follows the first passes."""
     work = CALIBRATION
-    seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.placed)
+    seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.blender_face)
     if settings.simplifies and settings.simplifier == "builtin":
         if settings.max_error_mm is not None:
-            seconds += counts.faces * work.bounded
+            seconds += counts.faces * work.bounded_face
         else:
-            seconds += (counts.faces - goal_faces(counts.faces, settings)) * work.removed
+            seconds += (counts.faces - simplified_faces(counts.faces, settings)) * work.collapse
     return seconds
 
 
-def memory_of(counts: Counts, settings: ReconstructionSettings, made: Field, volume: Volume) -> int:
-    """Bytes at the highest: the softened values, the surface, and the larger of simplifier and Blender's own."""
-    softened = 0 if np.may_share_memory(made.values, volume.values) else made.values.nbytes
+def memory_of(counts: Counts, settings: ReconstructionSettings, field: ScalarField, volume: Volume) -> int:
+    """Return the peak, bytes: the smoothed values, the surface, and the larger of simplifier and Blender's mesh."""
+    smoothed = 0 if np.may_share_memory(field.values, volume.values) else field.values.nbytes
     surface = VERTEX_BYTES * counts.vertices + FACE_BYTES * counts.faces + ACTIVE_BYTES * counts.active
     builtin = settings.simplifies and settings.simplifier == "builtin"
-    left = goal_faces(counts.faces, settings) if builtin else counts.faces
+    left = simplified_faces(counts.faces, settings) if builtin else counts.faces
     blender = (BLENDER_FACE_BYTES + BLENDER_VERTEX_BYTES // 2) * left
-    return softened + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
+    return smoothed + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
 
 
-def remedy_steps(prepared: Prepared, made: Field, settings: ReconstructionSettings, price: Price) -> Steps[str]:
-    """The smallest wider stride that would fit, counted and not guessed."""
+def remedy_steps(
+    cache: FieldCache, field: ScalarField, settings: ReconstructionSettings, estimate: CostEstimate
+) -> Steps[str]:
+    """Return the smallest wider stride that would fit, counted and not guessed."""
     x, y, z = settings.stride
-    sizes = [stop - start for start, stop in made.window]
-    while price.available is not None:
-        if max(x, y) < WIDEST:
-            x, y = min(x + 1, WIDEST), min(y + 1, WIDEST)
-        elif z < WIDEST:
+    sizes = [stop - start for start, stop in field.window]
+    while estimate.available is not None:
+        if max(x, y) < MOST_STRIDE:
+            x, y = min(x + 1, MOST_STRIDE), min(y + 1, MOST_STRIDE)
+        elif z < MOST_STRIDE:
             z += 1
         else:
             break
-        stride = tuple(min(one, size - 1) for one, size in zip((x, y, z), sizes, strict=True))
+        wider = (min(x, sizes[0] - 1), min(y, sizes[1] - 1), min(z, sizes[2] - 1))
+        grid = grid_of(field, settings, wider)
         try:
-            counts = yield from counted(made, settings, (stride[0], stride[1], stride[2]), prepared.threads)
+            counts = yield from count_steps(grid, field.threshold, cache.threads, settings.topology)
         except CtmcError:
             break
-        if memory_of(counts, settings, made, prepared.volume) <= price.available:
-            return f"voxel sides {stride[0]} {stride[1]} {stride[2]} would fit, or a smaller region"
+        if memory_of(counts, settings, field, cache.volume) <= estimate.available:
+            return f"stride {wider[0]} {wider[1]} {wider[2]} would fit, or a smaller region"
     return "choose a smaller region"
-
-
-def require_fits(price: Price) -> None:
-    """Raise `MemoryLimitError` where there is not memory enough."""
-    if not price.fits:
-        raise MemoryLimitError(price.sentence)

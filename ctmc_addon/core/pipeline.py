@@ -19,7 +19,7 @@ from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed, simplify_steps
 from .version import VERSION
 from .volume.region import region_box
-from .volume.scalar_field import field_steps
+from .volume.scalar_field import scalar_field_steps
 from .volume.volume import Volume, determinant, normals_to_ras, to_ras_mm
 
 T = TypeVar("T")
@@ -152,7 +152,7 @@ def full_steps(
     visited = make_grid(volume.values, settings.stride, settings.close_border, region).voxels
 
     field = yield from _timed(
-        stages, "Preparing values", within(field_steps(volume, settings, threads, memory_limit), 0.0, 0.3)
+        stages, "Preparing values", within(scalar_field_steps(volume, settings, threads, memory_limit), 0.0, 0.3)
     )
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
     gradient = settings.normals == "gradient"

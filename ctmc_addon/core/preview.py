@@ -30,7 +30,7 @@ Stride = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PreviewResult:
     """A surface to show: both ends of alpha, RAS+ mm, and the stride and seconds it took."""
 
     surface: Surface
@@ -59,7 +59,7 @@ class Preview:
         self.last: tuple[int, float] | None = None  # voxels and seconds of the last surface
         self.threshold: float | None = None  # of the last surface
 
-    def interactive(self, settings: ReconstructionSettings) -> Shown | None:
+    def interactive(self, settings: ReconstructionSettings) -> PreviewResult | None:
         """Return the finest surface that stays within the budget; None where the settings give none."""
         try:
             threshold = quick_threshold(self.volume, settings)
@@ -71,7 +71,7 @@ class Preview:
 
     def refine_steps(
         self, settings: ReconstructionSettings, seconds: float | None = None, threshold: float | None = None
-    ) -> Steps[Shown | None]:
+    ) -> Steps[PreviewResult | None]:
         """Return the finest surface within `seconds` (by default `REFINED` budgets), at the settings' threshold."""
         limit = self.budget * REFINED if seconds is None else seconds
         box = region_box(self.volume, settings)
@@ -99,7 +99,7 @@ class Preview:
 
     def _surface_steps(
         self, settings: ReconstructionSettings, threshold: float, stride: Stride, box: Box
-    ) -> Steps[Shown]:
+    ) -> Steps[PreviewResult]:
         key = (stride, box)
         if key not in self.subsampled:
             self.subsampled = {key: subsample(self.volume, stride, box)} | dict(list(self.subsampled.items())[:2])
@@ -118,7 +118,7 @@ class Preview:
         result, seconds = yield from timed_steps(work)
         self.last, self.threshold = (voxel_count(stride, box), seconds), threshold
         assert result.surface is not None, "nothing has been simplified"
-        return Shown(result.surface, stride, seconds)
+        return PreviewResult(result.surface, stride, seconds)
 
 
 def box_size(box: Box) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.cost_estimate import CALIBRATION, Prepared, price_steps
+from ctmc_addon.core.cost_estimate import CALIBRATION, FieldCache, cost_estimate_steps
 from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
@@ -62,7 +62,7 @@ def measure(session: Session) -> None:
         for threads in (1, 2)
     }
     preview(session, sparse, dense)
-    foretold(session, sparse, dense)
+    predicted(session, sparse, dense)
 
 
 def sized(values: NDArray[Any], threshold: float) -> str:
@@ -226,8 +226,8 @@ def preview(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None
         )
 
 
-def foretold(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None:
-    """The seconds that the panel foretells against those a reconstruction takes, handing over to Blender left out."""
+def predicted(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None:
+    """The seconds that the panel predicts against those a reconstruction takes, handing over to Blender left out."""
     cases: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {
         "sparse": (sparse, {"threshold": scenes.EDGE}),
         "sparse, 90 % removed": (sparse, {"threshold": scenes.EDGE, "simplifier": "builtin", "reduction": 0.9}),
@@ -240,16 +240,16 @@ def foretold(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> Non
     }
     for name, (values, chosen) in cases.items():
         volume, settings = Volume(values, np.eye(4)), ReconstructionSettings(**chosen)
-        price = finish(price_steps(Prepared(volume), settings))
-        said = price.seconds - CALIBRATION.placed * price.faces
+        estimate = finish(cost_estimate_steps(FieldCache(volume), settings))
+        estimated = estimate.seconds - CALIBRATION.blender_face * estimate.faces
         took = median_seconds(partial(reconstruct, volume, settings), 3)
         session.add(
             Row(
                 session.part,
-                f"foretold, {name}: {said:.2g} s, taken {took:.2g} s",
+                f"predicted, {name}: {estimated:.2g} s, taken {took:.2g} s",
                 "the shorter of both",
-                max(said, took),
-                min(said, took),
+                max(estimated, took),
+                min(estimated, took),
                 2.0,
             )
         )

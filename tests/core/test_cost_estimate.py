@@ -1,14 +1,13 @@
-"""The price: counts are exact, memory and remedy hold, values are prepared once."""
+"""The cost estimate: counts are exact, memory and remedy hold, values are prepared once."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
-from ctmc_addon.core import cost_estimate as price
-from ctmc_addon.core.cost_estimate import Prepared, price_steps, require_fits
-from ctmc_addon.core.errors import MemoryLimitError, ThresholdError
+from ctmc_addon.core import ReconstructionSettings, Volume, cost_estimate, finish, reconstruct
+from ctmc_addon.core.cost_estimate import FieldCache, cost_estimate_steps
+from ctmc_addon.core.errors import ThresholdError
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +30,7 @@ def volume():
 )
 def test_voxels_vertices_and_triangles_are_exact(volume, settings):
     chosen = ReconstructionSettings(**settings)
-    found = finish(price_steps(Prepared(volume), chosen))
+    found = finish(cost_estimate_steps(FieldCache(volume), chosen))
     real = reconstruct(volume, chosen)
     assert found.faces == real.full_faces
     assert found.voxels == real.voxels_visited
@@ -41,60 +40,59 @@ def test_voxels_vertices_and_triangles_are_exact(volume, settings):
 
 def test_values_are_prepared_again_only_when_something_matters_to_them(volume, monkeypatch):
     made = []
-    plain = price.field_steps
-    monkeypatch.setattr(price, "field_steps", lambda *args: made.append(1) or plain(*args))
-    prepared = Prepared(volume)
+    plain = cost_estimate.scalar_field_steps
+    monkeypatch.setattr(cost_estimate, "scalar_field_steps", lambda *args: made.append(1) or plain(*args))
+    cache = FieldCache(volume)
     for settings in (
         {"threshold": 100.0, "soften_mm": 1.0},
         {"threshold": 150.0, "soften_mm": 1.0, "stride": (2, 2, 2), "alpha": 0.5, "reduction": 0.5},
     ):
-        finish(price_steps(prepared, ReconstructionSettings(**settings)))
+        finish(cost_estimate_steps(cache, ReconstructionSettings(**settings)))
     assert len(made) == 1
-    finish(price_steps(prepared, ReconstructionSettings(threshold=150.0, soften_mm=2.0)))
+    finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=150.0, soften_mm=2.0)))
     assert len(made) == 2
 
 
 def test_a_threshold_without_a_surface_is_refused_after_another_one(volume):
-    prepared = Prepared(volume)
-    assert finish(price_steps(prepared, ReconstructionSettings(threshold=100.0))).faces > 0
+    cache = FieldCache(volume)
+    assert finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=100.0))).faces > 0
     with pytest.raises(ThresholdError, match="5000"):
-        finish(price_steps(prepared, ReconstructionSettings(threshold=5000.0)))
+        finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=5000.0)))
 
 
 def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
-    calibration = price.Calibration()
+    calibration = cost_estimate.Calibration()
     assert sum(1 for _ in calibration.measure_steps()) > 10
-    assert calibration.known
-    assert min(calibration.vertex, calibration.removed) > 0
+    assert calibration.measured
+    assert min(calibration.vertex, calibration.collapse) > 0
     assert list(calibration.measure_steps()) == []
 
 
 def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
     settings = ReconstructionSettings(threshold=100.0)
-    full = finish(price_steps(Prepared(volume), settings))
+    full = finish(cost_estimate_steps(FieldCache(volume), settings))
     assert full.fits or full.available is not None
-    found = finish(price_steps(Prepared(volume, memory_limit=full.memory // 2), settings))
+    found = finish(cost_estimate_steps(FieldCache(volume, memory_limit=full.memory // 2), settings))
     assert not found.fits
-    assert "GiB are available; voxel sides" in found.sentence
-    with pytest.raises(MemoryLimitError, match="would fit"):
-        require_fits(found)
+    assert "GiB are available; stride" in found.sentence
+    assert "would fit" in found.sentence
     words = found.remedy.split()
-    wider = ReconstructionSettings(threshold=100.0, stride=tuple(int(word) for word in words[2:5]))
-    assert finish(price_steps(Prepared(volume, memory_limit=full.memory // 2), wider)).fits
+    wider = ReconstructionSettings(threshold=100.0, stride=tuple(int(word) for word in words[1:4]))
+    assert finish(cost_estimate_steps(FieldCache(volume, memory_limit=full.memory // 2), wider)).fits
 
 
 def test_where_no_stride_fits_a_region_is_advised(volume):
-    found = finish(price_steps(Prepared(volume, memory_limit=1), ReconstructionSettings(threshold=100.0)))
+    found = finish(cost_estimate_steps(FieldCache(volume, memory_limit=1), ReconstructionSettings(threshold=100.0)))
     assert found.remedy == "choose a smaller region"
 
 
-def test_the_next_price_is_that_of_the_last_surface(volume):
+def test_the_next_estimate_is_that_of_the_last_surface(volume):
     settings = ReconstructionSettings(threshold=100.0, reduction=0.5)
-    before = finish(price_steps(Prepared(volume), settings))
+    before = finish(cost_estimate_steps(FieldCache(volume), settings))
     real = reconstruct(volume, settings)
-    work = price.Calibration(known=True)
-    work.learn(before, real, placed=1.0)
+    work = cost_estimate.Calibration(measured=True)
+    work.learn(before, real, blender_seconds=1.0)
     took = {stage.name: stage.seconds for stage in real.stages}
     removed = real.full_faces - len(real.mesh.faces)
-    assert work.removed == pytest.approx(took["Simplifying"] / removed)
-    assert work.placed == pytest.approx(1.0 / before.faces)
+    assert work.collapse == pytest.approx(took["Simplifying"] / removed)
+    assert work.blender_face == pytest.approx(1.0 / before.faces)

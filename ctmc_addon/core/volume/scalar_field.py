@@ -25,7 +25,7 @@ MOST_LABELS = 20  # as many are named in a message
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class ScalarField:
     """Values to extract from, and where they lie in the volume.
 
     Parameters
@@ -54,9 +54,9 @@ class Field:
         )
 
 
-def field_steps(
+def scalar_field_steps(
     volume: Volume, settings: ReconstructionSettings, threads: int | None = None, memory_limit: int | None = None
-) -> Steps[Field]:
+) -> Steps[ScalarField]:
     """What to extract from `volume` under `settings`.
 
     Raises
@@ -94,7 +94,7 @@ def field_steps(
         )
         values = yield from within(soften_steps(values, volume.spacing, settings.soften_mm, threads), 0.5, 1.0)
     yield Step(1.0, "Values ready")
-    return Field(values, (box[0][0], box[1][0], box[2][0]), window, threshold, notes)
+    return ScalarField(values, (box[0][0], box[1][0], box[2][0]), window, threshold, notes)
 
 
 def _grown(box: Box, margins: list[int], size: tuple[int, int, int]) -> Box:

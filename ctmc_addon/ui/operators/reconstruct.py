@@ -10,6 +10,7 @@ from bpy.props import BoolProperty
 
 from ...blender.surface import require_changeable
 from ...core import (
+    CtmcError,
     LabelError,
     MeshError,
     ReadError,
@@ -98,6 +99,9 @@ def ready(operator: Any, context: bpy.types.Context) -> bool:
     if not volumes.has_volume(operator, context):
         return False
     price = session.of(scene).price
+    if isinstance(price, CtmcError):  # the settings as they are give no surface
+        operator.poll_message_set(str(price))
+        return False
     if isinstance(price, live.Bill) and not price.fits and list(price.settings) == settings_or_none(scene):
         operator.poll_message_set(price.sentence)
         return False

@@ -19,15 +19,15 @@ from ...blender.surface import set_alpha
 from ...blender.viewport import PreviewSurface, forget_shader
 from ...core import (
     CALIBRATION,
+    CostEstimate,
     CtmcError,
-    Prepared,
+    FieldCache,
     Preview,
-    Price,
+    PreviewResult,
     Reconstruction,
     ReconstructionSettings,
-    Shown,
     Steps,
-    price_steps,
+    cost_estimate_steps,
 )
 from .. import jobs
 from ..properties.preferences import machine
@@ -55,7 +55,7 @@ class Live:
 
     scene: int = 0
     preview: Preview | None = None
-    prepared: Prepared | None = None
+    prepared: FieldCache | None = None
     shown: PreviewSurface | None = None
     stride: tuple[int, int, int] = (1, 1, 1)
     colour: tuple[float, float, float] = BONE
@@ -160,10 +160,10 @@ def follow_volume(scene: bpy.types.Scene) -> None:
     limits = machine()
     live.shown = None
     live.preview = Preview(loaded.volume, limits.preview_seconds, limits.threads, limits.memory_limit)
-    live.prepared = Prepared(loaded.volume, limits.threads, limits.memory_limit)
+    live.prepared = FieldCache(loaded.volume, limits.threads, limits.memory_limit)
 
 
-def follow(scene: bpy.types.Scene) -> Shown | None:
+def follow(scene: bpy.types.Scene) -> PreviewResult | None:
     """A coarse surface for the settings as they are now; None where the preview is off or there is none."""
     settings = wanted(scene)
     if settings is None or live.preview is None:
@@ -180,7 +180,7 @@ def wanted(scene: bpy.types.Scene) -> ReconstructionSettings | None:
         return None
 
 
-def show(scene: bpy.types.Scene, found: Shown | None) -> None:
+def show(scene: bpy.types.Scene, found: PreviewResult | None) -> None:
     """Put a surface on the graphics card when Blender draws next."""
     settings = scene.ctmc
     live.shown = None
@@ -212,9 +212,9 @@ def price_work(scene: bpy.types.Scene) -> Steps[None]:
     """What the settings would cost, all surfaces together."""
     assert live.prepared is not None, "follow_volume has made it"
     runs = tuple(scene.ctmc.all_settings())
-    prices: list[Price] = []
+    prices: list[CostEstimate] = []
     for settings in runs:
-        prices.append((yield from price_steps(live.prepared, settings)))
+        prices.append((yield from cost_estimate_steps(live.prepared, settings)))
     session.of(scene).price = Bill(runs, tuple(prices))
 
 
@@ -223,7 +223,7 @@ class Bill:
     """The prices of all surfaces wanted, and the settings they hold for."""
 
     settings: tuple[ReconstructionSettings, ...]
-    prices: tuple[Price, ...]
+    prices: tuple[CostEstimate, ...]
 
     @property
     def voxels(self) -> int:

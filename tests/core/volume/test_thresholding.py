@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import Prepared, Preview, ReconstructionSettings, Volume, finish, price_steps, reconstruct
+from ctmc_addon.core import (
+    FieldCache,
+    Preview,
+    ReconstructionSettings,
+    Volume,
+    cost_estimate_steps,
+    finish,
+    reconstruct,
+)
 from ctmc_addon.core.errors import ThresholdError
 from ctmc_addon.core.volume import thresholding, volume_statistics_steps
 from ctmc_addon.core.volume.statistics import value_range
@@ -116,11 +124,11 @@ def test_all_use_the_same_threshold(two_scales, settings, expected):
     assert finish(used_threshold_steps(two_scales, settings)) == expected
     assert quick_threshold(two_scales, settings) == expected
     assert reconstruct(two_scales, settings).threshold == expected
-    preview, prepared = Preview(two_scales, 10.0), Prepared(two_scales)
+    preview, cache = Preview(two_scales, 10.0), FieldCache(two_scales)
     assert preview.interactive(settings) is not None
     assert preview.threshold == expected
-    finish(price_steps(prepared, settings))
-    assert prepared.field.threshold == expected
+    finish(cost_estimate_steps(cache, settings))
+    assert cache.field.threshold == expected
 
 
 def test_a_large_region_is_looked_through_once_and_not_while_a_slider_moves(two_scales, monkeypatch):

@@ -130,6 +130,8 @@ def test_settings_without_a_surface_say_why_in_place_of_a_price(loaded, rested):
     assert isinstance(said, CtmcError)
     assert "5000" in str(said)
     assert live.live.shown is None
+    with pytest.raises(RuntimeError, match="5000"):
+        bpy.ops.ctmc.reconstruct()
 
 
 def test_what_does_not_fit_cannot_be_started(loaded, rested, monkeypatch):
