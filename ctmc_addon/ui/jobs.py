@@ -20,24 +20,26 @@ import bpy
 
 from ..core import CtmcError, Step, Steps, finish
 from .state import session
-from .state.change_events import TAB
-from .translations import say
+from .translations import translate
 
 Conclusion = Callable[[], str]
-"""Writes to the scene at the job's last moment and returns what to report."""
+"""Writes to the scene at the job's last moment and returns the message of success."""
 
+TAB = "CTMC"
+"""The tab in the sidebar."""
 TICK = 0.04  # seconds of work between two looks at the events
-# While a job keeps things of its own in the file, only these events get past it: looking round changes nothing there.
-LOOKING = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
+# While a job keeps objects of its own in the file, only these events get past it: navigation changes nothing there.
+NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
 START = Step(0.0, "Starting")
-PAUSE = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
+INTERVAL = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
 NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
 
 
 @dataclass
 class Job:
-    """Work under way in a window."""
+    """Work under way in a window, known by the `bl_idname` of its operator."""
 
+    operator: str
     title: str
     steps: Steps[Conclusion]
     scene: int
@@ -68,19 +70,20 @@ class Job:
     @property
     def text(self) -> str:
         """For the status bar: 'Reconstruct Surface: Finding active voxels, 43 %'."""
-        return f"{say(self.title)}: {say(self.step.message)}, {self.step.fraction:.0%}"
+        return f"{translate(self.title)}: {translate(self.step.message)}, {self.step.fraction:.0%}"
 
 
 _running: list[Job] = []
 
 
-def running() -> Job | None:
-    """The job that is under way, if there is one."""
-    return _running[0] if _running else None
+def running(*operators: str) -> Job | None:
+    """The job that is under way, if there is one and it is of one of these operators, by default of any."""
+    job = _running[0] if _running else None
+    return job if job is not None and (not operators or job.operator in operators) else None
 
 
 def locked() -> bool:
-    """Whether the job under way keeps things of its own in the file, which undo and saving must not see."""
+    """Whether the job under way keeps objects of its own in the file, which undo and saving must not see."""
     job = running()
     return job is not None and job.locks
 
@@ -88,7 +91,7 @@ def locked() -> bool:
 def start(job: Job, context: bpy.types.Context) -> None:
     """Give a job its timer and the status bar."""
     _running.append(job)
-    job.timer = context.window_manager.event_timer_add(PAUSE, window=context.window)
+    job.timer = context.window_manager.event_timer_add(INTERVAL, window=context.window)
     show(job, context)
 
 
@@ -97,7 +100,7 @@ def show(job: Job, context: bpy.types.Context) -> None:
     workspace = context.workspace
     if workspace is not None:
         job.workspaces.add(workspace.name)
-        workspace.status_text_set(text=f"{job.text}   ({say('Esc cancels')})")
+        workspace.status_text_set(text=f"{job.text}   ({translate('Esc cancels')})")
     session.redraw_panels()
 
 
@@ -126,16 +129,16 @@ def stop_running(*_: Any) -> None:
 
 
 def stop_locked(*_: Any) -> None:
-    """End a job whose things stand in the file: another window undoes, or saves."""
+    """End a job whose objects stand in the file: another window undoes, or saves."""
     if locked():
         stop_running()
 
 
 def harmless(context: bpy.types.Context, event: Any) -> bool:
-    """Whether an event changes nothing in the file: looking round, or a click in the tab, where Cancel is."""
+    """Whether an event changes nothing in the file: navigation, or a click in the tab, where Cancel is."""
     if event.type.startswith(("TIMER", "WINDOW")):
         return True
-    if event.type in LOOKING:
+    if event.type in NAVIGATION:
         return not (event.ctrl or event.alt)
     if event.type != "LEFTMOUSE":
         return False
@@ -152,10 +155,10 @@ def harmless(context: bpy.types.Context, event: Any) -> bool:
 
 def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
     """Say what went wrong, at the bottom and in the panel, where it stays."""
-    sentence = say(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
-    where = session.scene_of(scene)
-    if where is not None:
-        setattr(session.of(where), getattr(operator, "message", "message"), sentence)
+    sentence = translate(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
+    still_there = session.scene_of(scene)
+    if still_there is not None:
+        setattr(session.of(still_there), getattr(operator, "message_field", "message"), sentence)
     operator.report({"ERROR"}, sentence)
     session.redraw_panels()
     return {"CANCELLED"}
@@ -167,8 +170,8 @@ class LongOperator:
     windowed = False
     """Whether a person started it in a window."""
     locks = False
-    """Whether it keeps things of its own in the file between two steps, so that nothing else may happen there."""
-    message = "message"
+    """Whether it keeps objects of its own in the file between two steps, so that nothing else may happen there."""
+    message_field = "message"
     """Where `Session` keeps what it refuses."""
 
     def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
@@ -181,10 +184,10 @@ class LongOperator:
             return self.begin(context)
         scene = context.scene.session_uid
         try:
-            said = finish(self.plan(context))()
+            message = finish(self.plan(context))()
         except (CtmcError, MemoryError) as error:
             return refuse(self, scene, error)
-        self.report({"INFO"}, said)
+        self.report({"INFO"}, message)
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -197,11 +200,11 @@ class LongOperator:
             self.windowed = False
             return self.execute(context)
         if running() is not None:
-            self.report({"ERROR"}, say("Another job is running; wait or cancel it"))
+            self.report({"ERROR"}, translate("Another job is running; wait or cancel it"))
             return {"CANCELLED"}
         scene = context.scene.session_uid
         try:
-            self.job = Job(self.bl_label, self.plan(context), scene, locks=self.locks)
+            self.job = Job(self.bl_idname, self.bl_label, self.plan(context), scene, locks=self.locks)
         except (CtmcError, MemoryError) as error:
             return refuse(self, scene, error)
         start(self.job, context)
@@ -215,24 +218,24 @@ class LongOperator:
             return {"CANCELLED"}
         if event.type == "ESC" and event.value == "PRESS":
             stop(job)
-            self.report({"INFO"}, say("Cancelled"))
+            self.report({"INFO"}, translate("Cancelled"))
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"} if not job.locks or harmless(context, event) else {"RUNNING_MODAL"}
-        going = False
+        unfinished = False
         try:
             conclusion = job.advance()
-            going = conclusion is None
-            said = "" if conclusion is None else conclusion()
+            unfinished = conclusion is None
+            message = "" if conclusion is None else conclusion()
         except (CtmcError, MemoryError) as error:
             return refuse(self, job.scene, error)
         finally:
-            if not going:  # done, refused or a defect: nothing is left behind
+            if not unfinished:  # done, refused or a defect: nothing is left behind
                 stop(job)
-        if going:
+        if unfinished:
             show(job, context)
             return {"PASS_THROUGH"}
-        self.report({"INFO"}, said)
+        self.report({"INFO"}, message)
         session.redraw_viewports()
         return {"FINISHED"}
 
@@ -261,7 +264,7 @@ class CTMC_OT_cancel(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         """Stop it."""
         stop_running()
-        self.report({"INFO"}, say("Cancelled"))
+        self.report({"INFO"}, translate("Cancelled"))
         return {"FINISHED"}
 
 
@@ -276,23 +279,24 @@ def idle(operator: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
-def moments() -> tuple[Any, ...]:
-    """When the file is written, or another state of it comes back."""
-    return bpy.app.handlers.undo_pre, bpy.app.handlers.redo_pre, bpy.app.handlers.save_pre
+HANDLERS = {
+    "load_pre": stop_running,
+    "undo_pre": stop_locked,
+    "redo_pre": stop_locked,
+    "save_pre": stop_locked,
+}
 
 
 def register() -> None:
-    """Register Cancel, and end a job before another file is loaded."""
+    """Register Cancel, and end a job before another file or state of it comes, or it is saved."""
     _register()
-    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(stop_running))
-    for moment in moments():
-        moment.append(bpy.app.handlers.persistent(stop_locked))
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
     """End the job under way and take everything away."""
     stop_running()
-    bpy.app.handlers.load_pre.remove(stop_running)
-    for moment in moments():
-        moment.remove(stop_locked)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
     _unregister()

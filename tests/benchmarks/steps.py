@@ -26,10 +26,10 @@ from ctmc_addon.blender.surface.readback import own_mesh
 from ctmc_addon.cli.phantom.files import write_dicom, write_nifti
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
-from ctmc_addon.ui.operators import load, reconstruct, results, simplify
-from ctmc_addon.ui.state import session, volumes
-from ctmc_addon.ui.state.surfaces import Wanted
-from ctmc_addon.ui.viewport import live
+from ctmc_addon.ui.operators import load, reconstruct, results
+from ctmc_addon.ui.operators.placing import SurfaceRequest
+from ctmc_addon.ui.state import measurements, surfaces, volumes
+from ctmc_addon.ui.viewport import live, preview
 
 from . import scenes
 
@@ -113,8 +113,9 @@ class Panel:
 
     def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
         """Reconstruct Surface, or Update Surface of an object."""
-        wanted = Wanted(settings, target=None if target is None else target.session_uid)
-        return reconstruct.surfaces_steps(volumes.loaded(self.scene), [wanted], self.scene.session_uid)
+        uid = None if target is None else target.session_uid
+        request = SurfaceRequest(settings, target=uid, fingerprint=self.scene.ctmc.volume_fingerprint)
+        return reconstruct.surfaces_steps(volumes.current(self.scene), [request], self.scene.session_uid)
 
     @property
     def surface(self) -> Any:
@@ -123,14 +124,22 @@ class Panel:
 
     def simplify(self, **goal: Any) -> Steps[Any]:
         """Simplify Surface."""
-        full = simplify.full_of(self.scene, self.surface)
-        wanted = Wanted(replace(CLASSIC, simplifier="builtin", **goal), target=self.surface.session_uid)
-        return simplify.simplify_job(full, volumes.current(self.scene), wanted, self.scene.session_uid)
+        request = SurfaceRequest(
+            replace(CLASSIC, simplifier="builtin", **goal),
+            target=self.surface.session_uid,
+            fingerprint=self.scene.ctmc.volume_fingerprint,
+        )
+        return reconstruct.surfaces_steps(None, [request], self.scene.session_uid, self.full)
+
+    @property
+    def full(self) -> Any:
+        """The surface made last, before simplification."""
+        return surfaces.full_of(self.surface, self.scene)
 
     def deviation_map(self) -> Steps[Any]:
         """Deviation Map."""
-        full = session.of(self.scene).full[self.surface.session_uid]
-        return results.deviation_job(own_mesh(self.surface), full, self.surface.session_uid)
+        uid = self.surface.session_uid
+        return results.deviation_steps(own_mesh(self.surface), self.full, measurements.of(self.surface), uid)
 
     def move_slider(self) -> None:
         """What a coarse preview shows while a slider moves."""
@@ -138,10 +147,11 @@ class Panel:
         live.tick()
 
     def rest(self) -> Steps[None]:
-        """What happens when the hand rests: the price, then a finer preview."""
+        """What happens when nothing changes: the cost estimate, then a finer preview."""
         live.live.stop_work()
-        for work in (live.price_work(self.scene), live.refine_work(self.scene)):
-            yield from work
+        uid, settings = self.scene.session_uid, self.scene.ctmc.to_settings()
+        yield from live.cost_steps(uid, live.live.fields, (settings,))
+        yield from preview.refine_steps(uid, settings)
 
     def jobs(self) -> Iterator[tuple[str, Callable[[], Steps[Any]]]]:
         """Everything that is measured, in an order in which each finds what it needs."""
@@ -149,7 +159,7 @@ class Panel:
         yield "Load CT, DICOM folder", lambda: self.load(self.folder / "dicom")
         self.scene.ctmc.threshold = 200.0
         yield "Move a slider, preview", lambda: at_once(self.move_slider)
-        yield "Rest: price and finer preview", self.rest
+        yield "Idle: cost and finer preview", self.rest
         yield "Reconstruct, bone", lambda: self.reconstruct(replace(CLASSIC, threshold=200.0))
         yield "Reconstruct, softened 1 mm", lambda: self.reconstruct(replace(CLASSIC, soften_mm=1.0))
         yield "Reconstruct, largest part", lambda: self.reconstruct(replace(CLASSIC, keep_parts=1))
@@ -170,9 +180,8 @@ class Panel:
 
     def measure(self) -> Steps[Any]:
         """Measure."""
-        full = session.of(self.scene).full[self.surface.session_uid]
         mesh = results.evaluated_triangles(self.surface, self.scene)
-        return results.measure_job(mesh, full, self.scene.session_uid, self.surface.session_uid, full.full_faces)
+        return results.measure_steps(mesh, self.full, self.surface.session_uid, measurements.alpha_of(self.surface))
 
 
 def clear(panel: Panel) -> None:

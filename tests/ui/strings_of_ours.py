@@ -21,7 +21,7 @@ from ctmc_addon.ui.properties import view as view_properties
 
 PACKAGE = Path(ctmc_addon.__file__).parent
 # Calls that show their first argument, or the argument of this name.
-SHOWN_FIRST = {"say", "poll_message_set"}
+SHOWN_FIRST = {"translate", "poll_message_set"}
 SHOWN_NAMED = {"text", "heading"}
 # Calls of core and readers whose strings are messages of steps.
 STEPS = {"Step", "map_steps", "decoded_steps", "pooled_steps"}

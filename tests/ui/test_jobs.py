@@ -21,6 +21,7 @@ MOUSE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
 class Operator(jobs.LongOperator):
     """What Blender would make of an operator with this work."""
 
+    bl_idname = "ctmc.reconstruct"
     bl_label = "Reconstruct Surface"
 
     def __init__(self, steps):
@@ -95,7 +96,8 @@ def begun(context, work):
     operator = Operator(work.steps())
     assert operator.invoke(context, MOUSE) == {"RUNNING_MODAL"}
     assert context.handlers == [operator]
-    assert jobs.running().title == "Reconstruct Surface"
+    assert jobs.running("ctmc.load", "ctmc.reconstruct") is jobs.running() is not None
+    assert jobs.running("ctmc.load") is None
     return operator
 
 
@@ -129,7 +131,7 @@ def test_no_step_begins_that_would_make_the_window_wait(monkeypatch):
         return lambda: ""
 
     def ticks(*seconds):
-        job, ends = jobs.Job("", work(*seconds), 0), []
+        job, ends = jobs.Job("ctmc.load", "", work(*seconds), 0), []
         while job.advance(0.04) is None:
             ends.append(round(clock[0], 3))
         clock[0] = 0.0

@@ -41,5 +41,5 @@ def test_blender_knows_our_words_while_we_are_registered(scene):
     catalogue = translations.catalogue()
     assert catalogue["de_DE"]["Operator", "Reconstruct Surface"] == "Oberfläche rekonstruieren"
     assert catalogue["zh_HANS"]["*", "Threshold"] == "阈值"
-    assert translations.say("Threshold") == "Threshold"
-    assert translations.say("Never heard of") == "Never heard of"
+    assert translations.translate("Threshold") == "Threshold"
+    assert translations.translate("Never heard of") == "Never heard of"

@@ -22,7 +22,7 @@ DISTANCE = 9.0  # of the eye
 MOST_BYTES = 150_000
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "isinstance(ours('ui.session').of(bpy.context.scene).price, ours('ui.live').Bill)"
-QUIET = "ours('ui.live').live.changed is None"
+QUIET = "ours('ui.viewport.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
 for name in ("CTMC_PT_slice", "CTMC_PT_rotation", "CTMC_PT_results", "CTMC_PT_figure"):

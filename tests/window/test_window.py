@@ -228,11 +228,11 @@ import addon_utils
 drawn = []
 for _ in range(3):
     addon_utils.disable("{module}")
-    drawn.append(len(ours("ui.viewport")._handlers))
+    drawn.append(len(ours("ui.viewport.overlays")._handlers))
     addon_utils.enable("{module}")
-    drawn.append(len(ours("ui.viewport")._handlers))
+    drawn.append(len(ours("ui.viewport.overlays")._handlers))
 addon_utils.disable("{module}")
-answer = [*drawn, len(ours("ui.viewport")._handlers)]
+answer = [*drawn, len(ours("ui.viewport.overlays")._handlers)]
 """)
     assert handlers == [0, 2, 0, 2, 0, 2, 0]
     desk.look("17-switched-off")

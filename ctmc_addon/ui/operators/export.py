@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from ...blender.export import SUFFIXES, export
 from ...core import CtmcError
 from .. import jobs
-from ..translations import say
+from ..translations import translate
 from .paths import RELATIVE, with_suffix
 
 
@@ -65,7 +65,7 @@ class CTMC_OT_export(bpy.types.Operator):
             export(context.object, path, space=self.space, scene=context.scene)
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
-        self.report({"INFO"}, say("Wrote {name}").format(name=path.name))
+        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
         return {"FINISHED"}
 
 

@@ -27,9 +27,8 @@ from ..properties.figure import FRAMES
 from ..properties.preferences import machine
 from ..properties.settings import as_written
 from ..state import session, surfaces, volumes
-from ..translations import say
+from ..translations import translate
 from .paths import RELATIVE
-from .reconstruct import in_memory
 
 ESC = (
     "The window waits while Blender renders; Esc stops it between pictures, or bands of a large one, and leaves nothing"
@@ -106,7 +105,7 @@ def blend_of(chosen: Any, target: Path) -> Path | None:
 def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected reconstructions; where there is none, the active one."""
     active = context.view_layer.objects.active
-    return surfaces.chosen_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
+    return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
 def shown_of(things: Sequence[bpy.types.Object], meshes: Sequence[Any], chosen: Any) -> tuple[scenes.Shown, ...]:
@@ -150,7 +149,7 @@ def told(work: Steps[Any], scene: int, target: Path) -> Steps[jobs.Conclusion]:
         where = session.scene_of(scene)
         if where is not None:
             session.of(where).message = ""
-        return say("Wrote {name}").format(name=target.name)
+        return translate("Wrote {name}").format(name=target.name)
 
     return conclude
 
@@ -210,7 +209,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Every setting in a cell."""
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
-        volume, settings = in_memory(scene).volume, scene.ctmc.all_settings()[0]
+        volume, settings = volumes.require_loaded(scene).volume, scene.ctmc.all_settings()[0]
         comparison = comparison_of(chosen)
         comparison.variants(settings)  # checks the limits of all before the work
         scenes.require_png(target)
@@ -271,7 +270,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
         scenes.require_png(target)
         scenes.require_engine(chosen.engine, heat=True)
-        volume, thing = in_memory(scene).volume, context.view_layer.objects.active
+        volume, thing = volumes.require_loaded(scene).volume, context.view_layer.objects.active
         work = scenes.deviation_figure_steps(
             volume,
             as_shown(thing, scene),
@@ -382,7 +381,7 @@ class CTMC_OT_figure_view(bpy.types.Operator):
         if self.side != "viewport":
             chosen.azimuth, chosen.elevation = VIEWS[self.side]
         elif eye is None:
-            self.report({"ERROR"}, say("There is no 3D viewport to take the view from"))
+            self.report({"ERROR"}, translate("There is no 3D viewport to take the view from"))
             return {"CANCELLED"}
         else:
             chosen.azimuth, chosen.elevation = angles_of(eye.view_rotation.to_matrix().col[2])

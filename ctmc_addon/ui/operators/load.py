@@ -10,16 +10,16 @@ from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
 
 from ... import readers
 from ...blender.materials import colour_of
-from ...core import ReadError, Steps, within
+from ...core import ReadError, Stages, Steps
 from ...core.volume import volume_statistics_steps
 from ...readers.file_formats import KNOWN_SUFFIXES
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import change_events as marks
-from ..state import session, volumes
-from ..translations import say
+from ..state import change_events, session, volumes
+from ..translations import translate
 from .paths import RELATIVE
 
+STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
 # Blender looks at the last suffix only.
 DROPPED = ";".join(sorted({"." + suffix.rpartition(".")[2] for suffix in KNOWN_SUFFIXES} | {".gz"}))
 
@@ -31,7 +31,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     bl_label = "Load CT"
     bl_description = "Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy"
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-    message = "load_message"
+    message_field = "load_message"
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
@@ -41,7 +41,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         min=0.0,
         options={"SKIP_SAVE"},
     )
-    flip: StringProperty(name="Flip", description="Axes to turn round, such as z or xy", options={"SKIP_SAVE"})
+    flip: StringProperty(name="Flip", description="Axes to flip, such as z or xy", options={"SKIP_SAVE"})
     series: StringProperty(
         name="Series",
         description="UID of the DICOM series. Empty = the one with the most slices",
@@ -90,11 +90,13 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
     def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
         """The work: series, values, survey; the CT of this fingerprint is expected there, if any."""
-        series = yield from within(readers.list_series_steps(path), 0.0, 0.1)
+        stages = Stages(STAGES)
+        headers, values, counting = STAGES
+        series = yield from stages.run(headers, readers.list_series_steps(path))
         read = readers.read_volume_steps(path, **reading, threads=machine().threads)
-        volume = yield from within(read, 0.1, 0.9)
-        survey = yield from within(volume_statistics_steps(volume), 0.9, 1.0)
-        found = volumes.Loaded(
+        volume = yield from stages.run(values, read)
+        survey = yield from stages.run(counting, volume_statistics_steps(volume))
+        loaded = volumes.Loaded(
             path,
             volume,
             survey,
@@ -104,7 +106,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             number_of(series, reading["series"]),
             readers.segmentation_sibling(path),
         )
-        return lambda: conclude(found, scene, expected)
+        return lambda: conclude(loaded, scene, expected)
 
 
 def number_of(series: tuple[readers.Series, ...], chosen: str | None) -> int:
@@ -130,31 +132,31 @@ def known_reading(scene: bpy.types.Scene) -> Any:
     return reading_of(scene.ctmc) if loaded is None else loaded.reading
 
 
-def conclude(found: volumes.Loaded, uid: int, expected: str) -> str:
+def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     """Make a volume the scene's."""
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
-    stored, reading = scene.ctmc, found.reading
-    other = found.survey.fingerprint != stored.volume_fingerprint
-    volumes.keep(found, scene)
+    stored, reading = scene.ctmc, loaded.reading
+    other = loaded.survey.fingerprint != stored.volume_fingerprint
+    volumes.keep(loaded, scene)
     stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
     for axis in "xyz":
         setattr(stored, f"flip_{axis}", axis in reading["flip"])
     stored.series = str(reading["series"] or "")
     if other:
-        names = found.volume.label_names
-        stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in found.survey.labels])
-    if found.volume.kind == "label" and found.survey.labels and not (stored.use_threshold or stored.use_label):
-        stored.label = found.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
+        names = loaded.volume.label_names
+        stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in loaded.survey.labels])
+    if loaded.volume.kind == "label" and loaded.survey.labels and not (stored.use_threshold or stored.use_label):
+        stored.label = loaded.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
     known = session.of(scene)
     known.message = known.load_message = ""
-    if expected not in ("", found.survey.fingerprint):
+    if expected not in ("", loaded.survey.fingerprint):
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
-        known.load_message = say(text).format(name=found.path.name)
-    marks.changed(stored, "volume")
-    columns, rows, slices = found.volume.size
-    return say("Loaded {name}: {size}").format(name=found.volume.name, size=f"{columns} x {rows} x {slices}")
+        known.load_message = translate(text).format(name=loaded.path.name)
+    change_events.notify(stored, "volume")
+    columns, rows, slices = loaded.volume.size
+    return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
 
 
 class CTMC_FH_stack(bpy.types.FileHandler):

@@ -1,34 +1,36 @@
-"""Make surfaces from the loaded CT: the operators `ctmc.reconstruct` and `ctmc.update`."""
+"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and the work that Simplify shares with it."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import bpy
 from bpy.props import BoolProperty
 
-from ...blender.surface import require_changeable
 from ...core import (
-    CtmcError,
     LabelError,
-    MeshError,
-    ReadError,
     Reconstruction,
+    ReconstructionSettings,
     SettingsError,
+    Stages,
     Steps,
+    Volume,
+    equal_part,
     full_steps,
     simplified_steps,
-    within,
 )
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import session, surfaces, volumes
-from ..state.surfaces import Wanted
-from ..viewport import live
-from . import measure
+from ..state import cost_estimates, session, surfaces, volumes
+from ..state.measurements import measurement_steps
+from ..viewport import preview
+from . import placing
+from .placing import FinishedSurface, NewMesh, SurfaceRequest
 
-PLACED = 0.97  # of the work comes before Blender makes meshes of the surfaces
+SURFACE_STAGES = {"Extracting the surface": 50, "Simplifying": 30, "Measuring": 17}
+JOB_STAGES = {"Reconstructing": 97, "Adding the surface": 3}
 
 
 class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
@@ -50,150 +52,107 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory, and with memory enough."""
-        return jobs.idle(cls) and ready(cls, context)
+        """Only with a CT in memory, and where the cost estimate has found a surface that fits into memory."""
+        if not (jobs.idle(cls) and volumes.has_volume(cls, context)):
+            return False
+        cost = session.of(context.scene).cost
+        if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
+            cls.poll_message_set(cost.refusal)
+            return False
+        return True
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Every surface the panel asks for."""
         scene = context.scene
-        loaded = in_memory(scene)
+        loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
-        into = {} if self.new else surfaces.targets(context, runs)
+        targets = {} if self.new else surfaces.targets(context, runs)
         names, fingerprint = loaded.volume.label_names, loaded.survey.fingerprint
-        wanted = [
-            Wanted(run, scene.ctmc.colour_of(run.label), into.get(run), names.get(run.label or 0, ""), fingerprint)
+        for run in runs:
+            require_labels(loaded, run.label)
+        requests = [
+            SurfaceRequest(
+                run, scene.ctmc.color_of(run.label), targets.get(run), names.get(run.label or 0, ""), fingerprint
+            )
             for run in runs
         ]
-        return surfaces_steps(loaded, wanted, scene.session_uid)
+        return surfaces_steps(loaded.volume, requests, scene.session_uid)
 
 
-class CTMC_OT_update(jobs.LongOperator, bpy.types.Operator):
-    """Give the active surface the settings of the panel."""
-
-    bl_idname = "ctmc.update"
-    bl_label = "Update Surface"
-    bl_description = (
-        "Reconstruct the active surface again with the settings of the panel; "
-        "it keeps its place, materials and modifiers"
-    )
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory and a surface to update."""
-        return jobs.idle(cls) and ready(cls, context) and has_surface(cls, context)
-
-    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The active surface, anew."""
-        scene, thing = context.scene, context.view_layer.objects.active
-        loaded = in_memory(scene)
-        require_changeable(thing)
-        fingerprint = loaded.survey.fingerprint
-        wanted = Wanted(scene.ctmc.to_settings(), target=thing.session_uid, fingerprint=fingerprint)
-        return surfaces_steps(loaded, [wanted], scene.session_uid)
-
-
-def ready(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether there is a CT in memory and memory enough, with the reason if not."""
-    scene = context.scene
-    if not volumes.has_volume(operator, context):
-        return False
-    price = session.of(scene).price
-    if isinstance(price, CtmcError):  # the settings as they are give no surface
-        operator.poll_message_set(str(price))
-        return False
-    if isinstance(price, live.Bill) and not price.fits and list(price.settings) == settings_or_none(scene):
-        operator.poll_message_set(price.sentence)
-        return False
-    return True
-
-
-def has_surface(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the active object is a surface that can be changed, with the reason if not."""
-    thing = context.view_layer.objects.active
-    if not surfaces.is_surface(thing):
-        operator.poll_message_set("Choose a reconstructed surface first")
-        return False
+def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
+    """The settings of every surface of the panel; None while they contradict each other."""
     try:
-        require_changeable(thing)
-    except MeshError as error:
-        operator.poll_message_set(str(error))
-        return False
-    return True
-
-
-def settings_or_none(scene: bpy.types.Scene) -> Any:
-    """The settings of every surface wanted; None while they contradict each other."""
-    try:
-        return scene.ctmc.all_settings()
+        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
     except SettingsError:
         return None
-
-
-def in_memory(scene: bpy.types.Scene) -> volumes.Loaded:
-    """The CT of the scene, or a `ReadError`."""
-    loaded = volumes.loaded(scene)
-    if loaded is None:
-        raise ReadError("the CT is not in memory; load it first")
-    return loaded
-
-
-def surfaces_steps(loaded: volumes.Loaded, wanted: list[Wanted], scene: int) -> Steps[jobs.Conclusion]:
-    """Make all of them, then put them into the scene at once."""
-    volume, limits = loaded.volume, machine()
-    full: list[Reconstruction] = []
-    seconds = 0.0  # after the last stages
-    made: list[Reconstruction] = []
-    measures: list[measure.Result] = []
-    for number, one in enumerate(wanted):
-        require_labels(loaded, one.settings.label)
-        low, share = PLACED * number / len(wanted), PLACED / len(wanted)
-        work = full_steps(volume, one.settings, limits.threads, limits.memory_limit)
-        full.append((yield from within(work, low, low + 0.5 * share)))
-        made.append((yield from within(simplified_steps(full[-1], one.settings), low + 0.5 * share, low + 0.8 * share)))
-        start = time.perf_counter()
-        measured = measure.result_steps(made[-1], full[-1])
-        measures.append((yield from within(measured, low + 0.8 * share, low + share)))
-        seconds += time.perf_counter() - start
-    start = time.perf_counter()
-    ready = yield from within(surfaces.ready_steps(wanted, made), PLACED, 1.0)
-    seconds += time.perf_counter() - start
-
-    def end() -> str:
-        start = time.perf_counter()
-        said = conclude(scene, wanted, full, made, measures, ready)
-        live.learn(scene, made, seconds + time.perf_counter() - start)
-        return said
-
-    return end
-
-
-def conclude(
-    scene: int,
-    wanted: list[Wanted],
-    full: list[Reconstruction],
-    made: list[Reconstruction],
-    measures: list[measure.Result],
-    ready: list[surfaces.Ready],
-) -> str:
-    """Objects for all of them, and what is known of them for the panel."""
-    things = surfaces.place(scene, wanted, made, ready)
-    where = session.scene_of(scene)
-    assert where is not None, "place has put something into it"
-    known = session.of(where)
-    known.message = ""
-    live.hide()
-    known.full = {thing.session_uid: one for thing, one in zip(things, full, strict=True)}
-    known.results |= {thing.session_uid: one for thing, one in zip(things, measures, strict=True)}
-    return surfaces.summary(things, made)
+    return settings
 
 
 def require_labels(loaded: volumes.Loaded, label: int | None) -> None:
     """Raise `LabelError` if a label is asked of Hounsfield units."""
     if label is not None and loaded.volume.kind == "HU":
         raise LabelError(
-            f"{loaded.path.name} holds HU, in which {label} is a density and no label; load the label volume"
+            f"{loaded.path.name} holds HU, in which {label} is a density and not a label; load the label volume"
         )
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_reconstruct, CTMC_OT_update))
+def surfaces_steps(
+    volume: Volume | None,
+    requests: Sequence[SurfaceRequest],
+    scene_uid: int,
+    full: Reconstruction | None = None,
+) -> Steps[jobs.Conclusion]:
+    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
+    stages = Stages(JOB_STAGES)
+    reconstructing, adding = JOB_STAGES
+    finished: list[FinishedSurface] = []
+    for number, request in enumerate(requests):
+        part = equal_part(surface_steps(volume, request, full), number, len(requests))
+        finished.append((yield from stages.run(reconstructing, part)))
+    meshes = yield from stages.run(adding, placing.mesh_steps(finished))
+
+    def conclude() -> str:
+        start = time.perf_counter()
+        message = add_to_scene(scene_uid, finished, meshes)
+        measuring = sum(surface.measuring_seconds for surface in finished)
+        seconds = measuring + stages.seconds[adding] + time.perf_counter() - start
+        cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
+        return message
+
+    return conclude
+
+
+def surface_steps(
+    volume: Volume | None, request: SurfaceRequest, full: Reconstruction | None
+) -> Steps[FinishedSurface]:
+    """Extract a surface where `full` is not known, simplify and measure it."""
+    settings, limits, stages = request.settings, machine(), Stages(SURFACE_STAGES)
+    extracting, simplifying, measuring = SURFACE_STAGES
+    if full is None:
+        assert volume is not None, "the caller has one of the two"
+        work = full_steps(volume, settings, limits.threads, limits.memory_limit)
+        full = yield from stages.run(extracting, work)
+    if full.surface is not None and full.settings.alpha != settings.alpha:
+        full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
+    result = yield from stages.run(simplifying, simplified_steps(full, settings, limits.memory_limit))
+    measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))
+    return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
+
+
+def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:
+    """Objects for all surfaces, and what is known of them for the panel; the message of success."""
+    objects = placing.place(scene_uid, finished, meshes)
+    scene = session.scene_of(scene_uid)
+    assert scene is not None, "place has put something into it"
+    known = session.of(scene)
+    known.message = ""
+    known.full = {
+        surfaces.origin(one.request.fingerprint, one.request.settings): one.full
+        for one in finished
+        if one.request.fingerprint
+    }
+    preview.hide()
+    return placing.summary(objects, finished)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_reconstruct,))

@@ -1,4 +1,4 @@
-"""What came out: measure, deviation map, settings of an object taken over, the command that makes the same."""
+"""What came out: measure, deviation map, settings of an object copied to the panel, the command that makes the same."""
 
 from __future__ import annotations
 
@@ -6,25 +6,23 @@ from pathlib import Path
 
 import bpy
 
-from ... import blender as scenes
 from ...blender.figure.colour_map import paint_deviation
 from ...blender.surface import (
     Trees,
-    closeness_steps,
     evaluated_triangles,
     middle_of,
     own_mesh,
-    require_changeable,
+    require_editable,
     settings_of,
 )
-from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh, within
-from ...core.mesh import measures_steps
+from ...core import CtmcError, MeshError, Reconstruction, Stages, Steps, TriangleMesh
 from ...reporting.command_line import command_line
 from .. import jobs
-from ..state import session, surfaces, volumes
-from ..translations import say
-from . import measure
-from .reconstruct import has_surface
+from ..state import measurements, session, surfaces, volumes
+from ..state.measurements import Measurement, measurement_steps
+from ..translations import translate
+
+DEVIATION_STAGES = {"Building the search tree": 4, "Measuring distances": 6}
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -32,36 +30,35 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
 
     bl_idname = "ctmc.measure"
     bl_label = "Measure"
-    bl_description = "Measure volume, area and parts of the active surface as it is now, alpha and modifiers included"
+    bl_description = (
+        "Measure volume, area and components of the active surface as it is now, alpha and modifiers included"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a surface to measure."""
-        return jobs.idle(cls) and has_surface(cls, context)
+        return jobs.idle(cls) and surfaces.can_change(cls, context)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """The evaluated surface."""
-        scene, thing = context.scene, context.view_layer.objects.active
-        mesh = evaluated_triangles(thing, scene)
-        full = session.of(scene).full.get(thing.session_uid)
-        return measure_job(mesh, full, scene.session_uid, thing.session_uid, scenes.remembered(thing)["full_faces"])
+        scene, obj = context.scene, context.view_layer.objects.active
+        full = session.of(scene).full.get(surfaces.origin_of(obj))
+        mesh = evaluated_triangles(obj, scene)
+        return measure_steps(mesh, full, obj.session_uid, measurements.alpha_of(obj))
 
 
-def measure_job(
-    mesh: TriangleMesh, full: Reconstruction | None, scene: int, thing: int, full_faces: int
+def measure_steps(
+    mesh: TriangleMesh, full: Reconstruction | None, uid: int, alpha: float | None
 ) -> Steps[jobs.Conclusion]:
     """Measure, and compare with the full surface where that is known."""
-    found = yield from within(measures_steps(mesh), 0.0, 0.4)
-    close = None
-    if full is not None and len(mesh.faces) < full_faces:
-        close = yield from within(closeness_steps(mesh, full.mesh), 0.4, 1.0)
-    result = measure.Result(found, full_faces, close)
+    measurement = yield from measurement_steps(mesh, None if full is None else full.mesh)
 
     def conclude() -> str:
-        where = session.scene_of(scene)
-        if where is not None:
-            session.of(where).results[thing] = result
-        return say("Measured")
+        obj = session.object_of(uid)
+        if obj is not None:
+            measurements.keep(obj, measurement, alpha)
+        return translate("Measured")
 
     return conclude
 
@@ -80,36 +77,41 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only where the full surface is known."""
-        if not (jobs.idle(cls) and has_surface(cls, context)):
+        if not (jobs.idle(cls) and surfaces.can_change(cls, context)):
             return False
-        thing = context.view_layer.objects.active
-        if thing.session_uid not in session.of(context.scene).full:
+        if surfaces.origin_of(context.view_layer.objects.active) not in session.of(context.scene).full:
             cls.poll_message_set("The full surface is not in memory; reconstruct again first")
             return False
         return True
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Distances of the object's own vertices."""
-        scene, thing = context.scene, context.view_layer.objects.active
-        require_changeable(thing)
-        full = session.of(scene).full[thing.session_uid]
-        own = own_mesh(thing)
-        return deviation_job(own, full, thing.session_uid)
+        scene, obj = context.scene, context.view_layer.objects.active
+        require_editable(obj)
+        full = session.of(scene).full[surfaces.origin_of(obj)]
+        return deviation_steps(own_mesh(obj), full, measurements.of(obj), obj.session_uid)
 
 
-def deviation_job(own: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once."""
+def deviation_steps(
+    mesh: TriangleMesh, full: Reconstruction, measurement: Measurement | None, uid: int
+) -> Steps[jobs.Conclusion]:
+    """Measure every vertex, then write once; the largest distance in the message is that of Results."""
+    stages = Stages(DEVIATION_STAGES)
+    building, measuring = DEVIATION_STAGES
     trees = Trees(middle_of(full.mesh))
-    yield from within(trees.add_steps(full.mesh), 0.0, 0.4)
-    found = yield from within(trees.distances_steps(own.vertices.astype("float64")), 0.4, 1.0)
+    yield from stages.run(building, trees.add_steps(full.mesh))
+    deviation = yield from stages.run(measuring, trees.distances_steps(mesh.vertices.astype("float64")))
 
     def conclude() -> str:
-        thing = session.object_of(uid)
-        if thing is None or len(thing.data.vertices) != len(found):
+        obj = session.object_of(uid)
+        if obj is None or len(obj.data.vertices) != len(deviation):
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
-        require_changeable(thing)
-        paint_deviation(thing.data, found)
-        return say("{name}: at most {most} mm from the full surface").format(name=thing.name, most=f"{found.max():.3g}")
+        require_editable(obj)
+        paint_deviation(obj.data, deviation)
+        if measurement is None or measurement.distance is None:
+            return translate("{name}: deviation map written").format(name=obj.name)
+        message = translate("{name}: at most {most} mm from the full surface")
+        return message.format(name=obj.name, most=f"{measurement.distance.maximum:.3g}")
 
     return conclude
 
@@ -118,13 +120,13 @@ class CTMC_OT_adopt_settings(bpy.types.Operator):
     """Take the settings of the active surface into the panel."""
 
     bl_idname = "ctmc.adopt_settings"
-    bl_label = "Use Its Settings"
-    bl_description = "Take the settings that the active surface was made with into the panel"
+    bl_label = "Copy Settings to Panel"
+    bl_description = "Copy the settings that the active surface was made with to the panel"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface that remembers."""
+        """Only with a surface that knows its settings."""
         if not surfaces.is_surface(context.view_layer.objects.active):
             cls.poll_message_set("Choose a reconstructed surface first")
             return False

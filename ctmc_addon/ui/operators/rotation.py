@@ -11,19 +11,20 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ... import blender as scenes
 from ...blender.rotation import can_draw
 from ...blender.rotation import timing as turntable
-from ...blender.surface import SCALE, placement_of
-from ...core import CtmcError, MeshError, SettingsError, Steps, TriangleMesh, within
+from ...blender.surface import SCALE, evaluated_triangles, placement_of
+from ...core import CtmcError, MeshError, SettingsError, Stages, Steps, TriangleMesh
 from ...reporting.atomic_write import write_text
 from ...reporting.rotation_table import RotationTable, parsed_levels
 from .. import jobs
 from ..state import session, surfaces
-from ..translations import say
-from ..viewport import live
-from . import simplify
+from ..translations import translate
+from ..viewport import preview
+from . import placing
 from .paths import RELATIVE
+
+STAGES = {"Simplifying": 3, "Timing the rotation": 7}
 
 
 class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
@@ -40,27 +41,27 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a surface to turn."""
-        thing = context.view_layer.objects.active
-        if thing is None or thing.type != "MESH":
+        obj = context.view_layer.objects.active
+        if obj is None or obj.type != "MESH":
             cls.poll_message_set("Choose a surface first")
             return False
-        if thing.mode != "OBJECT":
+        if obj.mode != "OBJECT":
             cls.poll_message_set("Leave edit mode first")
             return False
         return jobs.idle(cls)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Levels, then rounds."""
-        scene, thing = context.scene, context.view_layer.objects.active
+        scene, obj = context.scene, context.view_layer.objects.active
         chosen = scene.ctmc
         levels = parsed_levels(chosen.rotation_levels)
         windowed = self.windowed and not bpy.app.background
         if chosen.rotation_kind != "rotate" and not windowed:
             raise SettingsError(f"{chosen.rotation_kind} is timed in a window alone; choose rotate without one")
-        mesh = full_mesh(scene, thing)
+        mesh = full_mesh(scene, obj)
         view = Viewport(context, chosen.rotation_kind) if windowed else None
         options = {"rounds": chosen.rotation_rounds, "step_degrees": float(chosen.rotation_step)}
-        return test_steps(scene, thing, mesh, levels, chosen.rotation_kind, options, view)
+        return test_steps(scene, obj, mesh, levels, chosen.rotation_kind, options, view)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Begin in this window."""
@@ -68,18 +69,18 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         return self.begin(context)
 
 
-def full_mesh(scene: bpy.types.Scene, thing: bpy.types.Object) -> TriangleMesh:
+def full_mesh(scene: bpy.types.Scene, obj: bpy.types.Object) -> TriangleMesh:
     """The surface before simplification where it is known, else as it is now; RAS+ mm."""
-    full = simplify.full_of(scene, thing) if surfaces.is_surface(thing) else None
-    mesh: TriangleMesh = scenes.evaluated_triangles(thing, scene) if full is None else full.mesh
+    full = surfaces.full_of(obj, scene) if surfaces.is_surface(obj) else None
+    mesh: TriangleMesh = evaluated_triangles(obj, scene) if full is None else full.mesh
     if not len(mesh.faces):
-        raise MeshError(f"{thing.name} has no triangles; choose a surface")
+        raise MeshError(f"{obj.name} has no triangles; choose a surface")
     return mesh
 
 
 def test_steps(
     scene: bpy.types.Scene,
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     mesh: TriangleMesh,
     percents: tuple[float, ...],
     motion: str,
@@ -87,18 +88,20 @@ def test_steps(
     view: Viewport | None,
 ) -> Steps[jobs.Conclusion]:
     """Make the levels, turn them, and tell the panel."""
-    uid, scale = scene.session_uid, placement_of(thing).scale if surfaces.is_surface(thing) else SCALE
-    simplified = yield from within(turntable.simplified_steps(mesh, percents), 0.0, 0.3)
+    uid, scale = scene.session_uid, placement_of(obj).scale if surfaces.is_surface(obj) else SCALE
+    stages = Stages(STAGES)
+    simplifying, timing = STAGES
+    simplified = yield from stages.run(simplifying, turntable.simplified_steps(mesh, percents))
     faces = tuple(len(small.faces) for _, small in simplified)
     if view is None:
         engine = "BLENDER_WORKBENCH" if can_draw() else "CYCLES"
-        turned = yield from within(turntable.rotation_test_steps(simplified, engine, **options), 0.3, 1.0)
+        turned = yield from stages.run(timing, turntable.rotation_test_steps(simplified, engine, **options))
         rounds = [one.rounds for one in turned]
     else:
         with others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
             view.levels = levels
             steps = turntable.rotation_steps(levels, view, **options)
-            timed = yield from within(steps, 0.3, 1.0)
+            timed = yield from stages.run(timing, steps)
             rounds = [tuple(times) for times in timed]
     table = RotationTable(motion, percents, faces, tuple(rounds))
     return lambda: conclude(uid, table)
@@ -110,7 +113,7 @@ def conclude(uid: int, table: RotationTable) -> str:
     if scene is not None:
         session.of(scene).rotation = table
     last = max(range(len(table.savings)), key=lambda at: table.percents[at])
-    return say("Rotation test: {saving} % saved at {percent} %").format(
+    return translate("Rotation test: {saving} % saved at {percent} %").format(
         saving=f"{table.savings[last]:.1f}", percent=f"{table.percents[last]:g}"
     )
 
@@ -118,15 +121,15 @@ def conclude(uid: int, table: RotationTable) -> str:
 @contextmanager
 def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
-    hidden = [thing.session_uid for thing in scene.objects if not thing.hide_viewport]
-    selected = [thing.session_uid for thing in scene.objects if thing.select_get()]
+    hidden = [obj.session_uid for obj in scene.objects if not obj.hide_viewport]
+    selected = [obj.session_uid for obj in scene.objects if obj.select_get()]
     active = bpy.context.view_layer.objects.active
     selected.sort(key=lambda uid: active is not None and uid == active.session_uid)
     for uid in hidden:
         one = session.object_of(uid)
         if one is not None:
             one.hide_viewport = True
-    live.hide()
+    preview.hide()
     try:
         yield
     finally:
@@ -136,7 +139,7 @@ def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
                 one.hide_viewport = False
         # Blender deselects what it hides.
         found = (session.object_of(uid) for uid in selected)
-        surfaces.select(scene, [one for one in found if one is not None])
+        placing.select(scene, [one for one in found if one is not None])
 
 
 class Viewport:
@@ -197,7 +200,7 @@ class CTMC_OT_rotation_copy(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy it."""
         context.window_manager.clipboard = session.of(context.scene).rotation.csv()
-        self.report({"INFO"}, say("Table copied"))
+        self.report({"INFO"}, translate("Table copied"))
         return {"FINISHED"}
 
 
@@ -235,7 +238,7 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
             write_text(path, session.of(context.scene).rotation.csv())
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
-        self.report({"INFO"}, say("Wrote {name}").format(name=path.name))
+        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
         return {"FINISHED"}
 
 

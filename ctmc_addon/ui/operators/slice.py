@@ -10,7 +10,7 @@ from .. import jobs
 from ..panels.layout import SubPanel, prepare
 from ..properties.view import choose
 from ..state import volumes
-from ..translations import say
+from ..translations import translate
 
 # Window and level in HU, as radiologists set them.
 WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.0, -600.0))
@@ -87,7 +87,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.operator("ctmc.slice_step", text="", icon="TRIA_LEFT").by = -1
         row.operator("ctmc.slice_step", text="", icon="TRIA_RIGHT").by = 1
         place = slice_place(volume, view.plane, view.position)
-        text = say("Slice {number} of {count}, {place}")
+        text = translate("Slice {number} of {count}, {place}")
         text = text.format(number=place.index + 1, count=place.count, place=slice_middle(volume, place))
         layout.label(text=text, translate=False)
         column = layout.column(align=True)

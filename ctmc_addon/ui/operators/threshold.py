@@ -13,7 +13,7 @@ from ...core import CtmcError, finish
 from ...core.volume import TISSUES, histogram_picture, quick_threshold, used_threshold_steps
 from .. import jobs
 from ..state import volumes
-from ..translations import say
+from ..translations import translate
 
 PICTURE = (144, 120)  # pixels
 NAME = "histogram"
@@ -48,7 +48,7 @@ class CTMC_OT_auto_threshold(bpy.types.Operator):
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
         scene.ctmc.threshold = threshold
-        self.report({"INFO"}, say("Threshold {value}").format(value=f"{threshold:g}"))
+        self.report({"INFO"}, translate("Threshold {value}").format(value=f"{threshold:g}"))
         return {"FINISHED"}
 
 

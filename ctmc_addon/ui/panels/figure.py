@@ -7,23 +7,16 @@ from typing import Any
 import bpy
 
 from .. import jobs
-from ..operators.figure import (
-    CTMC_OT_figure,
-    CTMC_OT_figure_deviation,
-    CTMC_OT_figure_sheet,
-    CTMC_OT_figure_turntable,
-    shown_surfaces,
-)
+from ..operators.figure import shown_surfaces
 from ..properties.figure import FRAMES
-from ..state.change_events import OURS
-from ..translations import say
+from ..translations import OURS, translate
 from .layout import SubPanel, draw_job, prepare
 
-OPERATORS: dict[str, Any] = {
-    "figure": CTMC_OT_figure,
-    "sheet": CTMC_OT_figure_sheet,
-    "deviation": CTMC_OT_figure_deviation,
-    "turntable": CTMC_OT_figure_turntable,
+OPERATORS = {
+    "figure": "ctmc.figure",
+    "sheet": "ctmc.figure_sheet",
+    "deviation": "ctmc.figure_deviation",
+    "turntable": "ctmc.figure_turntable",
 }
 
 
@@ -43,11 +36,11 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
         draw_subject(layout, chosen)
         draw_page(layout, chosen)
         draw_look(layout, context, chosen)
-        operator, job = OPERATORS[chosen.kind], jobs.running()
-        if job is not None and job.title in {one.bl_label for one in OPERATORS.values()}:
-            draw_job(self.layout)
+        job = jobs.running(*OPERATORS.values())
+        if job is not None:
+            draw_job(self.layout, job)
         else:
-            self.layout.operator(operator.bl_idname, icon="RENDER_STILL")
+            self.layout.operator(OPERATORS[chosen.kind], icon="RENDER_STILL")
 
 
 def draw_subject(layout: Any, chosen: Any) -> None:
@@ -66,7 +59,7 @@ def draw_subject(layout: Any, chosen: Any) -> None:
 
 def draw_switched(layout: Any, chosen: Any, name: str) -> None:
     """A line of text behind its switch."""
-    row = layout.row(heading=say(chosen.bl_rna.properties[name].name), heading_ctxt=OURS)
+    row = layout.row(heading=translate(chosen.bl_rna.properties[name].name), heading_ctxt=OURS)
     row.prop(chosen, f"use_{name}", text="")
     value = row.row()
     value.active = getattr(chosen, f"use_{name}")
@@ -97,7 +90,7 @@ def draw_look(layout: Any, context: bpy.types.Context, chosen: Any) -> None:
     angles.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")
     angles.prop(chosen, "azimuth")
     angles.prop(chosen, "elevation")
-    column = layout.column(heading=say("Show"), heading_ctxt=OURS)
+    column = layout.column(heading=translate("Show"), heading_ctxt=OURS)
     column.prop(chosen, "scale_bar")
     column.prop(chosen, "orientation")
     draw_switched(layout, chosen, "caption")

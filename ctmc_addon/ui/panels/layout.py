@@ -10,8 +10,7 @@ from ...core import described
 from ...reporting.formatting import in_lines
 from .. import jobs
 from ..properties.settings import optional, switch
-from ..state.change_events import OURS, TAB
-from ..translations import say
+from ..translations import OURS, translate
 
 LETTER = 5.8  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
@@ -23,7 +22,7 @@ class SidePanel:
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
-    bl_category = TAB
+    bl_category = jobs.TAB
     bl_translation_context = OURS
 
 
@@ -47,7 +46,7 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
     if not optional(name):
         layout.prop(settings, name)
         return
-    row = layout.row(heading=say(described()[name].label), heading_ctxt=OURS)
+    row = layout.row(heading=translate(described()[name].label), heading_ctxt=OURS)
     row.prop(settings, switch(name), text="")
     value = row.row()
     value.active = getattr(settings, switch(name))
@@ -93,10 +92,8 @@ def draw_facts(layout: Any, context: bpy.types.Context, facts: list[tuple[str, s
         row.label(text=value, translate=False)
 
 
-def draw_job(layout: Any) -> None:
-    """How far the job is, and the button that stops it, in the place of the button that started it."""
-    job = jobs.running()
-    assert job is not None, "the caller has looked"
+def draw_job(layout: Any, job: jobs.Job) -> None:
+    """How far a job is, and the button that stops it, in the place of the button that started it."""
     row = layout.row(align=True)
-    row.progress(factor=min(1.0, job.step.fraction), text=say(job.step.message))
+    row.progress(factor=min(1.0, job.step.fraction), text=translate(job.step.message))
     row.operator("ctmc.cancel", text="", icon="X")

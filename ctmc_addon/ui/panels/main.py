@@ -6,16 +6,15 @@ from typing import Any
 
 import bpy
 
-from ...core import GOALS, CtmcError, SettingsError, is_allowed
+from ...core import GOALS, SettingsError, is_allowed
 from ...reporting.formatting import count, directions, duration, size_of_bytes, voxel_sides
 from .. import jobs
 from ..operators import threshold
 from ..state import session, surfaces, volumes
-from ..translations import say
-from ..viewport import live
+from ..translations import translate
 from .layout import SidePanel, draw_facts, draw_job, draw_pair, draw_setting, draw_text, is_narrow, prepare
 
-LOADING = "Load CT"
+LOAD = "ctmc.load"
 
 
 class CTMC_PT_main(SidePanel, bpy.types.Panel):
@@ -43,9 +42,9 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
 
 def draw_load(layout: Any, context: bpy.types.Context) -> None:
     """Load, what went wrong, and what the CT is."""
-    scene, job = context.scene, jobs.running()
-    if job is not None and job.title == LOADING:
-        draw_job(layout)
+    scene, job = context.scene, jobs.running(LOAD)
+    if job is not None:
+        draw_job(layout, job)
     else:
         layout.operator("ctmc.load", icon="FILE_FOLDER")
     known = session.of(scene)
@@ -68,9 +67,11 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
     box = layout.box()
     path = context.scene.ctmc.volume_path
     gone = not volumes.there(path)
-    text = say("The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on")
+    text = translate(
+        "The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on"
+    )
     if not gone:
-        text = say("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
+        text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
     draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
     if not gone:
         box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
@@ -81,14 +82,16 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     volume, survey, stored = loaded.volume, loaded.survey, context.scene.ctmc
     columns, rows, slices = volume.size
     x, y, z = volume.spacing
-    right, down, up = (say(side) for side in directions(volume.orientation))
+    right, down, up = (translate(side) for side in directions(volume.orientation))
     facts = [
-        (say("Size"), f"{columns} x {rows} x {slices}"),
-        (say("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
-        (say("Axes Run To"), f"{right}, {down}, {up} ({volume.orientation})"),
+        (translate("Size"), f"{columns} x {rows} x {slices}"),
+        (translate("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
+        (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
         (
-            say("Values"),
-            say("{low} to {high} {kind}").format(low=f"{survey.low:g}", high=f"{survey.high:g}", kind=say(volume.kind)),
+            translate("Values"),
+            translate("{low} to {high} {kind}").format(
+                low=f"{survey.low:g}", high=f"{survey.high:g}", kind=translate(volume.kind)
+            ),
         ),
     ]
     draw_facts(layout, context, facts)
@@ -97,15 +100,18 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
         column.prop(stored, "spacing")
-        column.label(text=say("Turn Round"), translate=False)
+        column.label(text=translate("Flip"), translate=False)
         row = column.row(align=True)
         row.use_property_split = False
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
-        column.operator("ctmc.load", text="Apply to Stack", icon="FILE_REFRESH").again = True
+        column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
     if survey.non_finite:
         draw_text(
-            layout, context, say("{count} voxels are NaN or infinite").format(count=count(survey.non_finite)), "INFO"
+            layout,
+            context,
+            translate("{count} voxels are NaN or infinite").format(count=count(survey.non_finite)),
+            "INFO",
         )
     for note in volume.notes:
         draw_text(layout, context, note, "INFO")
@@ -117,7 +123,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
 def draw_series(layout: Any, loaded: volumes.Loaded) -> None:
     """A line for every series, the one that was read pressed."""
     column = layout.column(align=True)
-    column.label(text=say("Series"), translate=False)
+    column.label(text=translate("Series"), translate=False)
     for series in loaded.series:
         button = column.operator(
             "ctmc.load", text=series.text, translate=False, depress=series.number == loaded.series_number
@@ -147,7 +153,7 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
         row.operator("ctmc.auto_threshold")
         if not settings.use_threshold:
             found = threshold.used_threshold(context.scene)
-            text = say("Otsu's threshold is used") + ("" if found is None else f": {found:g}")
+            text = translate("Otsu's threshold is used") + ("" if found is None else f": {found:g}")
             column.label(text=text, icon="INFO", translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
     column.prop(settings, "soften_mm")
@@ -157,8 +163,8 @@ def threshold_label(scene: bpy.types.Scene) -> str:
     """The threshold with its unit."""
     volume = volumes.current(scene)
     if volume is None or volume.kind == "label":
-        return say("Threshold")
-    return "HU" if volume.kind == "HU" else say("Grey Value")
+        return translate("Threshold")
+    return "HU" if volume.kind == "HU" else translate("Grey Value")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -167,7 +173,7 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         layout.prop(settings, "label")
         volume = volumes.current(context.scene)
         if volume is not None and volume.kind == "HU":
-            draw_text(layout, context, say("This CT holds HU; labels are in a volume of their own"), "INFO")
+            draw_text(layout, context, translate("This CT holds HU; labels are in a volume of their own"), "INFO")
         return
     rows = min(6, max(3, len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
@@ -207,14 +213,14 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.use_property_split = False
     left = row.row()
     left.alignment = "LEFT" if is_narrow(context) else "RIGHT"
-    left.label(text=say("Stride"), translate=False)
+    left.label(text=translate("Stride"), translate=False)
     sides = row.row(align=True)
     for axis in range(3):
         sides.prop(settings, "stride", index=axis, text="")
     volume = volumes.current(context.scene)
     if volume is not None:
         draw_text(column, context, voxel_sides(settings.stride, volume.spacing))
-    draw_price(layout, context)
+    draw_cost(layout, context)
     try:
         matters = settings.to_settings().alpha_matters
     except SettingsError as error:
@@ -224,30 +230,29 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.enabled = matters
     row.prop(settings, "alpha", slider=True)
     if not matters:
-        draw_text(layout, context, say("Alpha has no effect on a label that is not smoothed"), "INFO")
+        draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
 
 
-def draw_price(layout: Any, context: bpy.types.Context) -> None:
+def draw_cost(layout: Any, context: bpy.types.Context) -> None:
     """What the present settings would cost; always two lines, so that nothing jumps while it is counted."""
     scene = context.scene
     if volumes.current(scene) is None:
         return
-    bill = session.of(scene).price
+    cost = session.of(scene).cost
     column = layout.column(align=True)
-    if isinstance(bill, CtmcError):
-        draw_text(column, context, str(bill), "ERROR")
-    elif not isinstance(bill, live.Bill):
+    if cost is None:
         waiting = column.column(align=True)
         waiting.scale_y = 0.8  # as that of text
-        waiting.label(text=say("Counting..."), translate=False)
+        waiting.label(text=translate("Counting..."), translate=False)
         waiting.label(text="")
-    else:
-        text = say("{voxels} voxels, {faces} triangles")
-        draw_text(column, context, text.format(voxels=count(bill.voxels), faces=count(bill.faces)))
-        text = say("{memory}, about {seconds}")
-        draw_text(column, context, text.format(memory=size_of_bytes(bill.memory), seconds=duration(bill.seconds)))
-        if not bill.fits:
-            draw_text(column, context, bill.sentence, "ERROR")
+        return
+    if not cost.error:
+        text = translate("{voxels} voxels, {faces} triangles")
+        draw_text(column, context, text.format(voxels=count(cost.voxels), faces=count(cost.faces)))
+        text = translate("{memory}, about {seconds}")
+        draw_text(column, context, text.format(memory=size_of_bytes(cost.memory), seconds=duration(cost.seconds)))
+    if cost.refusal:
+        draw_text(column, context, cost.refusal, "ERROR")
 
 
 def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -272,8 +277,8 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     job, scene = jobs.running(), context.scene
     row = layout.row(align=True)
     row.scale_y = 1.5
-    if job is not None and job.title != LOADING:
-        draw_job(row)
+    if job is not None and job.operator != LOAD:
+        draw_job(row, job)
     else:
         updates = surfaces.is_of_ct(surfaces.active_surface(context), scene)
         text = "Update Surface" if updates else "Reconstruct Surface"
@@ -287,7 +292,7 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     row.operator("ctmc.simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
     if settings.preview and sum(item.chosen for item in settings.labels) > 1:
-        text = say("The preview shows the first label that is ticked")
+        text = translate("The preview shows the first label that is ticked")
         draw_text(layout, context, text, "INFO")
     row = draw_pair(layout, context, 0.4)
     row.operator("ctmc.export", text="Export", icon="EXPORT")

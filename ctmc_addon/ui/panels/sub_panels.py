@@ -6,11 +6,12 @@ from typing import Any
 
 import bpy
 
-from ... import blender as scenes
+from ...blender.surface import Provenance, read_provenance
 from ...reporting.formatting import count
 from .. import jobs
-from ..state import session, surfaces
-from ..translations import say
+from ..state import measurements, session
+from ..state.measurements import Measurement
+from ..translations import translate
 from .layout import SubPanel, draw_facts, draw_job, draw_pair, draw_setting, draw_text, prepare
 
 
@@ -53,16 +54,16 @@ class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
         prepare(layout)
         for name in ("rotation_kind", "rotation_levels", "rotation_step", "rotation_rounds"):
             layout.prop(settings, name)
-        job = jobs.running()
-        if job is not None and job.title == "Run Rotation Test":
-            draw_job(self.layout)
+        job = jobs.running("ctmc.rotation_test")
+        if job is not None:
+            draw_job(self.layout, job)
         else:
             self.layout.operator("ctmc.rotation_test", icon="FILE_3D")
         layout = self.layout.column()
         layout.enabled = not jobs.locked()
         table = session.of(context.scene).rotation
         if table is not None:
-            draw_table(layout, table.rows(say("Round"), say("Average"), say("Saving")))
+            draw_table(layout, table.rows(translate("Round"), translate("Average"), translate("Saving")))
             row = draw_pair(layout, context)
             row.operator("ctmc.rotation_copy", icon="COPYDOWN")
             row.operator("ctmc.rotation_save", icon="FILE_TICK")
@@ -84,45 +85,44 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Triangles, distance, volume, area, parts; what can be done with it."""
-        layout, thing = self.layout, context.view_layer.objects.active
+        layout, obj = self.layout, context.view_layer.objects.active
         prepare(layout)
-        if not surfaces.is_surface(thing):
-            layout.label(text=say("No reconstructed surface is selected"), icon="INFO", translate=False)
+        provenance = read_provenance(obj)
+        if provenance is None:
+            layout.label(text=translate("No reconstructed surface is selected"), icon="INFO", translate=False)
             return
-        layout.label(text=thing.name, icon="OUTLINER_OB_MESH", translate=False)
-        known = scenes.remembered(thing)
-        result = session.of(context.scene).results.get(thing.session_uid)
-        draw_facts(layout, context, facts_of(known, result), names=0.45)
+        layout.label(text=obj.name, icon="OUTLINER_OB_MESH", translate=False)
+        draw_facts(layout, context, facts_of(provenance, measurements.of(obj)), names=0.45)
         row = draw_pair(layout, context)
         row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         row.operator("ctmc.deviation_map", icon="COLOR")
         row = draw_pair(layout, context)
         row.operator("ctmc.make_final", icon="CHECKMARK")
         row.operator("ctmc.adopt_settings", icon="EYEDROPPER")
-        for note in known.get("notes", ()):
+        for note in provenance.notes:
             draw_text(layout, context, note, "INFO")
 
 
-def facts_of(known: dict[str, Any], result: Any) -> list[tuple[str, str]]:
+def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tuple[str, str]]:
     """Names and values of what was counted and measured."""
-    faces = known["faces"] if result is None else result.measures.faces
-    of_full = say("{faces} of {full}").format(faces=count(faces), full=count(known["full_faces"]))
+    faces = provenance.faces if measurement is None else measurement.measures.faces
+    of_full = translate("{faces} of {full}").format(faces=count(faces), full=count(provenance.full_faces))
     facts = [
-        (say("Triangles"), count(faces) if faces == known["full_faces"] else of_full),
-        (say("Threshold"), f"{known['threshold']:.6g}"),
+        (translate("Triangles"), count(faces) if faces == provenance.full_faces else of_full),
+        (translate("Threshold"), f"{provenance.threshold:.6g}"),
     ]
-    if result is None:
+    if measurement is None:
         return facts
-    measures = result.measures
-    if result.closeness is not None:
-        facts.append((say("Mean Distance"), f"{result.closeness.mean:.3g} mm"))
-        facts.append((say("Largest Distance"), f"{result.closeness.maximum:.3g} mm"))
+    measures, distance = measurement.measures, measurement.distance
+    if distance is not None:
+        facts.append((translate("Mean Distance"), f"{distance.mean:.3g} mm"))
+        facts.append((translate("Largest Distance"), f"{distance.maximum:.3g} mm"))
     return [
         *facts,
-        (say("Surface"), say("closed") if measures.closed else say("open")),
-        (say("Volume"), f"{measures.millilitres:.4g} ml" if measures.closed else "-"),
-        (say("Area"), f"{measures.square_centimetres:.4g} cm2"),
-        (say("Parts"), count(measures.parts)),
+        (translate("Surface"), translate("closed") if measures.closed else translate("open")),
+        (translate("Volume"), f"{measures.millilitres:.4g} ml" if measures.closed else "-"),
+        (translate("Area"), f"{measures.square_centimetres:.4g} cm2"),
+        (translate("Components"), count(measures.parts)),
     ]
 
 

@@ -29,11 +29,12 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import EXCLUSIVE, ReconstructionSettings, Setting, described
-from ..state import change_events as marks
+from ..state.change_events import notify
+from ..translations import OURS
 
 CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 DEFAULTS = ReconstructionSettings()
-CONTEXT: dict[str, Any] = {"translation_context": marks.OURS}
+CONTEXT: dict[str, Any] = {"translation_context": OURS}
 
 
 class SettingsMethods:
@@ -66,7 +67,7 @@ class SettingsMethods:
         ticked = [item.value for item in self.labels if item.chosen]
         return [replace(settings, label=label) for label in ticked or [settings.label]]
 
-    def colour_of(self, label: int | None) -> tuple[float, float, float] | None:
+    def color_of(self, label: int | None) -> tuple[float, float, float] | None:
         """The colour chosen in the list for a label; None for one that is not in it."""
         return next((tuple(item.color) for item in self.labels if item.value == label), None)
 
@@ -113,7 +114,7 @@ def property_of(name: str, about: Setting) -> Any:
         "name": about.label,
         "description": tooltip(about),
         "default": default,
-        "translation_context": marks.OURS,
+        "translation_context": OURS,
     }
     common["update"] = on_change(name)
     if about.type is bool:
@@ -165,7 +166,7 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
             setattr(properties, switch(name), True)
         if name == "label":
             tick_only(properties, properties.label)
-        marks.changed(properties, name)
+        notify(properties, name)
 
     return update
 
@@ -183,7 +184,7 @@ def on_switch(name: str) -> Callable[[Any, Any], None]:
             ticked = any(item.chosen for item in properties.labels)
             if not properties.use_label or not ticked:
                 tick_only(properties, properties.label if properties.use_label else None)
-        marks.changed(properties, name)
+        notify(properties, name)
 
     return update
 
@@ -192,7 +193,7 @@ def marker(name: str) -> Callable[[Any, Any], None]:
     """Say that a property of the panel's own has changed."""
 
     def update(properties: Any, _context: Any) -> None:
-        marks.changed(properties, name)
+        notify(properties, name)
 
     return update
 
@@ -223,7 +224,7 @@ def on_tick(item: Any, _context: Any) -> None:
     if properties.use_label != bool(ticked):
         properties.use_label = bool(ticked)
     _ticking.clear()
-    marks.changed(properties, "label")
+    notify(properties, "label")
 
 
 class CTMCLabel(PropertyGroup):

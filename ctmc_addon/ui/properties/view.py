@@ -14,7 +14,7 @@ from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
 from ...core.volume import slice_place, usual_window, value_range
-from ..state.change_events import OURS
+from ..translations import OURS
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
 

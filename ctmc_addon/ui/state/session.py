@@ -1,13 +1,20 @@
-"""What is known of a scene in this session and never stored in the file: its message, its price, its last results."""
+"""What is known of a scene in this session and never stored in the file: messages, cost estimate, full surfaces.
+
+Data-blocks are kept by their session_uid: undo makes every reference to one invalid.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 
-from ...core import Reconstruction
+from ...core import Reconstruction, ReconstructionSettings
+
+Origin = tuple[str, ReconstructionSettings]
+"""What decides a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
 
 
 @dataclass
@@ -20,16 +27,17 @@ class Session:
         What went wrong last; stays until something else is done.
     load_message : str
         What was wrong with the last load; stays until the next.
-    results : dict of object's session_uid to what was measured
-    full : dict of object's session_uid to its surface before simplification
-        Of the last run only: the next level of simplification needs no extraction.
+    full : dict of Origin to Reconstruction
+        Surfaces of the last run before simplification: the next level of simplification needs no extraction.
+    cost : CostEstimates or None
+        None while it is counted.
+    rotation : RotationTable or None
     """
 
     message: str = ""
     load_message: str = ""
-    results: dict[int, Any] = field(default_factory=dict)
-    full: dict[int, Reconstruction] = field(default_factory=dict)
-    price: Any = None
+    full: dict[Origin, Reconstruction] = field(default_factory=dict)
+    cost: Any = None
     rotation: Any = None
 
 
@@ -48,38 +56,40 @@ def scene_of(uid: int) -> bpy.types.Scene | None:
 
 def object_of(uid: int | None) -> bpy.types.Object | None:
     """The object with this session_uid, if it is still there."""
-    return next((thing for thing in bpy.data.objects if thing.session_uid == uid), None)
+    return next((obj for obj in bpy.data.objects if obj.session_uid == uid), None)
+
+
+def viewports() -> Iterator[bpy.types.Area]:
+    """The 3D viewports of all windows."""
+    for window in bpy.context.window_manager.windows:
+        yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
 
 
 def redraw_panels() -> None:
-    """Draw the sidebars again, and nothing else: a viewport full of triangles is dear."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+    """Draw the sidebars again, and nothing else: a viewport full of triangles is expensive."""
+    for area in viewports():
+        for region in area.regions:
+            if region.type == "UI":
+                region.tag_redraw()
 
 
 def redraw_viewports() -> None:
     """Draw the 3D viewports again."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    for area in viewports():
+        area.tag_redraw()
 
 
-def forget_all(*_: Any) -> None:
-    """Another file is loaded: nothing of this one counts any more."""
+def clear(*_: Any) -> None:
+    """Another file is loaded."""
     _sessions.clear()
 
 
 def register() -> None:
     """Listen for another file."""
-    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(forget_all))
+    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
 
 
 def unregister() -> None:
-    """Forget everything."""
-    bpy.app.handlers.load_pre.remove(forget_all)
+    """Listen no more, and clear."""
+    bpy.app.handlers.load_pre.remove(clear)
     _sessions.clear()

@@ -1,4 +1,7 @@
-"""The volumes that have been read in this session. The .blend holds their path and fingerprint, never their values."""
+"""The volumes that have been read in this session. The .blend holds their path and fingerprint, never their values.
+
+Undo may bring back a scene that refers to an earlier volume, so those stay while there is memory for them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from ...core import Volume
+from ...core import ReadError, Volume, available_bytes
 from ...core.volume import VolumeStatistics
 from ...readers import Series
 
@@ -44,18 +47,28 @@ _loaded: dict[str, Loaded] = {}
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
-    """Make a volume the current one of `scene`; volumes that no scene refers to any more are let go."""
+    """Make a volume the current one of `scene`; earlier ones stay while they take less than the memory available."""
+    fingerprint = loaded.survey.fingerprint
     scene.ctmc.volume_path = stored_path(loaded.path)
-    scene.ctmc.volume_fingerprint = loaded.survey.fingerprint
-    _loaded[loaded.survey.fingerprint] = loaded
-    let_go()
+    scene.ctmc.volume_fingerprint = fingerprint
+    _loaded.pop(fingerprint, None)
+    _loaded[fingerprint] = loaded  # the last one loaded stands last
+    used, room = used_fingerprints(), available_bytes()
+    for earlier in [name for name in reversed(_loaded) if name not in used]:
+        room = None if room is None else room - _loaded[earlier].volume.values.nbytes
+        if room is not None and room < 0:
+            del _loaded[earlier]
 
 
-def let_go(*_: Any) -> None:
-    """Let the volumes go that no scene refers to, after another was loaded or another file opened."""
-    used = {one.ctmc.volume_fingerprint for one in bpy.data.scenes}
-    for stale in set(_loaded) - used:
-        del _loaded[stale]
+def used_fingerprints() -> set[str]:
+    """The fingerprints that the scenes of the file refer to."""
+    return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
+
+
+def discard_unused(*_: Any) -> None:
+    """After another file was opened: let the volumes go that none of its scenes refers to."""
+    for fingerprint in set(_loaded) - used_fingerprints():
+        del _loaded[fingerprint]
 
 
 def loaded(scene: bpy.types.Scene) -> Loaded | None:
@@ -63,10 +76,18 @@ def loaded(scene: bpy.types.Scene) -> Loaded | None:
     return _loaded.get(scene.ctmc.volume_fingerprint)
 
 
+def require_loaded(scene: bpy.types.Scene) -> Loaded:
+    """The CT of the scene, or a `ReadError`."""
+    ct = loaded(scene)
+    if ct is None:
+        raise ReadError("the CT is not in memory; load it first")
+    return ct
+
+
 def current(scene: bpy.types.Scene) -> Volume | None:
     """The volume last loaded for `scene`, if it was loaded in this session."""
-    found = loaded(scene)
-    return None if found is None else found.volume
+    ct = loaded(scene)
+    return None if ct is None else ct.volume
 
 
 def missing(scene: bpy.types.Scene) -> bool:
@@ -92,22 +113,58 @@ def name_of(path: str) -> str:
     return path.replace("\\", "/").rstrip("/").rpartition("/")[2]
 
 
-def stored_path(path: Path) -> str:
-    """How the file notes a path: relative to itself, once it is saved and where that is possible."""
-    if not bpy.data.filepath:
+def stored_path(path: Path, beside: str = "") -> str:
+    """How a file notes a path: relative to the .blend `beside`, by default the present one, where that is possible."""
+    blend = beside or bpy.data.filepath
+    if not blend:
         return str(path)
     try:
-        return bpy.path.relpath(str(path))
+        return str(bpy.path.relpath(str(path), start=str(Path(blend).parent)))
     except ValueError:  # another drive
         return str(path)
 
 
+_absolute: dict[int, str] = {}  # of the scenes whose path is relative, while the file is saved
+
+
+def before_save(target: str, *_: Any) -> None:
+    """Paths beside the .blend become relative to where it is saved to."""
+    _absolute.clear()
+    for scene in bpy.data.scenes:
+        if scene.ctmc.volume_path.startswith("//"):
+            _absolute[scene.session_uid] = bpy.path.abspath(scene.ctmc.volume_path)
+    relate_paths(target)
+
+
+def after_save(*_: Any) -> None:
+    """And to the file that is open now: not the one that was saved, if that was a copy."""
+    relate_paths(bpy.data.filepath)
+    _absolute.clear()
+
+
+def relate_paths(blend: str) -> None:
+    """Note the paths relative to a .blend."""
+    for scene in bpy.data.scenes:
+        if blend and scene.session_uid in _absolute:
+            scene.ctmc.volume_path = stored_path(Path(_absolute[scene.session_uid]), blend)
+
+
+HANDLERS = {
+    "load_post": discard_unused,
+    "save_pre": before_save,
+    "save_post": after_save,
+    "save_post_fail": after_save,
+}
+
+
 def register() -> None:
-    """Look for volumes to let go after another file was opened."""
-    bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(let_go))
+    """Listen for files that are opened and saved."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
-    """Let every volume go."""
-    bpy.app.handlers.load_post.remove(let_go)
+    """Listen no more, and let every volume go."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
     _loaded.clear()

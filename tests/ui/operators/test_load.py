@@ -57,14 +57,6 @@ def test_a_folder_can_be_loaded(scene, tmp_path):
     assert volumes.current(scene).size == (8, 8, 3)
 
 
-def test_a_volume_no_scene_refers_to_is_let_go(scene, ball_file, tmp_path):
-    load(ball_file)
-    np.save(tmp_path / "other.npy", np.zeros((4, 4, 4), np.uint8))
-    load(tmp_path / "other.npy")
-    assert volumes.current(scene).name == "other"
-    assert len(volumes._loaded) == 1
-
-
 def test_a_volume_of_another_file_is_let_go(scene, ball_file):
     load(ball_file)
     bpy.ops.wm.read_homefile(use_empty=True)

@@ -7,14 +7,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender import evaluated_triangles, remembered
+from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.core.volume import otsu
 from ctmc_addon.readers import read_volume
-from ctmc_addon.ui.state import (
-    session,
-    volumes,
-)
+from ctmc_addon.ui.state import measurements, session, surfaces, volumes
 
 
 @pytest.fixture
@@ -41,11 +38,11 @@ def active():
 
 def steps_of(scene, *runs, target=None):
     """The steps of a reconstruction, as the panel's button drives them."""
-    from ctmc_addon.ui.operators import reconstruct as operators
-    from ctmc_addon.ui.state.surfaces import Wanted
+    from ctmc_addon.ui.operators.placing import SurfaceRequest
+    from ctmc_addon.ui.operators.reconstruct import surfaces_steps
 
-    wanted = [Wanted(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
-    return operators.surfaces_steps(volumes.loaded(scene), wanted, scene.session_uid)
+    requests = [SurfaceRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
+    return surfaces_steps(volumes.current(scene), requests, scene.session_uid)
 
 
 def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded):
@@ -66,17 +63,39 @@ def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded
     assert len(loaded.objects) == 2
 
 
-def test_update_refuses_what_it_cannot_change(loaded):
-    with pytest.raises(RuntimeError, match="Choose a reconstructed surface first"):
-        bpy.ops.ctmc.update()
+def test_an_update_refuses_what_it_cannot_change(loaded):
     bpy.ops.ctmc.reconstruct()
     bpy.ops.object.mode_set(mode="EDIT")
     with pytest.raises(RuntimeError, match="edit mode"):
-        bpy.ops.ctmc.update()
+        bpy.ops.ctmc.reconstruct()
     with pytest.raises(RuntimeError, match="Leave edit mode first"):
         bpy.ops.ctmc.export()
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert bpy.ops.ctmc.update() == {"FINISHED"}
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    assert len(loaded.objects) == 1
+
+
+def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
+    bpy.ops.ctmc.reconstruct()
+    active().data.shape_keys.key_blocks["alpha"].value = 0.25
+    loaded.ctmc.threshold = 110.0
+    bpy.ops.ctmc.reconstruct()
+    assert active().data.shape_keys.key_blocks["alpha"].value == 0.25
+
+
+def test_the_memory_limit_of_the_preferences_is_handed_to_the_simplifier(loaded, monkeypatch):
+    from ctmc_addon.core.simplification.simplify import memory_needed
+    from ctmc_addon.ui.operators import reconstruct
+    from ctmc_addon.ui.properties.preferences import Machine
+
+    bpy.ops.ctmc.reconstruct()
+    limit = memory_needed(len(active().data.polygons), None) - 1
+    monkeypatch.setattr(reconstruct, "machine", lambda: Machine(memory_limit=limit))
+    bpy.ops.ctmc.reconstruct()  # extraction needs less
+    loaded.ctmc.reduction = 0.5
+    for operator in (bpy.ops.ctmc.reconstruct, bpy.ops.ctmc.simplify):
+        with pytest.raises(RuntimeError, match="GiB of memory"):
+            operator()
 
 
 def test_a_deleted_target_becomes_a_new_object(loaded):
@@ -170,11 +189,11 @@ def test_ticks_and_the_label_setting_go_together(scene, labels_file):
 
 
 def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file, monkeypatch):
-    from ctmc_addon.ui.operators import simplify
+    from ctmc_addon.ui.operators import reconstruct as operators
 
     bpy.ops.ctmc.reconstruct()
     full = len(active().data.polygons)
-    monkeypatch.setattr(simplify, "full_steps", None)  # extraction would fail
+    monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
     for reduction in (0.5, 0.9, 0.25):
         loaded.ctmc.reduction = reduction
         assert bpy.ops.ctmc.simplify() == {"FINISHED"}
@@ -182,7 +201,7 @@ def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file
         seen = evaluated_triangles(active())
         assert (seen.faces == expected.faces).all()
         assert np.abs(seen.vertices - expected.vertices).max() <= 1e-4
-        assert remembered(active())["full_faces"] == full
+        assert read_provenance(active()).full_faces == full
     loaded.ctmc.simplifier = "none"
     bpy.ops.ctmc.simplify()
     assert len(active().data.polygons) == full
@@ -192,12 +211,12 @@ def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file
 def test_simplify_takes_the_objects_own_mesh_when_the_ct_is_gone(loaded):
     bpy.ops.ctmc.reconstruct()
     full = len(active().data.polygons)
-    session.forget_all()
+    session.clear()
     volumes._loaded.clear()
     loaded.ctmc.reduction = 0.5
     bpy.ops.ctmc.simplify()
     assert abs(len(active().data.polygons) - full / 2) <= 1
-    session.forget_all()
+    session.clear()
     with pytest.raises(RuntimeError, match="load its CT again"):
         bpy.ops.ctmc.simplify()
 
@@ -208,7 +227,7 @@ def test_the_slider_of_alpha_moves_the_active_surface_live(loaded, ball_file):
     loaded.ctmc.alpha = 0.25
     assert thing.data == mesh
     assert mesh.shape_keys.key_blocks["alpha"].value == 0.25
-    assert remembered(thing)["settings"]["alpha"] == 0.25
+    assert read_provenance(thing).settings.alpha == 0.25
     settings = ReconstructionSettings(threshold=100.0, alpha=0.25)
     expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), settings).mesh
     assert np.abs(evaluated_triangles(thing).vertices - expected.vertices).max() <= 1e-4
@@ -220,32 +239,30 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     loaded.ctmc.reduction = 0.8
     bpy.ops.ctmc.reconstruct()
     thing = active()
-    known = session.of(loaded)
-    result, full = known.results[thing.session_uid], known.full[thing.session_uid]
+    result, full = measurements.of(thing), surfaces.full_of(thing, loaded)
     made = evaluated_triangles(thing)
-    assert result.measures.faces == len(made.faces) == pytest.approx(0.2 * result.full_faces, abs=1)
+    assert result.measures.faces == len(made.faces) == pytest.approx(0.2 * full.full_faces, abs=1)
     assert result.measures.closed
     assert result.measures.volume == pytest.approx(made.volume, rel=1e-4)
     exact = distances(made.vertices, full.mesh)
-    assert result.closeness.maximum >= exact.max() - 1e-4
-    assert 0 < result.closeness.mean < result.closeness.maximum < 1.0
+    assert result.distance.maximum >= exact.max() - 1e-4
+    assert 0 < result.distance.mean < result.distance.maximum < 1.0
     assert bpy.ops.ctmc.deviation_map() == {"FINISHED"}
     found = np.empty(len(thing.data.vertices), np.float32)
     thing.data.attributes["deviation_mm"].data.foreach_get("value", found)
     assert found == pytest.approx(exact, abs=1e-4)
     assert thing.data.color_attributes.active_color_name == "deviation"
-    known.results.clear()
+    del thing[measurements.PROPERTY]
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
-    assert known.results[thing.session_uid].measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
+    assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
 
 
 def test_results_give_an_open_surface_no_volume(loaded):
-    from ctmc_addon.blender import remembered
     from ctmc_addon.ui.panels.sub_panels import facts_of
 
     loaded.ctmc.threshold = 20.0  # the ball reaches over the border
     bpy.ops.ctmc.reconstruct()
-    facts = dict(facts_of(remembered(active()), session.of(loaded).results[active().session_uid]))
+    facts = dict(facts_of(read_provenance(active()), measurements.of(active())))
     assert (facts["Surface"], facts["Volume"]) == ("open", "-")
 
 
@@ -348,13 +365,12 @@ def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, bal
     from ui.drawing import drawn
 
     from ctmc_addon.ui.panels import main as panels
-    from ctmc_addon.ui.state import surfaces
 
     bpy.ops.ctmc.reconstruct()
     first, faces = active(), len(active().data.polygons)
     assert "ctmc.reconstruct Update Surface" in drawn(panels.CTMC_PT_main).buttons
     bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
-    assert volumes.current(loaded).name == remembered(first)["name"]
+    assert volumes.current(loaded).name == read_provenance(first).name
     assert not surfaces.is_of_ct(first, loaded)
     assert "ctmc.reconstruct Reconstruct Surface" in drawn(panels.CTMC_PT_main).buttons
     bpy.ops.ctmc.reconstruct()
@@ -366,14 +382,13 @@ def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, bal
 
 
 def test_a_surface_is_not_extracted_again_from_a_ct_of_the_same_name(loaded, namesake):
-    from ctmc_addon.ui.state import surfaces
 
     loaded.ctmc.reduction = 0.5
     bpy.ops.ctmc.reconstruct()
-    known = surfaces.fingerprint_of(active())
+    known = read_provenance(active()).fingerprint
     bpy.ops.ctmc.simplify()
-    assert surfaces.fingerprint_of(active()) == known != ""
-    session.forget_all()
+    assert read_provenance(active()).fingerprint == known != ""
+    session.clear()
     bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
     with pytest.raises(RuntimeError, match="load its CT again"):
         bpy.ops.ctmc.simplify()

@@ -107,7 +107,7 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     from ctmc_addon.ui.state import session
 
     operator = rotation_test.CTMC_OT_rotation_test
-    job = jobs.Job(operator.bl_label, iter(()), scene.session_uid, locks=operator.locks)
+    job = jobs.Job(operator.bl_idname, operator.bl_label, iter(()), scene.session_uid, locks=operator.locks)
     monkeypatch.setattr(jobs, "_running", [job])
     assert jobs.locked()
     table = type("Table", (), {"rows": staticmethod(lambda *_: [["Round"]])})()

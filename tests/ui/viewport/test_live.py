@@ -1,4 +1,4 @@
-"""Preview and price follow the settings without writing to the file, and leave nothing behind."""
+"""Preview and cost estimate follow the settings without writing to the file, and leave nothing behind."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.core import CtmcError
 from ctmc_addon.ui.properties import preferences
-from ctmc_addon.ui.state import (
-    session,
-    volumes,
-)
-from ctmc_addon.ui.viewport import live
+from ctmc_addon.ui.state import cost_estimates, session, volumes
+from ctmc_addon.ui.state.cost_estimates import CostEstimates
+from ctmc_addon.ui.viewport import live, preview
 
 
 @pytest.fixture
@@ -27,7 +24,7 @@ def loaded(scene, ball_file):
 @pytest.fixture
 def rested(monkeypatch):
     """Drive the timer by hand until everything has followed, as if the hand had rested."""
-    monkeypatch.setattr(live, "REST", 0.0)
+    monkeypatch.setattr(live, "IDLE", 0.0)
 
     def drive(most=500):
         for _ in range(most):
@@ -43,36 +40,38 @@ def blocks():
     return [len(getattr(bpy.data, kind)) for kind in ("objects", "meshes", "materials", "images", "collections")]
 
 
-def test_a_slider_is_followed_first_and_priced_when_the_hand_rests(loaded, rested):
+def test_a_slider_is_followed_first_and_its_cost_counted_when_idle(loaded, rested):
     before = blocks()
     loaded.ctmc.threshold = 100.0
     live.tick()
-    first = live.live.shown
+    first = preview.state.shown
     assert first is not None
-    assert session.of(loaded).price is None
+    assert session.of(loaded).cost is None
     rested()
-    bill = session.of(loaded).price
-    assert live.live.shown is not first
-    assert bill.fits
+    cost = session.of(loaded).cost
+    assert preview.state.shown is not first
+    assert cost.refusal == ""
     bpy.ops.ctmc.reconstruct()
-    assert bill.faces == len(bpy.context.object.data.polygons)
+    assert cost.faces == len(bpy.context.object.data.polygons)
     assert blocks() != before
-    assert live.live.shown is None  # the real one stands there now
+    assert preview.state.shown is None  # the real one stands there now
 
 
-def test_a_small_surface_beside_a_large_one_does_not_make_every_triangle_dear(loaded, rested, monkeypatch):
+def test_a_small_surface_beside_a_large_one_does_not_make_every_triangle_expensive(loaded, rested, monkeypatch):
     found = {}
     loaded.ctmc.threshold = 100.0
     for stride in ((1, 1, 1), (2, 2, 1)):
         loaded.ctmc.stride = stride
         rested()
-        (settings,), (price,) = session.of(loaded).price.settings, session.of(loaded).price.prices
+        (settings,), (price,) = session.of(loaded).cost.settings, session.of(loaded).cost.estimates
         found[settings] = price
-    session.of(loaded).price = live.Bill(tuple(found), tuple(found.values()))
+    session.of(loaded).cost = CostEstimates(tuple(found), tuple(found.values()))
     learnt = []
-    monkeypatch.setattr(live.CALIBRATION, "learn", lambda price, _, placed: learnt.append(placed / price.faces))
+    monkeypatch.setattr(
+        cost_estimates.CALIBRATION, "learn", lambda price, _, placed: learnt.append(placed / price.faces)
+    )
     made = [SimpleNamespace(settings=settings) for settings in found]
-    live.learn(loaded.session_uid, made, 6.0)
+    cost_estimates.learn(loaded.session_uid, made, 6.0)
     each = 6.0 / sum(price.faces for price in found.values())
     assert learnt == pytest.approx([each, each])
 
@@ -82,7 +81,7 @@ def test_the_preview_writes_nothing_to_the_file(loaded, rested):
     for threshold in (90.0, 110.0, 130.0):
         loaded.ctmc.threshold = threshold
         rested()
-        assert live.live.shown is not None
+        assert preview.state.shown is not None
     assert blocks() == before
 
 
@@ -90,30 +89,30 @@ def test_it_is_hidden_when_switched_off_and_shown_again(loaded, rested):
     loaded.ctmc.threshold = 100.0
     rested()
     loaded.ctmc.preview = False
-    assert live.live.shown is None
+    assert preview.state.shown is None
     loaded.ctmc.threshold = 120.0
     rested()
-    assert live.live.shown is None
-    assert session.of(loaded).price is not None
+    assert preview.state.shown is None
+    assert session.of(loaded).cost is not None
     loaded.ctmc.preview = True
     rested()
-    assert live.live.shown is not None
+    assert preview.state.shown is not None
 
 
 def test_alpha_moves_the_preview_without_another_extraction(loaded, rested, monkeypatch):
     loaded.ctmc.threshold = 100.0
     rested()
-    shown = live.live.shown
+    shown = preview.state.shown
     before = shown.positions()
-    monkeypatch.setattr(live, "follow", None)  # extraction would fail
+    monkeypatch.setattr(preview, "follow", None)  # extraction would fail
     loaded.ctmc.alpha = 0.0
-    assert live.live.shown is shown
+    assert preview.state.shown is shown
     assert abs(shown.positions() - before).max() > 0.001
 
 
 def test_a_change_stops_what_was_being_refined(loaded, monkeypatch):
     loaded.ctmc.threshold = 100.0
-    monkeypatch.setattr(live, "REST", 0.0)
+    monkeypatch.setattr(live, "IDLE", 0.0)
     monkeypatch.setattr(live, "TICK", -1.0)
     live.tick()
     live.tick()
@@ -123,28 +122,37 @@ def test_a_change_stops_what_was_being_refined(loaded, monkeypatch):
     assert live.live.stale
 
 
-def test_settings_without_a_surface_say_why_in_place_of_a_price(loaded, rested):
+def test_settings_without_a_surface_say_why_in_place_of_a_cost(loaded, rested):
     loaded.ctmc.threshold = 5000.0
     rested()
-    said = session.of(loaded).price
-    assert isinstance(said, CtmcError)
-    assert "5000" in str(said)
-    assert live.live.shown is None
+    assert "5000" in session.of(loaded).cost.refusal
+    assert preview.state.shown is None
+
+
+def test_a_threshold_without_a_surface_is_said_and_the_button_blocked(loaded, rested):
+    for threshold in (100.0, 5000.0):
+        loaded.ctmc.threshold = threshold
+        rested()
+    assert "5000" in session.of(loaded).cost.refusal
     with pytest.raises(RuntimeError, match="5000"):
         bpy.ops.ctmc.reconstruct()
+    assert not bpy.ops.ctmc.reconstruct.poll()
+    loaded.ctmc.threshold = 100.0
+    rested()
+    assert bpy.ops.ctmc.reconstruct.poll()
 
 
 def test_what_does_not_fit_cannot_be_started(loaded, rested, monkeypatch):
     loaded.ctmc.threshold = 100.0
     monkeypatch.setattr(live, "machine", lambda: preferences.Machine(memory_limit=100_000))
-    live.live.preview = None
+    preview.state.maker = None
     rested()
-    bill = session.of(loaded).price
-    assert not bill.fits
+    cost = session.of(loaded).cost
+    assert "GiB of memory" in cost.refusal
     with pytest.raises(RuntimeError, match="GiB of memory"):
         bpy.ops.ctmc.reconstruct()
     assert not loaded.objects
-    loaded.ctmc.stride = (4, 4, 2)  # another setting has another price
+    loaded.ctmc.stride = (4, 4, 2)  # another setting has another cost
     monkeypatch.setattr(live, "machine", preferences.machine)
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
 
@@ -153,8 +161,8 @@ def test_another_file_ends_it_all(loaded, rested):
     loaded.ctmc.threshold = 100.0
     rested()
     bpy.ops.wm.read_homefile(use_empty=True)
-    assert live.live.shown is None
-    assert live.live.preview is None
+    assert preview.state.shown is None
+    assert preview.state.maker is None
     assert live.tick() is None
     assert volumes.current(bpy.context.scene) is None
 

@@ -1,0 +1,79 @@
+"""What the settings of the panel will cost, all surfaces together; finished surfaces make the next estimate better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...core import (
+    CALIBRATION,
+    CostEstimate,
+    CtmcError,
+    FieldCache,
+    Reconstruction,
+    ReconstructionSettings,
+    Steps,
+    cost_estimate_steps,
+)
+from . import session
+
+
+@dataclass(frozen=True)
+class CostEstimates:
+    """The costs of all surfaces, the settings they hold for, and why they cannot be made where that is so."""
+
+    settings: tuple[ReconstructionSettings, ...]
+    estimates: tuple[CostEstimate, ...] = ()
+    error: str = ""
+
+    @property
+    def voxels(self) -> int:
+        """To visit, for all of them."""
+        return sum(estimate.voxels for estimate in self.estimates)
+
+    @property
+    def faces(self) -> int:
+        """Triangles of all of them, before simplification."""
+        return sum(estimate.faces for estimate in self.estimates)
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the most expensive."""
+        return max(estimate.memory for estimate in self.estimates)
+
+    @property
+    def seconds(self) -> float:
+        """Together."""
+        return sum(estimate.seconds for estimate in self.estimates)
+
+    @property
+    def refusal(self) -> str:
+        """Why they cannot be made: no surface at these settings, or too little memory; empty where they can."""
+        return self.error or next((estimate.sentence for estimate in self.estimates if not estimate.fits), "")
+
+
+def estimate_steps(fields: FieldCache, settings: tuple[ReconstructionSettings, ...]) -> Steps[CostEstimates]:
+    """Count what these settings will cost."""
+    estimates: list[CostEstimate] = []
+    try:
+        for one in settings:
+            estimates.append((yield from cost_estimate_steps(fields, one)))
+    except CtmcError as error:
+        return CostEstimates(settings, error=str(error))
+    return CostEstimates(settings, tuple(estimates))
+
+
+def learn(scene_uid: int, results: Sequence[Reconstruction], seconds: float) -> None:
+    """Measure the next estimate on what these surfaces have cost, `seconds` together after their last stages.
+
+    Each has its share of these by its triangles: a small one beside a large one would make every triangle expensive.
+    """
+    scene = session.scene_of(scene_uid)
+    cost = None if scene is None else session.of(scene).cost
+    if cost is None or cost.error:
+        return
+    estimates = dict(zip(cost.settings, cost.estimates, strict=True))
+    pairs = [(estimates[result.settings], result) for result in results if result.settings in estimates]
+    faces = max(1, sum(estimate.faces for estimate, _ in pairs))
+    for estimate, result in pairs:
+        CALIBRATION.learn(estimate, result, seconds * estimate.faces / faces)

@@ -1,0 +1,95 @@
+"""The coarse surface in the viewport that follows the settings; nothing of it is written to the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from ...blender.materials import BONE, colour_of
+from ...blender.viewport import PreviewSurface
+from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps
+from ..properties.preferences import machine
+from ..state import session, volumes
+
+
+@dataclass
+class State:
+    """What is shown, of which scene, and what makes it."""
+
+    scene: int = 0
+    maker: Preview | None = None
+    shown: PreviewSurface | None = None
+    color: tuple[float, float, float] = BONE
+
+
+state = State()
+
+
+def prepare(loaded: volumes.Loaded) -> None:
+    """Get ready for another volume."""
+    limits = machine()
+    state.shown = None
+    state.maker = Preview(loaded.volume, limits.preview_seconds, limits.threads, limits.memory_limit)
+
+
+def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
+    """The settings to preview; None where it is off or they contradict each other."""
+    try:
+        return scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
+    except CtmcError:
+        return None
+
+
+def follow(scene: bpy.types.Scene) -> None:
+    """Show a coarse surface for the settings as they are now, within the budget of the preferences."""
+    settings = settings_of(scene)
+    if settings is None or state.maker is None:
+        hide()
+        return
+    state.maker.budget = machine().preview_seconds
+    show(scene, state.maker.interactive(settings))
+
+
+def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Steps[None]:
+    """Show a finer surface, now that there is time."""
+    if settings is None or state.maker is None:
+        return
+    surface = yield from state.maker.refine_steps(settings)
+    scene = session.scene_of(scene_uid)
+    if surface is not None and state.shown is not None and scene is not None:
+        show(scene, surface)
+
+
+def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
+    """Put a surface on the graphics card when Blender draws next."""
+    settings = scene.ctmc
+    state.scene, state.shown = scene.session_uid, None
+    if surface is not None:
+        state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
+        label = settings.label if settings.use_label else None
+        state.color = settings.color_of(label) or colour_of(label)
+    session.redraw_viewports()
+
+
+def move(alpha: float) -> None:
+    """Move what is shown to another alpha."""
+    if state.shown is not None:
+        state.shown.move(alpha)
+        session.redraw_viewports()
+
+
+def hide() -> None:
+    """Show nothing."""
+    if state.shown is not None:
+        state.shown = None
+        session.redraw_viewports()
+
+
+def draw() -> None:
+    """Draw the preview in a viewport of its scene."""
+    context = bpy.context
+    if state.shown is None or context.scene.session_uid != state.scene or volumes.current(context.scene) is None:
+        return
+    view = context.region_data
+    state.shown.draw(view.perspective_matrix, view.view_matrix, state.color)

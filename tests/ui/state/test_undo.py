@@ -1,0 +1,150 @@
+"""Undo, redo, Save As and reopening: the panel never shows what the file does not hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.drawing import drawn
+
+from ctmc_addon.ui.panels import main as panels
+from ctmc_addon.ui.panels import sub_panels
+from ctmc_addon.ui.state import session, volumes
+from ctmc_addon.ui.viewport import live
+
+
+@pytest.fixture
+def loaded(scene, ball_file):
+    """The ball, loaded, threshold 100, and an undo step."""
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ed.undo_push(message="Loaded")
+    return scene
+
+
+def active():
+    return bpy.context.view_layer.objects.active
+
+
+def triangles():
+    """The line of Results that counts triangles."""
+    texts = drawn(sub_panels.CTMC_PT_results).texts
+    return texts[texts.index("Triangles") + 1]
+
+
+def rest():
+    """Drive the timer until everything has followed."""
+    for _ in range(10_000):
+        if live.tick() is None:
+            return
+    raise AssertionError("the timer never ends")
+
+
+def test_undo_while_counting_ends_calmly_and_counts_again(loaded, monkeypatch):
+    monkeypatch.setattr(live, "IDLE", 0.0)
+    monkeypatch.setattr(live, "TICK", -1.0)
+    loaded.ctmc.preview = False
+    loaded.ctmc.threshold = 110.0
+    bpy.ops.ed.undo_push(message="Threshold")
+    live.tick()
+    live.tick()
+    assert live.live.work
+    bpy.ops.ed.undo()
+    rest()
+    scene = bpy.context.scene
+    assert scene.ctmc.threshold == 100.0
+    assert session.of(scene).cost is not None
+    assert "Counting..." not in drawn(panels.CTMC_PT_main).texts
+
+
+def test_results_are_those_of_the_mesh_that_stands_there_after_undo(loaded):
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ed.undo_push(message="Reconstructed")
+    before = triangles()
+    loaded.ctmc.reduction = 0.8
+    bpy.ops.ctmc.simplify()
+    bpy.ops.ed.undo_push(message="Simplified")
+    assert triangles() != before
+    bpy.ops.ed.undo()
+    assert triangles() == before
+
+
+def test_results_survive_reopening_the_file(loaded, tmp_path):
+    loaded.ctmc.reduction = 0.8
+    bpy.ops.ctmc.reconstruct()
+    before = drawn(sub_panels.CTMC_PT_results).texts
+    assert "Largest Distance" in before
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "day.blend"))
+    assert drawn(sub_panels.CTMC_PT_results).texts == before
+
+
+def test_measures_of_another_mesh_are_not_shown(loaded):
+    bpy.ops.ctmc.reconstruct()
+    assert "Area" in drawn(sub_panels.CTMC_PT_results).texts
+    active().data = bpy.data.meshes.new("empty")
+    assert "Area" not in drawn(sub_panels.CTMC_PT_results).texts
+
+
+def test_simplify_after_undo_starts_from_the_surface_that_stands_there(loaded):
+    bpy.ops.ctmc.reconstruct()
+    full = len(active().data.polygons)
+    bpy.ops.ed.undo_push(message="Reconstructed")
+    loaded.ctmc.threshold = 130.0
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ed.undo_push(message="Smaller")
+    assert len(active().data.polygons) < 0.5 * full
+    bpy.ops.ed.undo()
+    bpy.context.scene.ctmc.reduction = 0.5
+    bpy.ops.ctmc.simplify()
+    assert abs(len(active().data.polygons) - full / 2) <= 1
+
+
+def test_undo_of_a_second_load_finds_the_first_ct(loaded, tmp_path):
+    first = volumes.current(loaded)
+    np.save(tmp_path / "other.npy", np.zeros((4, 4, 4), np.uint8))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"))
+    bpy.ops.ed.undo_push(message="Other")
+    bpy.ops.ed.undo()
+    assert volumes.current(bpy.context.scene) is first
+
+
+def test_volumes_that_only_undo_needs_are_let_go_where_memory_is_short(loaded, tmp_path, monkeypatch):
+    monkeypatch.setattr(volumes, "available_bytes", lambda: 100)
+    np.save(tmp_path / "other.npy", np.zeros((4, 4, 4), np.uint8))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"))
+    assert len(volumes._loaded) == 1
+
+
+@pytest.mark.parametrize("copy", [False, True])
+def test_save_as_to_another_folder_keeps_the_way_to_the_ct(loaded, ball_file, tmp_path, copy):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    bpy.ops.ctmc.load(again=True)
+    assert loaded.ctmc.volume_path == "//ball.npy"
+    (tmp_path / "below" / "deeper").mkdir(parents=True)
+    target = tmp_path / "below" / "deeper" / "day.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=copy)
+    assert Path(bpy.path.abspath(loaded.ctmc.volume_path)).resolve() == ball_file
+    bpy.ops.wm.open_mainfile(filepath=str(target))
+    assert volumes.there(bpy.context.scene.ctmc.volume_path)
+
+
+@pytest.mark.parametrize("memory", [3, "mine", {"report": "{}"}, {"settings": "[", "report": "none"}])
+def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
+    mesh = bpy.data.meshes.new("mine")
+    obj = bpy.data.objects.new("mine", mesh)
+    scene.collection.objects.link(obj)
+    obj["ctmc"] = memory
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    for panel in (panels.CTMC_PT_main, sub_panels.CTMC_PT_results, sub_panels.CTMC_PT_rotation):
+        drawn(panel)
+    for operator in ("reconstruct", "simplify", "measure", "deviation_map", "make_final", "adopt_settings", "export"):
+        getattr(bpy.ops.ctmc, operator).poll()
+    assert not bpy.ops.ctmc.measure.poll()
+    scene.ctmc.alpha = 0.5  # the slider moves the selected surfaces
