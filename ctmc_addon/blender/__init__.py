@@ -22,7 +22,6 @@ MODULES = {
     "rotation.offscreen": "can_draw",
     "studio": "prepare_scene",
     "surface.decimate": "decimated",
-    "surface.deviation": "Deviation Reference deviation",
     "surface": "add_reconstruction refresh_normals surface_mesh update_reconstruction evaluated_triangles",
     "surface.provenance": "remembered",
 }

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from .extraction.grid import make_grid
 from .extraction.marching_cubes import extract_steps
 from .memory import require
-from .mesh.components import keeping_parts
-from .mesh.triangle_mesh import Surface, TriangleMesh, averaging_normals
+from .mesh.components import keep_components_steps
+from .mesh.face_normals import vertex_normals_steps
+from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import Pauses, Step, Steps, finish, said, within
 from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed, simplify_steps
@@ -81,11 +82,11 @@ class Reconstruction:
             "faces": len(mesh.faces),
             "vertices": len(mesh.vertices),
             "full_faces": self.full_faces,
-            "volume_mm3": mesh.enclosed,
+            "volume_mm3": mesh.enclosed_volume,
             "area_mm2": mesh.area,
             "closed": mesh.closed,
             "euler": mesh.euler,
-            "parts": mesh.parts,
+            "parts": mesh.components,
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
             "stages": [stage._asdict() for stage in self.stages],
@@ -206,7 +207,7 @@ def simplified_steps(
                 "without moving a border or tearing the surface.",
             )
     if settings.normals == "mesh":
-        averaging = averaging_normals(mesh.vertices, mesh.faces)
+        averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
         mesh = replace(mesh, normals=(yield from said(averaging, 1.0, "Averaging normals")))
     return replace(full, mesh=mesh, surface=surface, settings=settings, stages=tuple(stages), notes=notes)
 
@@ -242,5 +243,5 @@ def _placed(surface: Surface, affine: NDArray[np.float64]) -> Pauses[Surface]:
 
 def _kept(surface: Surface, mesh: TriangleMesh, settings: ReconstructionSettings) -> Steps[Surface]:
     """Drop the parts the settings do not want."""
-    keeping = keeping_parts(surface, mesh, settings.keep_parts, settings.min_part_mm3)
+    keeping = keep_components_steps(surface, mesh, settings.keep_parts, settings.min_part_mm3)
     return (yield from said(keeping, 0.95, "Keeping parts"))

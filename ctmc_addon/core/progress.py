@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
@@ -26,7 +26,7 @@ Steps = Generator[Step, None, T]
 PAUSE = Step()  # of work that does not know how far it is
 
 
-Pauses = Generator[None, None, T]
+Pauses = Generator[Any, None, T]
 """Work that can be left now and then, and does not know how far it is: `said` makes steps of it."""
 
 

@@ -71,7 +71,7 @@ def judged(
             if mesh is None:
                 wrong[topology] += truth not in (None, (0, 0))
                 continue
-            wrong[topology] += truth is not None and (mesh.euler, mesh.parts) != truth
+            wrong[topology] += truth is not None and (mesh.euler, mesh.components) != truth
             torn[topology] += closed and not (mesh.closed and not len(mesh.non_manifold_edges))
         if number % STRIPE == STRIPE - 1:
             print(f"{number + 1}: wrong {wrong}", flush=True)

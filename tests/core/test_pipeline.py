@@ -139,13 +139,13 @@ def test_a_region_in_mm_takes_every_voxel_it_touches():
 def test_the_largest_parts_are_kept():
     values = np.maximum(ball((50, 30, 30), 9, where=0.36), ball((50, 30, 30), 4, where=0.85))
     volume = Volume(values, np.eye(4))
-    assert reconstruct(volume, ReconstructionSettings(threshold=0.0)).mesh.parts == 2
+    assert reconstruct(volume, ReconstructionSettings(threshold=0.0)).mesh.components == 2
     kept = reconstruct(volume, ReconstructionSettings(threshold=0.0, keep_parts=1))
-    assert kept.mesh.parts == 1
+    assert kept.mesh.components == 1
     assert kept.mesh.volume == pytest.approx(4 / 3 * np.pi * 9**3, rel=0.03)
     dropped = reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1000))
     assert dropped.mesh.vertices.tobytes() == kept.mesh.vertices.tobytes()
-    with pytest.raises(MeshError, match=r"no part has a volume of 1e\+06 mm3 or more: the largest of 2 has 3031 mm3;"):
+    with pytest.raises(MeshError, match=r"volume of 1e\+06 mm3 or more: the largest of 2 has 3031 mm3"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1e6))
 
 

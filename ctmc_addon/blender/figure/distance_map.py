@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Step, Steps, TriangleMesh, within
+from ...core.mesh import ReferenceSurface, longest_edges, subdivided, vertex_distances_steps
 from ..materials import use_nodes
 from ..surface import mesh_data as meshes
-from ..surface.deviation import Reference
 from .annotations import CAP, GAP_MM, Board
 from .page import Box
 from .styles import INK
 
 HEAT = "ctmc_distance_mm"
-MOST_FACES = 400_000
 # Even in lightness, and told apart by the colour-blind: viridis (van der Walt and Smith 2015), sRGB.
 COLOURS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725")
 
@@ -45,50 +44,12 @@ class Measured:
     distances_mm: NDArray[np.float64]
 
 
-def measured_steps(mesh: TriangleMesh, reference: Reference) -> Steps[Measured]:
+def measured_steps(mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None) -> Steps[Measured]:
     """The distance of a surface to another, at the vertices of its triangles and of their parts."""
     yield Step(0.0, "Cutting triangles for the map")
-    fine = cut_finely(mesh, longest_edges(reference.mesh).mean())
-    distances = yield from within(reference.distances_steps(fine.vertices), 0.2, 1.0)
+    fine = subdivided(mesh, float(longest_edges(reference.mesh).mean()))
+    distances = yield from within(vertex_distances_steps(fine, reference, threads), 0.2, 1.0)
     return Measured(fine, distances)
-
-
-def longest_edges(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """The longest edge of every triangle, (F,)."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
-    edges = corners - corners[:, (1, 2, 0)]
-    return np.sqrt((edges**2).sum(axis=2)).max(axis=1)
-
-
-def cut_finely(mesh: TriangleMesh, length: float) -> TriangleMesh:
-    """The same surface with every triangle cut in four until the mean longest edge is about `length`.
-
-    Not beyond `MOST_FACES`, so that a picture of a large surface stays possible.
-    """
-    while longest_edges(mesh).mean() > 1.4 * length and 4 * len(mesh.faces) <= MOST_FACES:
-        mesh = cut_in_four(mesh)
-    return mesh
-
-
-def cut_in_four(mesh: TriangleMesh) -> TriangleMesh:
-    """Every triangle cut in four at the middles of its edges, normals interpolated."""
-    faces, count = mesh.faces.astype(np.int64), len(mesh.vertices)
-    ends = np.stack([faces, faces[:, (1, 2, 0)]], axis=2).reshape(-1, 2)  # (3F, 2), edges 01 12 20 of every face
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    _, first, number = np.unique(low * count + high, return_index=True, return_inverse=True)
-    low, high = low[first], high[first]
-    middle = (number.ravel() + count).reshape(-1, 3)  # (F, 3)
-    vertices = np.concatenate([mesh.vertices, (mesh.vertices[low] + mesh.vertices[high]) * np.float32(0.5)])
-    normals = mesh.normals
-    if normals is not None:
-        between = normals[low] + normals[high]
-        length = np.sqrt((between**2).sum(axis=1, keepdims=True))
-        normals = np.concatenate([normals, between / np.maximum(length, np.float32(1e-12))])
-    a, b, c = faces.T
-    ab, bc, ca = middle.T
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    cut = np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3)
-    return TriangleMesh(vertices.astype(np.float32), cut.astype(np.int32), normals)
 
 
 def heat_of(measured: Sequence[Measured], limit_mm: float | None = None) -> Heat:

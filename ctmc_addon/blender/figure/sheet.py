@@ -20,14 +20,13 @@ from ...core import (
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
-    Step,
     Steps,
     TriangleMesh,
     Volume,
     reconstruct_steps,
     within,
 )
-from ..surface.deviation import Reference
+from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ..surface.objects import add_reconstruction
 from .annotations import NO_BREAK
 from .compose import Cell, Look, Shown
@@ -174,10 +173,12 @@ def sheet_steps(
     for at, (title, changed) in enumerate(variants):
         low, width = 0.1 + 0.5 * at / len(variants), 0.5 / len(variants)
         result, seconds = yield from within(timed_steps(volume, changed, threads), low, low + width / 3)
-        apart = yield from within(reference.deviation_steps(result.mesh), low + width / 3, low + 2 * width / 3)
-        compared.append(Compared(string.ascii_lowercase[at], title, result, seconds, apart.mean, apart.maximum))
+        apart = yield from within(
+            surface_distance_steps(result.mesh, reference, threads), low + width / 3, low + 2 * width / 3
+        )
+        compared.append(Compared(string.ascii_lowercase[at], title, result, seconds, apart.mean, apart.largest))
         if deviation:
-            measuring = measured_steps(result.mesh, reference)
+            measuring = measured_steps(result.mesh, reference, threads)
             maps.append((yield from within(measuring, low + 2 * width / 3, low + width)))
     heat = heat_of(maps, limit_mm) if deviation else None
     look = replace(look, columns=look.columns or comparison.columns, heat=heat)
@@ -212,11 +213,11 @@ def deviation_figure_steps(
     """A figure of one surface coloured by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
     reference = yield from within(reference_steps(volume, result.settings, False, threads), 0.0, 0.2)
-    apart = yield from within(reference.deviation_steps(result.mesh), 0.2, 0.3)
-    measured = yield from within(measured_steps(result.mesh, reference), 0.3, 0.5)
+    apart = yield from within(surface_distance_steps(result.mesh, reference, threads), 0.2, 0.3)
+    measured = yield from within(measured_steps(result.mesh, reference, threads), 0.3, 0.5)
     caption = look.caption or (
         f"Distance to the surface of full resolution: mean {apart.mean:.3g}{NO_BREAK}mm, "
-        f"at most {apart.maximum:.3g}{NO_BREAK}mm; "
+        f"at most {apart.largest:.3g}{NO_BREAK}mm; "
         f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
     )
     look = replace(look, heat=heat_of([measured], limit_mm), caption=caption)
@@ -235,7 +236,7 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
 
 def reference_steps(
     volume: Volume, settings: ReconstructionSettings, straight: bool, threads: int | None
-) -> Steps[Reference]:
+) -> Steps[ReferenceSurface]:
     """The surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(
         settings,
@@ -245,9 +246,8 @@ def reference_steps(
         target_faces=None,
         max_error_mm=None,
     )
-    result = yield from within(reconstruct_steps(volume, full, threads), 0.0, 0.8)
-    yield Step(0.9, "Preparing to measure")
-    return Reference(result.mesh)
+    result = yield from reconstruct_steps(volume, full, threads)
+    return ReferenceSurface(result.mesh)
 
 
 def shown_steps(

@@ -1,7 +1,6 @@
 """A surface as an object of the Blender file, and read back from it."""
 
 from .alpha_key import set_alpha
-from .closeness import Closeness, Trees, closeness_steps, middle_of
 from .mesh_data import edges_steps
 from .objects import (
     add_reconstruction,
@@ -22,16 +21,12 @@ require_changeable = require_editable
 __all__ = [
     "MEMORY",
     "SCALE",
-    "Closeness",
     "Provenance",
-    "Trees",
     "add_reconstruction",
     "apply_shape_and_modifiers",
     "as_shown",
-    "closeness_steps",
     "edges_steps",
     "evaluated_triangles",
-    "middle_of",
     "own_mesh",
     "placement_of",
     "read_back",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Steps, finish, said
-from ...core.mesh import finding_edges
+from ...core.mesh import edges_steps as topology_edges_steps
 
 Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
 
@@ -36,7 +36,7 @@ def new_mesh(
     faces : (F, 3) int32
         Counter-clockwise seen from outside.
     edges : (2, E) and (3, F) int32
-        As `core.mesh.finding_edges` finds them; None finds them now.
+        As `core.mesh.edges_steps` gives them; None finds them now.
     """
     ends, edge_of_corner = finish(edges_steps(faces, len(positions))) if edges is None else edges
     mesh = bpy.data.meshes.new(name)
@@ -58,7 +58,7 @@ def new_mesh(
 def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
     """The edges of (F, 3) faces for `new_mesh`."""
     columns = np.ascontiguousarray(faces.T)
-    return (yield from said(finding_edges(columns, vertex_count), 0.0, "Adding the surface"))
+    return (yield from said(topology_edges_steps(columns, vertex_count), 0.0, "Adding the surface"))
 
 
 def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:

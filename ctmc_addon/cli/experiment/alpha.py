@@ -21,7 +21,7 @@ from ...core import (
     simplify_steps,
     within,
 )
-from ...core.mesh import roughness, triangle_shapes
+from ...core.mesh import ReferenceSurface, roughness, surface_distance_steps, triangle_shapes
 from ..blender_host import blender_at_work, load_scene
 from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
 from .plot import Panel, write_plot
@@ -100,7 +100,7 @@ def alpha_steps(result: Reconstruction, every: Sequence[ReconstructionSettings])
     """Measure the surface of `result` at the alpha of each of the settings, simplified as they say."""
     surface = result.surface
     assert surface is not None  # nothing has been simplified yet
-    reference = load_scene().Reference(surface.at(1.0))
+    reference = ReferenceSurface(surface.at(1.0))
     measured = []
     for at, settings in enumerate(every):
         low, high = at / len(every), (at + 1) / len(every)
@@ -109,8 +109,8 @@ def alpha_steps(result: Reconstruction, every: Sequence[ReconstructionSettings])
         if settings.simplifies:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
             mesh = yield from within(simplify_steps(mesh, *goals), low, (low + high) / 2)
-        apart = yield from within(reference.deviation_steps(mesh), (low + high) / 2, high)
-        measured.append(Measured(settings.alpha, mesh, apart.mean, apart.maximum))
+        apart = yield from within(surface_distance_steps(mesh, reference), (low + high) / 2, high)
+        measured.append(Measured(settings.alpha, mesh, apart.mean, apart.largest))
     return measured
 
 
@@ -147,7 +147,7 @@ def rows_of(measured: Sequence[Measured]) -> list[Row]:
                 "shape_mean": float(shapes.mean()),
                 "shape_worst": float(np.percentile(shapes, 1)),
                 "faces": len(one.mesh.faces),
-                "volume_mm3": one.mesh.enclosed,
+                "volume_mm3": one.mesh.enclosed_volume,
                 "area_mm2": one.mesh.area,
                 "mean_mm": one.mean_mm,
                 "max_mm": one.max_mm,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import SettingsError, Step, Steps, TriangleMesh, reconstruct_steps, simplify, within
+from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ..blender_host import blender_at_work, load_scene
 from .common import add_common, facts_of, levels_of, measuring_fact, prepared, require_builtin
 from .plot import Panel, write_plot
@@ -98,10 +99,10 @@ def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: 
             yield Step(done + share, f"Decimating by {ours.percent:g} %, run {turn + 1} of {repeats}")
             run_decimate(mesh, theirs, len(ours.mesh.faces))
             done += 2 * share
-    reference = load_scene().Reference(mesh)
+    reference = ReferenceSurface(mesh)
     for one in measured:
-        apart = yield from within(reference.deviation_steps(one.mesh), done, done + share)
-        one.mean_mm, one.max_mm = apart.mean, apart.maximum
+        apart = yield from within(surface_distance_steps(one.mesh, reference), done, done + share)
+        one.mean_mm, one.max_mm = apart.mean, apart.largest
         done += share
     return measured
 
@@ -133,7 +134,7 @@ def rows_of(measured: Sequence[Measured]) -> list[Row]:
             "mean_mm": one.mean_mm,
             "max_mm": one.max_mm,
             "closed": one.mesh.closed,
-            "volume_mm3": one.mesh.enclosed,
+            "volume_mm3": one.mesh.enclosed_volume,
             "runs": one.runs,
         }
         for one in measured

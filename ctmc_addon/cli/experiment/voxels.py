@@ -21,8 +21,8 @@ from ...core import (
     reconstruct_steps,
     within,
 )
+from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ...reporting.captions import side_of
-from ..blender_host import load_scene
 from ..terminal import by
 from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
 from .plot import Panel, write_plot
@@ -134,10 +134,10 @@ def voxels_steps(
             one.preparing.append(preparing)
             one.runs.append(seconds)
             done += share
-    reference = load_scene().Reference(measured[0].result.mesh)
+    reference = ReferenceSurface(measured[0].result.mesh)
     for one in measured[1:]:
-        apart = yield from within(reference.deviation_steps(one.result.mesh), done, done + share)
-        one.mean_mm, one.max_mm = apart.mean, apart.maximum
+        apart = yield from within(surface_distance_steps(one.result.mesh, reference), done, done + share)
+        one.mean_mm, one.max_mm = apart.mean, apart.largest
         done += share
     return measured
 
@@ -156,12 +156,12 @@ def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | N
 def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
     """What table.json says of every voxel side."""
     first = statistics.median(measured[0].runs)
-    true = measured[0].result.mesh.enclosed
+    true = measured[0].result.mesh.enclosed_volume
     rows = []
     for one in measured:
         x, y, z = one.sides
         seconds = statistics.median(one.runs)
-        volume_mm3 = one.result.mesh.enclosed
+        volume_mm3 = one.result.mesh.enclosed_volume
         rows.append(
             {
                 "stride": x if x == y else f"{x}x{y}",

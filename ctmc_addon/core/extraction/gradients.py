@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from ..mesh.triangle_mesh import vertex_normals
+from ..mesh.face_normals import vertex_normals
 
 
 class Sampler:

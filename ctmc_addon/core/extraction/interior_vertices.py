@@ -10,11 +10,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.triangle_mesh import Target, blend
+from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .gradients import Sampler
 from .grid import Grid
 from .trilinear_decider import NEEDS, crossings, own_points, resolve, tables
+
+Target = tuple[float | None, NDArray[np.float32]]
+"""An alpha, or None for the linear end itself, and the (V, 3) positions at it that are to be filled in."""
 
 HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3) whether a corner is the high one along x, y, z."""

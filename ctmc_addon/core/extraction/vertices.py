@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VolumeError
-from ..mesh.triangle_mesh import Target, blend
+from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .case_table import NEAREST
 from .gradients import Sampler, edge_normals
 from .grid import Grid
-from .interior_vertices import fill_inner
+from .interior_vertices import Target, fill_inner
 
 
 def fill_vertices(

@@ -1,18 +1,37 @@
 """The triangles of a surface, and what can be measured on them."""
 
+from .components import keep_components_steps
+from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
-from .quality import SAMPLES, SEED, roughness, surface_samples, triangle_shapes
-from .triangle_mesh import blend, finding_edges, vertex_normals
+from .quality import SAMPLES, SEED, roughness, triangle_shapes
+from .subdivision import longest_edges, subdivided
+from .surface_distance import (
+    ReferenceSurface,
+    SurfaceDistance,
+    surface_distance,
+    surface_distance_steps,
+    vertex_distances_steps,
+)
+from .topology import edges_steps
+from .triangle_mesh import blend
 
 __all__ = [
     "SAMPLES",
     "SEED",
     "Measures",
+    "ReferenceSurface",
+    "SurfaceDistance",
     "blend",
-    "finding_edges",
+    "edges_steps",
+    "keep_components_steps",
+    "longest_edges",
     "measures_steps",
     "roughness",
-    "surface_samples",
+    "subdivided",
+    "surface_distance",
+    "surface_distance_steps",
     "triangle_shapes",
+    "vertex_distances_steps",
     "vertex_normals",
+    "vertex_normals_steps",
 ]

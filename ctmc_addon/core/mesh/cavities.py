@@ -1,7 +1,7 @@
-"""Which part of a surface each cavity belongs to: the smallest part around it.
+"""Which component of a surface each cavity belongs to: the smallest one around it.
 
-From a point of every cavity a ray goes along +x. A part is around the point if the ray leaves it once
-more than it enters it, which for closed parts holds along every ray (Jordan). Only triangles beside a
+From a point of every cavity a ray goes along +x. A component is around the point if the ray leaves it once
+more than it enters it, which for closed ones holds along every ray (Jordan). Only triangles beside a
 ray are looked at: they are put into bins across x as wide as the widest triangle.
 """
 
@@ -12,26 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Pauses
+from ..progress import PAUSE, Steps
+from .topology import FACES_PER_STEP
 from .triangle_mesh import TriangleMesh
 
 # A point within a triangle that lies over no other triangle's edge, however regular the grid.
 WEIGHTS = (0.4142135, 0.3178372, 0.2679493)
-FACES_AT_ONCE = 1 << 18  # binned between two pauses
-PAIRS_AT_ONCE = 1 << 19  # of a ray and a triangle, looked at between two pauses
+PAIRS_PER_STEP = 1 << 19  # of a ray and a triangle
 
 
-def finding_owners(
-    mesh: TriangleMesh, part: NDArray[np.int32], volumes: NDArray[np.float64]
-) -> Pauses[NDArray[np.intp]]:
-    """Number of the part that every part belongs to, (parts,): its own, for a cavity that of the part around it.
+def owners_steps(
+    mesh: TriangleMesh, component: NDArray[np.int32], volumes: NDArray[np.float64]
+) -> Steps[NDArray[np.intp]]:
+    """Which component every component belongs to, (components,): itself, or for a cavity the one around it.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    part : (F,) int32
-        `mesh.part_of_face`.
-    volumes : (parts,) float64
+    component : (F,) int32
+        `mesh.component_of_face`.
+    volumes : (components,) float64
         Signed, below zero for cavities. A cavity with nothing around it, as where the surface is open,
         stays its own.
     """
@@ -39,57 +39,57 @@ def finding_owners(
     cavities = np.flatnonzero(volumes < 0)
     if len(cavities) in (0, len(volumes)):
         return owner
-    first = np.flatnonzero(np.diff(np.maximum.accumulate(part), prepend=-1))  # face of every part
-    yield
+    first = np.flatnonzero(np.diff(np.maximum.accumulate(component), prepend=-1))  # face of every component
+    yield PAUSE
     a, b, c = mesh.vertices[mesh.faces[first[cavities]]].astype(np.float64).transpose(1, 0, 2)  # (cavities, 3) each
     points = a * WEIGHTS[0] + b * WEIGHTS[1] + c * WEIGHTS[2]
-    ray, face, leaves = yield from _crossing(mesh, points)
-    around, inverse = np.unique(ray * len(volumes) + part[face], return_inverse=True)  # a ray and a part each
+    ray, face, leaves = yield from _crossings_steps(mesh, points)
+    around, inverse = np.unique(ray * len(volumes) + component[face], return_inverse=True)  # a ray and a component each
     times = np.bincount(inverse.ravel(), leaves, len(around))
-    ray, by = np.divmod(around[times > 0], len(volumes))
-    other = (volumes[by] > 0) & (by != cavities[ray])
-    ray, by = ray[other], by[other]
-    widest_first = np.argsort(-volumes[by], kind="stable")  # the smallest is written last
-    owner[cavities[ray[widest_first]]] = by[widest_first]
+    ray, outer = np.divmod(around[times > 0], len(volumes))
+    candidate = (volumes[outer] > 0) & (outer != cavities[ray])
+    ray, outer = ray[candidate], outer[candidate]
+    largest_first = np.argsort(-volumes[outer], kind="stable")  # the smallest is written last
+    owner[cavities[ray[largest_first]]] = outer[largest_first]
     return owner
 
 
-def _crossing(
+def _crossings_steps(
     mesh: TriangleMesh, points: NDArray[np.float64]
-) -> Pauses[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int8]]]:
+) -> Steps[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int8]]]:
     """Which ray from `points` along +x meets which face, and whether it leaves (1) or enters (-1) there."""
-    faces, starts, stops = yield from _beside(mesh, points)
+    faces, starts, stops = yield from _faces_near_rays_steps(mesh, points)
     counts = stops - starts  # (rays, 2)
     done = np.cumsum(counts.sum(axis=1))
-    found = []
+    hits = []
     at = 0
     while at < len(points):
-        end = max(at + 1, int(np.searchsorted(done, (done[at - 1] if at else 0) + PAIRS_AT_ONCE)))
-        many = counts[at:end].ravel()
-        ray = np.repeat(np.arange(at, end).repeat(2), many)
-        pair = np.arange(many.sum()) + np.repeat(starts[at:end].ravel() + many - np.cumsum(many), many)
-        leaves = _leaving(mesh, faces[pair], points[ray])
+        end = max(at + 1, int(np.searchsorted(done, (done[at - 1] if at else 0) + PAIRS_PER_STEP)))
+        pairs = counts[at:end].ravel()
+        ray = np.repeat(np.arange(at, end).repeat(2), pairs)
+        pair = np.arange(pairs.sum()) + np.repeat(starts[at:end].ravel() + pairs - np.cumsum(pairs), pairs)
+        leaves = _directions(mesh, faces[pair], points[ray])
         hit = leaves != 0
-        found.append((ray[hit], faces[pair[hit]], leaves[hit]))
+        hits.append((ray[hit], faces[pair[hit]], leaves[hit]))
         at = end
-        yield
-    ray, face, leaves = (np.concatenate(columns) for columns in zip(*found, strict=True))
+        yield PAUSE
+    ray, face, leaves = (np.concatenate(columns) for columns in zip(*hits, strict=True))
     return ray, face, leaves
 
 
-def _beside(
+def _faces_near_rays_steps(
     mesh: TriangleMesh, points: NDArray[np.float64]
-) -> Pauses[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
+) -> Steps[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
     """Faces near the rays, sorted by bins, and for every ray the two ranges of them that it may meet, (rays, 2)."""
     y, z = mesh.vertices[:, 1], mesh.vertices[:, 2]
-    chunks = range(0, len(mesh.faces), FACES_AT_ONCE)
+    chunks = range(0, len(mesh.faces), FACES_PER_STEP)
     widths, lows = [], []  # of the faces, a chunk each, (2, f)
     for start in chunks:
-        corners = mesh.faces[start : start + FACES_AT_ONCE].T
-        one, two, three = (np.stack([y[corner], z[corner]]) for corner in corners)
-        lows.append(np.minimum(np.minimum(one, two), three))
-        widths.append((np.maximum(np.maximum(one, two), three) - lows[-1]).max(axis=1))
-        yield
+        corners = mesh.faces[start : start + FACES_PER_STEP].T
+        a, b, c = (np.stack([y[corner], z[corner]]) for corner in corners)
+        lows.append(np.minimum(np.minimum(a, b), c))
+        widths.append((np.maximum(np.maximum(a, b), c) - lows[-1]).max(axis=1))
+        yield PAUSE
     width = np.max(widths, axis=0).astype(np.float64)[:, None]  # (2, 1)
     width[width == 0] = 1.0
     lowest = np.min([low.min(axis=1) for low in lows], axis=0).astype(np.float64)[:, None]
@@ -103,23 +103,23 @@ def _beside(
     # A triangle over the point begins in the point's bin or in the one before, in y and in z.
     own = bin_of(points[:, 1:].T)
     last = np.stack([own - rows, own], axis=1)  # (rays, 2)
-    wanted = np.zeros(int((mesh.vertices[:, 1].max() - lowest[0, 0]) / width[0, 0] + 4) * rows, bool)
-    wanted[last] = wanted[last - 1] = True
+    occupied = np.zeros(int((mesh.vertices[:, 1].max() - lowest[0, 0]) / width[0, 0] + 4) * rows, bool)
+    occupied[last] = occupied[last - 1] = True
     bins, faces = [], []
     for start, low in zip(chunks, lows, strict=True):
         place = bin_of(low)
-        near = np.flatnonzero(wanted[place])
+        near = np.flatnonzero(occupied[place])
         bins.append(place[near])
         faces.append(near + start)
-        yield
-    sorted_bins, some = np.concatenate(bins), np.concatenate(faces)
+        yield PAUSE
+    sorted_bins, near_faces = np.concatenate(bins), np.concatenate(faces)
     order = np.argsort(sorted_bins, kind="stable")
     sorted_bins = sorted_bins[order]
-    yield
-    return some[order], np.searchsorted(sorted_bins, last - 1), np.searchsorted(sorted_bins, last, side="right")
+    yield PAUSE
+    return near_faces[order], np.searchsorted(sorted_bins, last - 1), np.searchsorted(sorted_bins, last, side="right")
 
 
-def _leaving(mesh: TriangleMesh, faces: NDArray[np.intp], points: NDArray[np.float64]) -> NDArray[np.int8]:
+def _directions(mesh: TriangleMesh, faces: NDArray[np.intp], points: NDArray[np.float64]) -> NDArray[np.int8]:
     """1 where the ray from the point along +x leaves through the face, -1 where it enters, 0 where it misses, (n,)."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = mesh.vertices[mesh.faces[faces]].astype(np.float64).transpose(1, 2, 0)
     px, py, pz = points.T

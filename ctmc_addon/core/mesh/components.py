@@ -1,4 +1,4 @@
-"""Choose connected parts of a surface by the volume they enclose."""
+"""Keep the components of a surface that enclose enough, or the largest of them."""
 
 from __future__ import annotations
 
@@ -6,47 +6,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
-from ..progress import Pauses, finish
-from .cavities import finding_owners
-from .triangle_mesh import Surface, TriangleMesh, numbering_parts
+from ..progress import PAUSE, Steps, finish
+from .cavities import owners_steps
+from .topology import component_numbers_steps
+from .triangle_mesh import Surface, TriangleMesh
 
 
-def part_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """Signed volume of every connected part, (parts,), in the order of `mesh.part_of_face`.
+def component_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Signed volume of every component, (components,), in the order of `mesh.component_of_face`.
 
-    Negative for a cavity, whose faces point into the hole. Each part is measured about its own middle:
+    Negative for a cavity, whose faces point into the hole. Each component is measured about its own middle:
     for one that is open at the border that is the volume of the cone over its rim, near the truth.
 
     Examples
     --------
     >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 6]], np.float32)
     >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
-    >>> part_volumes(TriangleMesh(corners, faces))
+    >>> component_volumes(TriangleMesh(corners, faces))
     array([1.])
     """
-    return finish(_measuring(mesh, mesh.part_of_face))
+    return finish(_volumes_steps(mesh, mesh.component_of_face))
 
 
-def _measuring(mesh: TriangleMesh, part: NDArray[np.int32]) -> Pauses[NDArray[np.float64]]:
-    count = int(part.max()) + 1 if len(part) else 0
-    corners_of = np.bincount(part, minlength=count) * 3
+def _volumes_steps(mesh: TriangleMesh, component: NDArray[np.int32]) -> Steps[NDArray[np.float64]]:
+    count = int(component.max()) + 1 if len(component) else 0
+    corners_of = np.bincount(component, minlength=count) * 3
     columns = []
     for axis in range(3):
-        yield
+        yield PAUSE
         a, b, c = (mesh.vertices[corner, axis].astype(np.float64) for corner in mesh.faces.T)  # (F,) each
-        yield
-        middle = (np.bincount(part, a + b + c, count) / corners_of)[part]
+        yield PAUSE
+        middle = (np.bincount(component, a + b + c, count) / corners_of)[component]
         columns.append((a - middle, b - middle, c - middle))
-    yield
+    yield PAUSE
     (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
     triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
-    yield
+    yield PAUSE
     # bincount adds in the order of the faces: the same bits everywhere.
-    return np.bincount(part, triple, count) / 6.0
+    return np.bincount(component, triple, count) / 6.0
 
 
-def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
-    """The surface without the parts that are too small; the walls of a cavity belong to the part around it.
+def keep_components(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
+    """The surface without small components; the walls of a cavity belong to the component around it.
 
     Parameters
     ----------
@@ -55,41 +56,40 @@ def keep_parts(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volum
     mesh : TriangleMesh
         The same faces at the alpha and in the space in which to measure.
     largest : int
-        Keep this many with their cavities; 0 keeps all. A part counts by what its outer wall encloses,
-        equal parts in the order of their numbers.
+        Keep this many with their cavities; 0 keeps all. A component counts by what its outer wall encloses,
+        equal ones in the order of their numbers.
     min_volume : float
-        Drop parts and fill cavities below it, mm3 of a mesh in mm; applied together with `largest`.
+        Drop components and fill cavities below it, mm3 of a mesh in mm; applied together with `largest`.
 
     Returns
     -------
     Surface
-        Where nothing is found around a cavity, as may be where the surface is open, it counts as a part
-        of its own.
+        A cavity with no component around it, as may be where the surface is open, counts as a component.
 
     Raises
     ------
     MeshError
         If nothing would be left.
     """
-    return finish(keeping_parts(surface, mesh, largest, min_volume))
+    return finish(keep_components_steps(surface, mesh, largest, min_volume))
 
 
-def keeping_parts(surface: Surface, mesh: TriangleMesh, largest: int, min_volume: float) -> Pauses[Surface]:
-    """`keep_parts`, pausing now and then."""
+def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, min_volume: float) -> Steps[Surface]:
+    """`keep_components` as steps."""
     if not len(mesh.faces) or (largest == 0 and min_volume <= 0):
         return surface
-    part = yield from numbering_parts(mesh.faces, len(mesh.vertices))
-    yield
-    volumes = yield from _measuring(mesh, part)
-    owner = yield from finding_owners(mesh, part, volumes)
+    component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
+    yield PAUSE
+    volumes = yield from _volumes_steps(mesh, component)
+    owner = yield from owners_steps(mesh, component, volumes)
     sizes, bodies = np.abs(volumes), owner == np.arange(len(owner))
     keep = sizes >= min_volume
     if not keep[bodies].any():
         raise MeshError(
-            f"no part has a volume of {min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
-            f"{sizes.max():.4g} mm3; lower the smallest part"
+            f"no component has a volume of {min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
+            f"{sizes.max():.4g} mm3; lower the minimum volume"
         )
     if largest:
         keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[largest:]]] = False
     keep &= keep[owner]
-    return surface if keep.all() else surface.keeping(keep[part])
+    return surface if keep.all() else surface.with_faces(keep[component])

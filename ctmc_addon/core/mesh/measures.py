@@ -1,6 +1,6 @@
-"""What can be measured on a finished surface, in steps short enough to stop at any moment.
+"""Area, volume, closedness, Euler number and number of components of a surface.
 
-The same numbers as `TriangleMesh` gives at once; lengths in the mesh's unit.
+Lengths in the vertices' unit. `TriangleMesh.measures` gives the same at once.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Step, Steps, said, within
-from .triangle_mesh import FACES_AT_ONCE, TriangleMesh, face_vectors, finding_edges, finding_roots
+from ..progress import Stages, Step, Steps
+from .face_normals import face_vectors
+from .topology import FACES_PER_STEP, component_roots_steps, edge_counts_steps
 
-MESSAGE = "Measuring"
+STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 
 
 @dataclass(frozen=True)
@@ -23,14 +24,17 @@ class Measures:
     Parameters
     ----------
     faces : int
-    area, volume : float
-        In the square and the cube of the mesh's unit.
+    area : float
+        Sum of the triangles' areas, in the square of the mesh's unit.
+    volume : float
+        By the divergence theorem, in the cube of the mesh's unit: positive where the faces point outside.
+        Means something only where the mesh is closed.
     closed : bool
-        Whether every edge has two triangles that run through it in opposite ways.
+        Whether there are faces, and every edge has two that run through it in opposite ways.
     euler : int
-        Vertices in use - edges + faces.
-    parts : int
-        Number of connected parts.
+        Vertices in use - edges + faces; 2 for every closed component without handles.
+    components : int
+        Number of connected components.
     """
 
     faces: int
@@ -38,7 +42,12 @@ class Measures:
     volume: float
     closed: bool
     euler: int
-    parts: int
+    components: int
+
+    @property
+    def enclosed_volume(self) -> float | None:
+        """The volume that a closed surface encloses; None for an open one."""
+        return self.volume if self.closed else None
 
     @property
     def millilitres(self) -> float:
@@ -51,61 +60,47 @@ class Measures:
         return self.area / 100.0
 
 
-def measures_steps(mesh: TriangleMesh) -> Steps[Measures]:
-    """Measure a mesh.
+def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[Measures]:
+    """Measure a surface.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32
+    faces : (F, 3) int32
 
     Examples
     --------
-    >>> from ctmc_addon.core.progress import finish
+    >>> from ctmc_addon.core import finish
     >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 6]], np.float32)
     >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
-    >>> found = finish(measures_steps(TriangleMesh(corners, faces)))
-    >>> round(found.volume, 6), found.closed, found.euler, found.parts
+    >>> measures = finish(measures_steps(corners, faces))
+    >>> round(measures.volume, 6), measures.closed, measures.euler, measures.components
     (1.0, True, 2, 1)
     """
-    area, volume = yield from within(_sizes(mesh), 0.0, 0.3)
-    edges, closed = yield from within(_edges(mesh.faces, len(mesh.vertices)), 0.3, 0.7)
-    used, parts = yield from within(_parts(mesh.faces, len(mesh.vertices)), 0.7, 1.0)
-    return Measures(len(mesh.faces), area, volume, closed, used - edges + len(mesh.faces), parts)
-
-
-def _blocks(count: int, size: int = FACES_AT_ONCE) -> list[slice]:
-    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
-
-
-def _sizes(mesh: TriangleMesh) -> Steps[tuple[float, float]]:
-    """Area and enclosed volume."""
-    area, volume = 0.0, 0.0
-    if not len(mesh.faces):
-        return 0.0, 0.0
-    # About the mesh's own middle: far from the origin the terms would cancel badly.
-    middle = (mesh.vertices.min(axis=0).astype(np.float64) + mesh.vertices.max(axis=0)) / 2
-    for part in _blocks(len(mesh.faces)):
-        faces = mesh.faces[part]
-        vectors = face_vectors(mesh.vertices, faces)  # (f, 3)
-        first = mesh.vertices[faces[:, 0]] - middle
-        area += float(0.5 * np.sqrt((vectors**2).sum(axis=1)).sum())
-        volume += float((first * vectors).sum() / 6.0)
-        yield Step(part.stop / len(mesh.faces), MESSAGE)
-    return area, volume
-
-
-def _edges(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, bool]]:
-    """Number of edges, and whether the mesh is closed: every edge is run through twice, once in either way."""
-    columns = np.ascontiguousarray(faces.T)
-    edges, face_edges = yield from said(finding_edges(columns, vertices), 0.0, MESSAGE)
-    uses, forward = np.zeros(edges.shape[1], np.int64), np.zeros(edges.shape[1], np.int64)
-    for corner, start, end in zip(face_edges, columns, columns[[1, 2, 0]], strict=True):
-        yield Step(0.9, MESSAGE)
-        uses += np.bincount(corner, minlength=len(uses))
-        forward += np.bincount(corner[start < end], minlength=len(uses))
-    return edges.shape[1], len(faces) > 0 and bool((uses == 2).all() and (forward == 1).all())
-
-
-def _parts(faces: NDArray[np.int32], vertices: int) -> Steps[tuple[int, int]]:
-    """Vertices in use, and the number of connected parts."""
-    used = np.zeros(vertices, bool)
+    sizes, edges, components = STAGES
+    stages = Stages(STAGES)
+    area, volume = yield from stages.run(sizes, _sizes_steps(vertices, faces))
+    counting = edge_counts_steps(faces, len(vertices))
+    _, count, upwards = yield from stages.run(edges, counting)
+    closed = len(faces) > 0 and bool((count == 2).all() and (upwards == 1).all())
+    used = np.zeros(len(vertices), bool)
     used[faces] = True
-    lowest = yield from said(finding_roots(faces, vertices), 0.0, MESSAGE)
-    roots = used & (lowest == np.arange(vertices, dtype=np.int32))
-    return int(used.sum()), int(roots.sum())
+    lowest = yield from stages.run(components, component_roots_steps(faces, len(vertices)))
+    roots = used & (lowest == np.arange(len(vertices), dtype=np.int32))
+    return Measures(len(faces), area, volume, closed, int(used.sum()) - len(count) + len(faces), int(roots.sum()))
+
+
+def _sizes_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[float, float]]:
+    """Area and volume."""
+    area, volume = 0.0, 0.0
+    if not len(faces):
+        return area, volume
+    # About the mesh's own middle: far from the origin the terms would cancel badly.
+    middle = (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0)) / 2
+    for start in range(0, len(faces), FACES_PER_STEP):
+        block = faces[start : start + FACES_PER_STEP]
+        vectors = face_vectors(vertices, block)  # (f, 3)
+        area += float(0.5 * np.sqrt((vectors**2).sum(axis=1)).sum())
+        volume += float(((vertices[block[:, 0]] - middle) * vectors).sum() / 6.0)
+        yield Step((start + len(block)) / len(faces))
+    return area, volume

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
-from .triangle_mesh import TriangleMesh, face_vectors
+from ..progress import PAUSE, Steps, finish
+from .face_normals import face_vectors, face_vectors_steps
+from .topology import edges_steps
+from .triangle_mesh import TriangleMesh
 
-SAMPLES = 20_000  # points on each of two surfaces that are compared
+SAMPLES = 20_000  # points on each of two surfaces whose distance is measured
 SEED = 0
 
 
@@ -27,11 +30,10 @@ def roughness(mesh: TriangleMesh) -> float:
     >>> round(roughness(TriangleMesh(corners, np.array([[0, 1, 2], [1, 0, 3]], np.int32))), 6)
     90.0
     """
-    one, other = neighbours(mesh)
+    faces = neighbors(mesh)
     normals = face_vectors(mesh.vertices, mesh.faces)
     flat = (normals**2).sum(axis=1) == 0
-    kept = ~(flat[one] | flat[other])
-    first, second = normals[one[kept]], normals[other[kept]]  # (n, 3)
+    first, second = normals[faces[:, ~flat[faces].any(axis=0)]]  # (n, 3) each
     if not len(first):
         return 0.0
     # The arc tangent keeps small angles, which the arc cosine would round away.
@@ -39,14 +41,14 @@ def roughness(mesh: TriangleMesh) -> float:
     return float(np.degrees(np.arctan2(sine, (first * second).sum(axis=1))).mean())
 
 
-def neighbours(mesh: TriangleMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The two faces at every edge that has two, (n,) each."""
-    start, end = mesh.faces.ravel().astype(np.int64), mesh.faces[:, (1, 2, 0)].ravel()
-    keys = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)  # (3 F,)
-    order = np.argsort(keys, kind="stable")
-    _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
-    first = first[count == 2]
-    return order[first] // 3, order[first + 1] // 3
+def neighbors(mesh: TriangleMesh) -> NDArray[np.intp]:
+    """The two faces at every edge that has two, (2, n)."""
+    _, face_edges = finish(edges_steps(np.ascontiguousarray(mesh.faces.T), len(mesh.vertices)))
+    edges = face_edges.ravel()
+    order = np.argsort(edges, kind="stable")
+    count = np.bincount(edges)
+    first = (np.cumsum(count) - count)[count == 2]
+    return order[np.stack([first, first + 1])] % len(mesh.faces)
 
 
 def triangle_shapes(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -75,10 +77,16 @@ def surface_samples(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) 
     Raises
     ------
     MeshError
-        For a surface without area.
+        If the surface has no area.
     """
-    vectors = face_vectors(mesh.vertices, mesh.faces)
+    return finish(surface_samples_steps(mesh, count, seed))
+
+
+def surface_samples_steps(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) -> Steps[NDArray[np.float64]]:
+    """`surface_samples` as steps."""
+    vectors = yield from face_vectors_steps(mesh.vertices, mesh.faces)
     below = np.cumsum(np.sqrt((vectors**2).sum(axis=1)))
+    yield PAUSE
     if not len(below) or below[-1] == 0:
         raise MeshError("a surface without area has no points to measure at; lower the threshold or reduction")
     chance = np.random.default_rng(seed).random((3, count))

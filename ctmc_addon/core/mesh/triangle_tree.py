@@ -1,28 +1,39 @@
 """Exact distance from points to the nearest triangle of a mesh.
 
-A tree of boxes over the triangles in Morton order: every box holds four boxes of the level below. All
-points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its
-box is farther than a triangle that the point is known to be near.
+The triangles stand in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box
+of the tree holds four boxes, or triangles, of the level below: box b holds 4 b to 4 b + 3. A point first tries two
+triangles beside it in that order. The distance to the nearer of them is a bound, mostly a tight one. Then blocks of
+points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its box is farther
+than the point's bound. What is left at the bottom is measured exactly.
 
-Positions in any one space; distances in its unit.
+Boxes are float32 about the mesh's middle, for speed, and a little too large, so that rounding drops no triangle.
+Distances are float64. Positions in any one space; distances in its unit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
-from ..progress import Pauses, finish
-from ..simplification.quadrics import cross, dot
+from ..parallel import map_steps, worker_count
+from ..progress import PAUSE, Steps, finish
+from .topology import FACES_PER_STEP
 from .triangle_mesh import TriangleMesh
+from .vectors import cross, dot
 
 Doubles = NDArray[np.float64]
+Places = NDArray[np.int64]
 
 BRANCH = 4  # boxes in a box
-BLOCK = 1024  # points that go down the tree together: their pairs fit the cache
+BLOCK = 2048  # points that go down the tree together: their pairs stay in the cache
+CROWD = 8  # pairs a point, from which on it pays to improve the bounds
+MARGIN = 2.0**-21  # of the mesh's extent, by which boxes are too large: some units in the last place of float32
+SLACK = 1 + 2.0**-18  # of a squared bound, for the same reason
+CODE_BITS = 21  # a coordinate has in a Morton code
 
 
 def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
@@ -43,100 +54,188 @@ def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
     Raises
     ------
     MeshError
-        For a mesh without triangles.
+        If the mesh has no triangles.
 
     Examples
     --------
     >>> flat = TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
-    >>> distances([[1.0, 1.0, 1.0]], flat).round(4)
-    array([1.1547])
+    >>> distances(np.array([[1.0, 0, 0], [1, 1, 1]]), flat).round(6)
+    array([0.      , 1.154701])
     """
     return TriangleTree(mesh).distances(points)
 
 
 class TriangleTree:
-    """The triangles of a mesh, ready for many questions about distance; without a mesh, to be prepared in steps."""
+    """The triangles of a mesh, ready for many questions about distance; without a mesh, to be prepared in steps.
+
+    Attributes
+    ----------
+    order : (F,) intp
+        The faces in Morton order.
+    corners : (3, 3, F) float64
+        Corner, axis, triangle: in that order.
+    """
 
     def __init__(self, mesh: TriangleMesh | None = None) -> None:
         if mesh is not None:
-            finish(self.prepare(mesh))
+            finish(self.prepare_steps(mesh))
 
-    def prepare(self, mesh: TriangleMesh) -> Pauses[None]:
-        """Take in a mesh; yields now and then."""
+    def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
+        """Take in a mesh."""
         if not len(mesh.faces):
             raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
-        yield
-        corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
-        yield
-        middle = corners.sum(axis=1) / 3.0
-        yield
-        code = yield from _morton(middle)
-        yield
-        self.order = np.argsort(code, kind="stable")
-        yield
-        corners = corners[self.order]
-        yield
-        self.corners = np.ascontiguousarray(corners.transpose(1, 2, 0))  # (corner, axis, F)
-        # Levels of (low, high) from single triangles up to one box, (3, boxes) each.
-        yield
-        low = self.corners.min(axis=0)
-        yield
-        high = self.corners.max(axis=0)
-        self.levels = [(low, high)]
-        while low.shape[1] > 1:
-            starts = np.arange(0, low.shape[1], BRANCH)
-            low = np.minimum.reduceat(low, starts, axis=1)
-            high = np.maximum.reduceat(high, starts, axis=1)
-            self.levels.append((low, high))
+        low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
+        extent = float((high - low).max())
+        self._low, self._cells_per_unit = low, (2**CODE_BITS - 1) / (extent or 1.0)
+        self._middle = ((low + high) / 2)[:, None]
+        codes = np.empty(len(mesh.faces), np.uint64)
+        for start in range(0, len(codes), FACES_PER_STEP):
+            block = slice(start, start + FACES_PER_STEP)
+            codes[block] = self._codes(mesh.vertices[mesh.faces[block]].sum(axis=1, dtype=np.float64) / 3.0)
+            yield PAUSE
+        self.order = yield from _order_steps(codes)
+        self._sorted_codes = codes[self.order]
+        yield PAUSE
+        self.corners = np.empty((3, 3, len(codes)))
+        low_box, high_box = np.empty((2, 3, len(codes)), np.float32)
+        for start in range(0, len(codes), FACES_PER_STEP):
+            block = slice(start, start + FACES_PER_STEP)
+            corners = mesh.vertices[mesh.faces[self.order[block]]].transpose(1, 2, 0).astype(np.float64)
+            self.corners[:, :, block] = corners
+            corners -= self._middle
+            low_box[:, block] = corners.min(axis=0) - extent * MARGIN
+            high_box[:, block] = corners.max(axis=0) + extent * MARGIN
+            yield PAUSE
+        # From the triangles upwards, the lows and the negative highs of every four boxes: (2, 3, 4, boxes / 4).
+        self._levels: list[NDArray[np.float32]] = []
+        count = len(codes)
+        while count > 1 or not self._levels:
+            parents = -(-count // BRANCH)
+            boxes = np.full((2, 3, parents * BRANCH), np.inf, np.float32)  # no point is near what fills the last parent
+            boxes[0, :, :count], boxes[1, :, :count] = low_box, -high_box
+            boxes = np.ascontiguousarray(boxes.reshape(2, 3, parents, BRANCH).transpose(0, 1, 3, 2))
+            self._levels.append(boxes)
+            low_box, high_box, count = boxes[0].min(axis=1), -boxes[1].min(axis=1), parents
+            yield PAUSE
 
     def distances(self, points: NDArray[Any], limit: float = np.inf) -> Doubles:
         """Distance from every point (n, 3) to the surface, (n,); inf where it is above the limit, which saves time."""
-        places = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3).T)  # (3, n)
-        out = np.empty(places.shape[1])
-        # Neighbours in space go down the same branches.
-        order = np.argsort(finish(_morton(places.T)), kind="stable")
-        for start in range(0, len(order), BLOCK):
-            block = order[start : start + BLOCK]
-            out[block] = np.sqrt(self.nearest(places[:, block], np.full(len(block), limit * limit))[0])
+        return finish(self.distances_steps(points, limit, threads=1))
+
+    def distances_steps(
+        self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
+    ) -> Steps[Doubles]:
+        """`distances` as steps, by so many threads, by default one for each processor."""
+        out = np.empty(len(points))
+
+        def measure(points: Doubles, block: NDArray[np.intp]) -> None:
+            out[block] = np.sqrt(self.nearest(points, np.full(len(block), limit * limit))[0])
+
+        yield from self._by_blocks_steps(points, measure, threads)
         return out
 
-    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, NDArray[np.int64]]:
+    def largest_steps(self, points: NDArray[Any], least: float = 0.0, threads: int | None = None) -> Steps[float]:
+        """The largest distance of the points (n, 3) to the surface, or `least` where none is larger.
+
+        Points that are within `least` of a triangle beside them need not be measured, which saves most of the time.
+        """
+        largest = [least]
+
+        def measure(points: Doubles, _: NDArray[np.intp]) -> None:
+            bounds = self._bounds(points)
+            points = points[:, bounds > max(largest) ** 2]
+            if points.size:
+                squared, _ = self.nearest(points, np.full(points.shape[1], np.inf))
+                largest.append(float(np.sqrt(squared.max())))
+
+        yield from self._by_blocks_steps(points, measure, threads)
+        return max(largest)
+
+    def _by_blocks_steps(
+        self, points: NDArray[Any], measure: Callable[[Doubles, NDArray[np.intp]], None], threads: int | None
+    ) -> Steps[None]:
+        """Call `measure` for blocks of near points (3, n) and their numbers (n,)."""
+        points = np.asarray(points, np.float64).reshape(-1, 3)
+        order = yield from _order_steps(self._codes(points))
+        blocks = range(0, len(order), BLOCK)
+
+        def measure_block(start: int) -> None:
+            block = order[start : start + BLOCK]
+            measure(np.ascontiguousarray(points[block].T), block)
+
+        yield from map_steps(measure_block, blocks, worker_count(threads), "", batches=max(1, len(blocks)))
+
+    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, Places]:
         """Squared distance from every point (3, n) to the nearest triangle, and which of `corners` that is.
 
-        inf and 0 where it is above the point's own limit, which is squared too. Not for very many points at once.
+        inf and 0 where it is above the point's own limit, which is squared too. Of equally near triangles the first.
+        Not for very many points at once.
         """
-        best = limits.copy()  # no farther than this is the surface, squared
-        point = np.arange(points.shape[1])
-        box = np.zeros(len(point), np.int64)
-        for low, high in self.levels[-2::-1]:
-            if not len(point):
-                break
-            point = np.repeat(point, BRANCH)
-            box = (box[:, None] * BRANCH + np.arange(BRANCH)).ravel()
-            if low.shape[1] % BRANCH:
-                there = box < low.shape[1]
-                point, box = point[there], box[there]
-            place = np.take(points, point, axis=1)
-            below, above = np.take(low, box, axis=1) - place, place - np.take(high, box, axis=1)
-            outside = np.maximum(np.maximum(below, above), 0.0)
-            # Every side of a box touches a triangle in it: there is one within the farthest corner.
-            inside = np.minimum(below, above)
-            starts = _starts(point)
-            some = point[starts]
-            best[some] = np.minimum(best[some], np.minimum.reduceat(dot(inside, inside), starts))
-            near = dot(outside, outside) <= best[point]
-            point, box = point[near], box[near]
+        bounds = np.minimum(self._bounds(points), limits)
+        centered = (points - self._middle).astype(np.float32)
+        point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
+        for height in reversed(range(len(self._levels))):
+            low, high = self._levels[height]
+            place = np.take(centered, point, axis=1)
+            outside = np.zeros((BRANCH, len(point)), np.float32)  # squared, a row for each box in the pairs' boxes
+            for axis in range(3):
+                below, above = np.take(low[axis], box, axis=1), np.take(high[axis], box, axis=1)
+                below -= place[axis]
+                above += place[axis]
+                np.maximum(below, above, out=below)
+                np.maximum(below, 0, out=below)
+                below *= below
+                outside += below
+            near = outside <= (bounds * SLACK).astype(np.float32).take(point)
+            pair, child = np.divmod(np.flatnonzero(near.T), BRANCH)
+            box, point = box.take(pair) * BRANCH + child, point.take(pair)
+            if len(point) > CROWD * points.shape[1]:
+                # The middle triangle of the box that is nearest to a point bounds its distance anew.
+                outside = outside[child, pair]
+                best = _least_of_each(point, outside)
+                triangle = np.minimum(box[best] * BRANCH**height + BRANCH**height // 2, len(self.order) - 1)
+                better = self._squared(points, point[best], triangle)
+                bounds[point[best]] = np.minimum(bounds[point[best]], better)
+                near = outside <= (bounds * SLACK).astype(np.float32).take(point)
+                point, box = point[near], box[near]
         squared, triangle = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
         if len(point):
-            a, b, c = (np.take(corner, box, axis=1) for corner in self.corners)
-            found = squared_distances(np.take(points, point, axis=1), a, b, c)
-            starts = _starts(point)
-            squared[point[starts]] = np.minimum.reduceat(found, starts)
-            hits = np.flatnonzero(found == squared[point])
-            hits = hits[_starts(point[hits])]  # the first of equals
-            triangle[point[hits]] = box[hits]
-        squared[squared > limits] = np.inf
+            found = self._squared(points, point, box)
+            best = _least_of_each(point, found)
+            squared[point[best]], triangle[point[best]] = found[best], box[best]
+        beyond = squared > limits
+        squared[beyond], triangle[beyond] = np.inf, 0
         return squared, triangle
+
+    def _squared(self, points: NDArray[Any], point: Places, triangle: Places) -> Doubles:
+        """Squared distances of pairs of a point and a triangle."""
+        return squared_distances(
+            np.take(points, point, axis=1), *(np.take(corner, triangle, axis=1) for corner in self.corners)
+        )
+
+    def _bounds(self, points: NDArray[Any]) -> Doubles:
+        """Squared distance from every point (3, n) to the nearer of two triangles beside it in Morton order."""
+        after = np.minimum(np.searchsorted(self._sorted_codes, self._codes(points.T)), len(self.order) - 1)
+        every = np.arange(points.shape[1])
+        return np.minimum(self._squared(points, every, after), self._squared(points, every, np.maximum(after - 1, 0)))
+
+    def _codes(self, points: NDArray[Any]) -> NDArray[np.uint64]:
+        """Place of every point (n, 3) on a curve through the mesh's box that keeps neighbors together."""
+        cells = (np.clip((points - self._low) * self._cells_per_unit, 0, 2**CODE_BITS - 1)).astype(np.uint64)
+        codes = np.zeros(len(points), np.uint64)
+        for axis in range(3):
+            bits = cells[:, axis]
+            # Two free bits between every two of the 21.
+            for shift, mask in (
+                (32, 0x1F00000000FFFF),
+                (16, 0x1F0000FF0000FF),
+                (8, 0x100F00F00F00F00F),
+                (4, 0x10C30C30C30C30C3),
+                (2, 0x1249249249249249),
+            ):
+                bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
+            codes |= bits << np.uint64(axis)
+        return codes
 
 
 def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:
@@ -166,29 +265,24 @@ def _to_segment(from_start: NDArray[Any], along: NDArray[Any]) -> NDArray[Any]:
     return dot(apart, apart)
 
 
-def _starts(sorted_numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _least_of_each(sorted_numbers: Places, values: NDArray[Any]) -> NDArray[np.intp]:
+    """Where each number has its least value, the first of equals, in numbers that never fall."""
+    starts = _starts(sorted_numbers)
+    least = np.minimum.reduceat(values, starts)
+    places = np.flatnonzero(values == np.repeat(least, np.diff(starts, append=len(values))))
+    return places[_starts(sorted_numbers[places])]
+
+
+def _starts(sorted_numbers: Places) -> NDArray[np.intp]:
     """Where a new number begins, in numbers that never fall."""
     return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
 
 
-def _morton(points: NDArray[Any]) -> Pauses[NDArray[np.uint64]]:
-    """Place of every point (n, 3) on a curve through space that keeps neighbours together (Morton 1966)."""
-    low = points.min(axis=0) if len(points) else np.zeros(3)
-    extent = float((points - low).max()) if len(points) else 0.0
-    yield
-    cells = ((points - low) * (0x1FFFFF / (extent or 1.0))).astype(np.uint64)
-    code = np.zeros(len(points), np.uint64)
-    for axis in range(3):
-        yield
-        bits = cells[:, axis]
-        # Two free bits between every two of the 21.
-        for shift, mask in (
-            (32, 0x1F00000000FFFF),
-            (16, 0x1F0000FF0000FF),
-            (8, 0x100F00F00F00F00F),
-            (4, 0x10C30C30C30C30C3),
-            (2, 0x1249249249249249),
-        ):
-            bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
-        code |= bits << np.uint64(axis)
-    return code
+def _order_steps(codes: NDArray[np.uint64]) -> Steps[NDArray[np.intp]]:
+    """`np.argsort(codes, kind="stable")` in short steps: by 16 bits at a time, which NumPy sorts by counting."""
+    order = np.arange(len(codes))
+    for shift in (0, 16, 32, 48):
+        digits = (codes >> np.uint64(shift)).astype(np.uint16)
+        order = order[np.argsort(digits[order], kind="stable")]
+        yield PAUSE
+    return order

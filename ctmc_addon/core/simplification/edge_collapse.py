@@ -18,10 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.triangle_mesh import TriangleMesh, finding_edges
+from ..mesh.topology import edges_steps
+from ..mesh.triangle_mesh import TriangleMesh
+from ..mesh.vectors import cross, dot
 from ..progress import Pauses
 from .error_bound import ErrorBound
-from .quadrics import EdgeQuadric, best_step, cross, dot, edge_quadric, error, quadrics_rows
+from .quadrics import EdgeQuadric, best_step, edge_quadric, error, quadrics_rows
 from .rollback import History, keep_bound
 
 Ints = NDArray[np.int32]
@@ -119,7 +121,7 @@ class CollapsingMesh:
     def prepare(self) -> Pauses[None]:
         """Find the edges and what they cost: before anything else."""
         vertex_count = self.positions.shape[1]
-        self.edges, self.face_edges = yield from finding_edges(self.faces, vertex_count)
+        self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
         self.fixed = yield from _fixed(self.faces, self.edges, self.face_edges, vertex_count)
         self.quadrics = yield from quadrics_rows(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)

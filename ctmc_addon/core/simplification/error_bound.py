@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.triangle_tree import squared_distances
+from ..mesh.vectors import dot
 from ..progress import Pauses
 from .error_check import STEPS, ErrorCheck
-from .quadrics import dot
 
 if TYPE_CHECKING:
     from .edge_collapse import Collapses

@@ -12,10 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.triangle_mesh import TriangleMesh, finding_edges
+from ..mesh.topology import edges_steps
+from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.triangle_tree import TriangleTree, squared_distances
+from ..mesh.vectors import cross, dot
 from ..progress import Pauses
-from .quadrics import cross, dot
 
 Ints = NDArray[np.int32]
 Places = NDArray[np.int64]
@@ -36,9 +37,11 @@ class Target:
     def prepare(self, positions: Floats, faces: Ints) -> Pauses[None]:
         """Take in positions (3, V) and faces (3, F)."""
         self.tree = TriangleTree()
-        yield from self.tree.prepare(TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+        yield from self.tree.prepare_steps(
+            TriangleMesh(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T))
+        )
         faces = faces[:, self.tree.order]
-        edges, face_edges = yield from finding_edges(faces.astype(np.int32), positions.shape[1])
+        edges, face_edges = yield from edges_steps(faces.astype(np.int32), positions.shape[1])
         face = np.tile(np.arange(faces.shape[1]), 3)
         first, last = np.empty(edges.shape[1], np.int64), np.empty(edges.shape[1], np.int64)
         last[face_edges.ravel()] = face

@@ -13,11 +13,12 @@ Only + - * / in fixed order: the order of collapses hangs on these bits.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.vectors import cross, dot
 from ..progress import Pauses
 
 Floats = NDArray[np.float32]
@@ -122,18 +123,4 @@ def _times(matrix: Floats, step: Floats) -> Floats:
     out[0] = xx * x + xy * y + xz * z
     out[1] = xy * x + yy * y + yz * z
     out[2] = xz * x + yz * y + zz * z
-    return out
-
-
-def dot(u: NDArray[Any], v: NDArray[Any]) -> NDArray[Any]:
-    """Dot products of the columns of two (3, n) arrays, (n,)."""
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-def cross(u: NDArray[Any], v: NDArray[Any]) -> NDArray[Any]:
-    """Cross products of the columns of two (3, n) arrays, (3, n)."""
-    out = np.empty_like(u)
-    out[0] = u[1] * v[2] - u[2] * v[1]
-    out[1] = u[2] * v[0] - u[0] * v[2]
-    out[2] = u[0] * v[1] - u[1] * v[0]
     return out

@@ -8,21 +8,18 @@ import bpy
 
 from ...blender.figure.colour_map import paint_deviation
 from ...blender.surface import (
-    Trees,
     evaluated_triangles,
-    middle_of,
     own_mesh,
     require_editable,
     settings_of,
 )
-from ...core import CtmcError, MeshError, Reconstruction, Stages, Steps, TriangleMesh
+from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ...core.mesh import ReferenceSurface, vertex_distances_steps
 from ...reporting.command_line import command_line
 from .. import jobs
 from ..state import measurements, session, surfaces, volumes
 from ..state.measurements import Measurement, measurement_steps
 from ..translations import translate
-
-DEVIATION_STAGES = {"Building the search tree": 4, "Measuring distances": 6}
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -96,11 +93,7 @@ def deviation_steps(
     mesh: TriangleMesh, full: Reconstruction, measurement: Measurement | None, uid: int
 ) -> Steps[jobs.Conclusion]:
     """Measure every vertex, then write once; the largest distance in the message is that of Results."""
-    stages = Stages(DEVIATION_STAGES)
-    building, measuring = DEVIATION_STAGES
-    trees = Trees(middle_of(full.mesh))
-    yield from stages.run(building, trees.add_steps(full.mesh))
-    deviation = yield from stages.run(measuring, trees.distances_steps(mesh.vertices.astype("float64")))
+    deviation = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
 
     def conclude() -> str:
         obj = session.object_of(uid)
@@ -111,7 +104,7 @@ def deviation_steps(
         if measurement is None or measurement.distance is None:
             return translate("{name}: deviation map written").format(name=obj.name)
         message = translate("{name}: at most {most} mm from the full surface")
-        return message.format(name=obj.name, most=f"{measurement.distance.maximum:.3g}")
+        return message.format(name=obj.name, most=f"{measurement.distance.largest:.3g}")
 
     return conclude
 

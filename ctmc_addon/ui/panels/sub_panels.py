@@ -116,13 +116,13 @@ def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tu
     measures, distance = measurement.measures, measurement.distance
     if distance is not None:
         facts.append((translate("Mean Distance"), f"{distance.mean:.3g} mm"))
-        facts.append((translate("Largest Distance"), f"{distance.maximum:.3g} mm"))
+        facts.append((translate("Largest Distance"), f"{distance.largest:.3g} mm"))
     return [
         *facts,
         (translate("Surface"), translate("closed") if measures.closed else translate("open")),
         (translate("Volume"), f"{measures.millilitres:.4g} ml" if measures.closed else "-"),
         (translate("Area"), f"{measures.square_centimetres:.4g} cm2"),
-        (translate("Components"), count(measures.parts)),
+        (translate("Components"), count(measures.components)),
     ]
 
 

@@ -11,9 +11,8 @@ from dataclasses import asdict, dataclass
 import bpy
 import numpy as np
 
-from ...blender.surface import Closeness, closeness_steps
 from ...core import Stages, Steps, TriangleMesh
-from ...core.mesh import Measures, measures_steps
+from ...core.mesh import Measures, ReferenceSurface, SurfaceDistance, measures_steps, surface_distance_steps
 
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
@@ -25,17 +24,18 @@ class Measurement:
     """Measures of a surface, and its distance to the full surface in mm, where it is simplified and that is known."""
 
     measures: Measures
-    distance: Closeness | None = None
+    distance: SurfaceDistance | None = None
 
 
 def measurement_steps(mesh: TriangleMesh, full: TriangleMesh | None) -> Steps[Measurement]:
     """Measure a surface, and how far simplification has moved it; both meshes in RAS+ mm."""
     stages = Stages(STAGES)
     measuring, comparing = STAGES
-    measures = yield from stages.run(measuring, measures_steps(mesh))
+    measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces))
     if full is None or len(mesh.faces) >= len(full.faces):
         return Measurement(measures)
-    return Measurement(measures, (yield from stages.run(comparing, closeness_steps(mesh, full))))
+    distance = surface_distance_steps(mesh, ReferenceSurface(full))
+    return Measurement(measures, (yield from stages.run(comparing, distance)))
 
 
 def alpha_of(obj: bpy.types.Object) -> float | None:
@@ -62,6 +62,6 @@ def of(obj: bpy.types.Object) -> Measurement | None:
         if stored["state"] != mesh_state(obj, alpha_of(obj)):
             return None
         distance = stored["distance"]
-        return Measurement(Measures(**stored["measures"]), None if distance is None else Closeness(**distance))
+        return Measurement(Measures(**stored["measures"]), None if distance is None else SurfaceDistance(**distance))
     except (KeyError, TypeError, ValueError):
         return None  # of an older version, or another add-on's property

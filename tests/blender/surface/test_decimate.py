@@ -3,8 +3,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+
 from ctmc_addon.blender.surface.decimate import decimated
-from ctmc_addon.blender.surface.deviation import deviation
+from ctmc_addon.core.mesh import surface_distance
 
 
 @pytest.mark.usefixtures("scene")
@@ -15,6 +16,6 @@ def test_decimate_meets_the_number_near_the_surface_and_leaves_nothing_behind(to
     assert abs(len(small.faces) - len(mesh.faces) // 2) <= 2
     assert small.closed
     assert seconds > 0
-    assert deviation(small, mesh).mean < 0.1
+    assert surface_distance(small, mesh).mean < 0.1
     np.testing.assert_allclose(small.vertices.mean(axis=0), mesh.vertices.mean(axis=0), atol=0.5)
     assert {name: len(getattr(bpy.data, name)) for name in before} == before

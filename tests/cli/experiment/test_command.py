@@ -6,11 +6,11 @@ import re
 import pytest
 
 from ctmc_addon import readers
-from ctmc_addon.blender.surface.deviation import deviation
 from ctmc_addon.cli import main
 from ctmc_addon.cli.experiment.plot import ticks
 from ctmc_addon.cli.experiment.table import as_csv
 from ctmc_addon.core import ReconstructionSettings, reconstruct
+from ctmc_addon.core.mesh import surface_distance
 
 pytestmark = pytest.mark.usefixtures("scene")
 SOFT = ["--label", "2", "--soften", "2"]
@@ -65,8 +65,8 @@ def test_voxels_counts_and_measures_what_python_reconstructs(voxels, segmentatio
         assert (row["faces"], row["voxels"]) == (len(result.mesh.faces), result.voxels_visited)
         assert row["volume_mm3"] == result.mesh.volume
         if row["stride"] > 1:
-            apart = deviation(result.mesh, results[0].mesh)
-            assert (row["mean_mm"], row["max_mm"]) == (apart.mean, apart.maximum)
+            apart = surface_distance(result.mesh, results[0].mesh)
+            assert (row["mean_mm"], row["max_mm"]) == (apart.mean, apart.largest)
 
 
 def test_larger_voxels_are_fewer_have_fewer_triangles_and_lie_farther_off(voxels):
@@ -215,7 +215,7 @@ def test_what_cannot_be_measured_is_refused_in_one_sentence_and_leaves_no_folder
     ("words", "said"),
     [
         (["voxels", "--label", "7"], "label 7"),
-        (["voxels", "--label", "2", "--min-part", "9e9"], "no part has a volume of 9e+09 mm3 or more"),
+        (["voxels", "--label", "2", "--min-part", "9e9"], "no component has a volume of 9e+09 mm3 or more"),
         (["alpha", "--threshold", "9"], "threshold"),
         (["simplify", "--threshold", "9"], "threshold"),
         (["rotation", "--threshold", "9"], "threshold"),

@@ -338,7 +338,7 @@ def test_the_trilinear_topology_is_that_of_the_resampled_interpolant(seed):
     values = np.full((6, 6, 6), -1.0)
     values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(-1, 1, (4, 4, 4))
     mesh = marching_cubes(values, 0.0, topology="trilinear")
-    assert (mesh.euler, mesh.parts) == grid_topology(values, 0.0)
+    assert (mesh.euler, mesh.components) == grid_topology(values, 0.0)
 
 
 @pytest.mark.parametrize("threads", [1, 3])

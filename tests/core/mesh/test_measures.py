@@ -1,39 +1,38 @@
-"""Measures taken in steps are those the mesh gives at once."""
-
-from __future__ import annotations
-
-from dataclasses import replace
+"""Measures against closed forms, whatever the size of a block."""
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core import marching_cubes
-from ctmc_addon.core.mesh import measures
-from ctmc_addon.core.progress import finish
+from ctmc_addon.core import finish, marching_cubes
+from ctmc_addon.core.mesh import measures, measures_steps
 
 
 @pytest.fixture(params=[1 << 18, 50])
 def block(request, monkeypatch):
-    """Faces at once: all of them, and few."""
-    monkeypatch.setattr(measures, "FACES_AT_ONCE", request.param)
-    monkeypatch.setattr(measures._blocks, "__defaults__", (request.param,))
+    """Faces in a step: all of them, and few."""
+    monkeypatch.setattr(measures, "FACES_PER_STEP", request.param)
 
 
 @pytest.mark.parametrize("close", [True, False])
-def test_measures_in_steps_are_the_meshs_own(block, close):
-    values = np.random.default_rng(3).integers(0, 100, (9, 10, 11)).astype(np.uint8)
-    mesh = marching_cubes(values, 60.5, close_border=close)
-    found = finish(measures.measures_steps(mesh))
-    assert found.area == pytest.approx(mesh.area)
-    assert found.closed == mesh.closed == close
-    assert (found.faces, found.euler, found.parts) == (len(mesh.faces), mesh.euler, mesh.parts)
+def test_a_box_of_voxels_has_its_closed_form_measures(block, close):
+    values = np.zeros((9, 10, 11), np.uint8)
+    values[: 9 if not close else 6, 2:7, 3:8] = 1
+    mesh = marching_cubes(values, 0.5, alpha=0, close_border=close)
+    found = finish(measures_steps(mesh.vertices, mesh.faces))
+    assert (found.faces, found.components, found.closed) == (len(mesh.faces), 1, close)
+    assert found.euler == (2 if close else 0)
+    # At the midpoints every edge loses a prism of half a square of 0.5 x 0.5, every corner 5/6 of a cube of 0.5.
+    chamfer = np.sqrt(0.5)
     if close:
-        assert found.volume == pytest.approx(mesh.volume)
+        assert found.enclosed_volume == found.volume == pytest.approx(6 * 5 * 5 - 4 * (5 + 4 + 4) / 8 - 8 * 5 / 48)
+    else:
+        assert found.enclosed_volume is None
+        assert found.area == pytest.approx(8 * (4 * 4 + 4 * chamfer))
 
 
 def test_a_mesh_with_one_triangle_turned_over_is_not_closed(block):
     mesh = marching_cubes(np.pad(np.ones((2, 2, 2), np.uint8), 2), 0.5)
     faces = mesh.faces.copy()
     faces[0] = faces[0, ::-1]
-    assert finish(measures.measures_steps(mesh)).closed
-    assert not finish(measures.measures_steps(replace(mesh, faces=faces))).closed
+    assert finish(measures_steps(mesh.vertices, mesh.faces)).closed
+    assert not finish(measures_steps(mesh.vertices, faces)).closed

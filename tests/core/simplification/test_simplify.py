@@ -5,7 +5,7 @@ import pytest
 
 from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.core.mesh.triangle_mesh import face_vectors
+from ctmc_addon.core.mesh.face_normals import face_vectors
 
 
 def as_mesh(vertices, faces, normals=None):
@@ -109,7 +109,7 @@ def test_many_closed_parts_end_as_tetrahedra_and_none_is_lost():
     small = simplify(balls, target_faces=1)
     assert_sound(small)
     assert small.closed
-    assert small.parts == 5
+    assert small.components == 5
     assert len(small.faces) == 20
     assert small.volume > 0
 

@@ -1,0 +1,115 @@
+"""How triangles hang together: their edges, and the components they form.
+
+Only vertex numbers are looked at, no positions. Work is cut into blocks, so that steps are short.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..progress import PAUSE, Steps
+
+FACES_PER_STEP = 1 << 18
+BUCKET = 1 << 19  # corners whose edges are sorted together
+
+Ints = NDArray[np.int32]
+
+
+def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
+    """Every edge once, and the edges of every face.
+
+    Parameters
+    ----------
+    faces : (3, F) int32
+        A row for each corner.
+    vertex_count : int
+
+    Returns
+    -------
+    edges : (2, E) int32
+        The lower end first, in the order of their ends.
+    face_edges : (3, F) int32
+        Number of the edge from corner i to corner i + 1 of every face.
+    """
+    start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
+    yield PAUSE
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    yield PAUSE
+    face_edges = np.empty(len(low), np.int32)
+    # A bucket of edges for each range of lower ends, so that nothing large is sorted at once.
+    width = max(1, vertex_count * BUCKET // max(1, len(low)))
+    edges, count = [np.empty((2, 0), np.int32)], 0
+    for first in range(0, vertex_count, width):
+        corners = np.flatnonzero((low >= first) & (low < first + width))
+        keys = low[corners].astype(np.int64) * vertex_count + high[corners]
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        new = np.ones(len(keys), bool)
+        new[1:] = keys[1:] != keys[:-1]
+        face_edges[corners[order]] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
+        edges.append(np.array(np.divmod(keys[new], vertex_count), np.int32))
+        count += edges[-1].shape[1]
+        yield PAUSE
+    return np.concatenate(edges, axis=1), face_edges.reshape(faces.shape)
+
+
+def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArray[np.int64], NDArray[np.int64]]]:
+    """Every edge of `faces` (F, 3) once, (2, E), how many triangles it has, (E,), and how many run up it, (E,).
+
+    A triangle runs up an edge that it passes from the lower to the higher vertex number. A mesh is closed where
+    every edge has two triangles, one of which runs up it.
+    """
+    columns = np.ascontiguousarray(faces.T)
+    edges, face_edges = yield from edges_steps(columns, vertex_count)
+    count, upwards = np.zeros(edges.shape[1], np.int64), np.zeros(edges.shape[1], np.int64)
+    for number, start, end in zip(face_edges, columns, columns[[1, 2, 0]], strict=True):
+        yield PAUSE
+        count += np.bincount(number, minlength=len(count))
+        yield PAUSE
+        upwards += np.bincount(number[start < end], minlength=len(count))
+    return edges, count, upwards
+
+
+def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
+    """Number of the component that every face (F, 3) is in, (F,) int32; components in the order of their first face."""
+    roots = (yield from component_roots_steps(faces, vertex_count))[faces[:, 0]]  # (F,)
+    yield PAUSE
+    first = np.full(vertex_count, -1, np.int32)
+    first[roots[::-1]] = np.arange(len(faces), dtype=np.int32)[::-1]  # of several faces the last to write is the first
+    yield PAUSE
+    used = np.flatnonzero(first >= 0)
+    number = np.empty(vertex_count, np.int32)
+    number[used[np.argsort(first[used], kind="stable")]] = np.arange(len(used), dtype=np.int32)
+    return number[roots]
+
+
+def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
+    """Lowest vertex of the component that every vertex is in, (V,) int32; a vertex without faces is its own.
+
+    Every vertex takes the lowest number among its faces' vertices and then that number's number
+    (pointer jumping), until nothing changes; the rounds grow with the logarithm of the diameter.
+    """
+    lowest = np.arange(vertex_count, dtype=np.int32)
+    starts = range(0, len(faces), FACES_PER_STEP)
+    links = [faces[start : start + FACES_PER_STEP, pair : pair + 2] for start in starts for pair in (0, 1)]
+    while links:
+        open_links: list[Ints] = []
+        root = lowest.copy()  # a link is done with only when both its ends have had one root since the last round
+        for block in links:
+            a, b = root[block[:, 0]], root[block[:, 1]]
+            differ = a != b
+            if differ.any():
+                open_links.append(block[differ])
+                low = np.minimum(a, b)[differ]
+                np.minimum.at(lowest, a[differ], low)
+                np.minimum.at(lowest, b[differ], low)
+            yield PAUSE
+        while True:
+            shorter = lowest[lowest]
+            yield PAUSE
+            if (shorter == lowest).all():
+                break
+            lowest = shorter
+        links = open_links
+    return lowest

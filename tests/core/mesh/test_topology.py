@@ -1,0 +1,56 @@
+"""Edges and components against slow, obvious answers."""
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import finish, marching_cubes
+from ctmc_addon.core.mesh.topology import component_numbers_steps, edge_counts_steps, edges_steps
+
+
+@pytest.mark.parametrize("at_once", [7, 1 << 18])
+@pytest.mark.parametrize("seed", range(5))
+def test_components_are_those_of_a_walk_from_face_to_face(seed, at_once, monkeypatch):
+    monkeypatch.setattr("ctmc_addon.core.mesh.topology.FACES_PER_STEP", at_once)
+    rng = np.random.default_rng(seed)
+    faces = rng.integers(0, 200, (120, 3)).astype(np.int32)
+    parents = list(range(200))
+
+    def root(vertex):
+        while parents[vertex] != vertex:
+            vertex = parents[vertex]
+        return vertex
+
+    for a, b, c in faces.tolist():
+        parents[root(a)] = root(b)
+        parents[root(b)] = root(c)
+    roots = [root(a) for a, _, _ in faces.tolist()]
+    order = {}
+    expected = [order.setdefault(r, len(order)) for r in roots]
+    assert finish(component_numbers_steps(faces, 200)).tolist() == expected
+
+
+def test_a_long_strip_is_one_component():
+    n = 20000
+    strip = np.stack([np.arange(n), np.arange(n) + 1, np.arange(n) + 2], axis=1).astype(np.int32)
+    assert finish(component_numbers_steps(strip, n + 2)).max() == 0
+
+
+@pytest.mark.parametrize("bucket", [1, 50, 1 << 19])
+def test_edges_found_bucket_by_bucket_are_those_found_at_once(monkeypatch, bucket):
+    monkeypatch.setattr("ctmc_addon.core.mesh.topology.BUCKET", bucket)
+    values = np.random.default_rng(2).integers(0, 100, (4, 5, 6)).astype(np.uint8)
+    faces = np.ascontiguousarray(marching_cubes(values, 50.5).faces.T)
+    found, number = finish(edges_steps(faces, faces.max() + 3))
+    ends = faces, faces[[1, 2, 0]]
+    sides = np.stack([np.minimum(*ends), np.maximum(*ends)]).reshape(2, -1)
+    edges, at = np.unique(sides, axis=1, return_inverse=True)
+    np.testing.assert_array_equal(found, edges)
+    np.testing.assert_array_equal(number, at.reshape(faces.shape))
+
+
+def test_of_every_edge_the_triangles_are_counted_and_those_that_run_up_it():
+    faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]], np.int32)
+    edges, count, upwards = finish(edge_counts_steps(faces, 5))
+    assert edges.T.tolist() == [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [1, 3], [1, 4]]
+    assert count.tolist() == [3, 1, 1, 1, 1, 1, 1]
+    assert upwards.tolist() == [2, 0, 1, 0, 1, 0, 1]

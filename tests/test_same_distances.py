@@ -1,0 +1,33 @@
+"""Panel, figure and experiment print the same distances for the same pair of surfaces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+pytest.importorskip("PIL.Image")
+
+from ctmc_addon.blender import Comparison, Look, Page, sheet_steps
+from ctmc_addon.cli.experiment.simplify import simplify_levels_steps
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core.mesh import surface_distance
+from ctmc_addon.ui.state.measurements import measurement_steps
+
+
+def test_panel_figure_and_experiment_have_one_estimator(tmp_path):
+    index = np.indices((24, 24, 24), dtype=np.float64) - 11.5
+    volume = Volume((100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32), np.eye(4), name="ball")
+    settings = ReconstructionSettings(threshold=60.0)
+    full = reconstruct(volume, settings)
+    simplified = reconstruct(volume, replace(settings, reduction=0.5))
+    expected = surface_distance(simplified.mesh, full.mesh)
+    assert 0 < expected.mean < expected.percentile_95 < expected.largest
+
+    panel = finish(measurement_steps(simplified.mesh, full.mesh)).distance
+    comparison = Comparison(levels=[50.0])
+    _, cells = finish(sheet_steps(volume, settings, comparison, tmp_path / "a.png", Page(60.0, 40.0), Look()))
+    experiment, _ = finish(simplify_levels_steps(full.mesh, [50.0], 1))
+    assert panel == expected
+    for measured in (*cells, experiment):
+        assert (measured.mean_mm, measured.max_mm) == (expected.mean, expected.largest)
