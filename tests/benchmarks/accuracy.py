@@ -13,7 +13,7 @@ import numpy as np
 
 from ctmc_addon.core import ReconstructionSettings, reconstruct
 from ctmc_addon.core.phantom.phantom import phantom
-from ctmc_addon.core.volume.volume import normals_to_ras
+from ctmc_addon.core.volume.affine import transform_normals
 
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
@@ -86,7 +86,7 @@ def normal_angles(shape: Shape, spacing: tuple[float, float, float]) -> tuple[fl
     """Mean and greatest angle, degrees."""
     mesh = extracted(shape, spacing, normals=True)
     assert shape.gradient is not None
-    normals = normals_to_ras(np.diag([*spacing, 1.0]), mesh.normals)
+    normals = transform_normals(np.diag([*spacing, 1.0]), mesh.normals)
     off = angles(normals, shape.gradient(mesh.vertices.astype(np.float64)))
     return float(off.mean()), float(off.max())
 

@@ -6,7 +6,7 @@ from benchmarks.shapes import EVEN, SHAPES, UNEVEN, angles, errors, extracted, o
 
 from ctmc_addon.core import ReconstructionSettings, marching_cubes, reconstruct
 from ctmc_addon.core.phantom.phantom import phantom
-from ctmc_addon.core.volume.volume import determinant, normals_to_ras, to_ras_mm
+from ctmc_addon.core.volume.affine import determinant, transform_normals, transform_points
 
 STEPS = [1.0, 0.5, 0.25]  # mm; the bodies measure 6 to 24
 SMOOTH = [shape for shape in SHAPES.values() if shape.gradient is not None]
@@ -58,7 +58,7 @@ def test_normals_of_a_sphere_are_as_near_as_central_differences_and_interpolatio
     # spacings is off by s^2 / 6 times that, interpolation along an edge by s^2 / 8 times that at most.
     shape, sides = SHAPES["sphere"], np.array(spaced(step, spacings))
     mesh = extracted(shape, tuple(sides), normals=True)
-    off = angles(normals_to_ras(np.diag([*sides, 1.0]), mesh.normals), mesh.vertices.astype(np.float64))
+    off = angles(transform_normals(np.diag([*sides, 1.0]), mesh.normals), mesh.vertices.astype(np.float64))
     nearest = shape.half[0] - 1.5 * sides.max()
     each = 2 / np.sqrt(3) / nearest**2 * (sides**2 / 6 + sides.max() ** 2 / 8)
     assert off.max() < np.degrees(np.arcsin(np.sqrt((each**2).sum())))
@@ -71,7 +71,7 @@ def test_normals_converge_with_the_square_of_the_spacing(shape, spacings):
     for step in STEPS:
         sides = spaced(step, spacings)
         mesh = extracted(shape, sides, normals=True)
-        normals = normals_to_ras(np.diag([*sides, 1.0]), mesh.normals)
+        normals = transform_normals(np.diag([*sides, 1.0]), mesh.normals)
         off = angles(normals, shape.gradient(mesh.vertices.astype(np.float64)))
         means.append(off.mean())
         greatest.append(off.max())
@@ -88,12 +88,12 @@ def test_a_sphere_on_an_oblique_tilted_grid_keeps_its_volume_and_its_normals(tow
     affine = np.eye(4)
     affine[:3, :3] = np.stack([[0.48, 0.36, 0.0], [-0.36, 0.48, 0.0], step], axis=1)
     shape, size = SHAPES["sphere"], (15, 62, 62)
-    centre = to_ras_mm(affine, np.array([[30.8, 30.4, 7.1]]))
+    centre = transform_points(affine, np.array([[30.8, 30.4, 7.1]]))
     z, y, x = np.indices(size)
-    places = to_ras_mm(affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)) - centre
+    places = transform_points(affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)) - centre
     mesh = marching_cubes(shape.depth(*places.T).reshape(size), 0.0)
     assert mesh.closed
-    off = angles(normals_to_ras(affine, mesh.normals), to_ras_mm(affine, mesh.vertices) - centre)
+    off = angles(transform_normals(affine, mesh.normals), transform_points(affine, mesh.vertices) - centre)
     assert off.max() < 1.0
     assert -0.02 < abs(determinant(affine)) * mesh.volume / shape.volume - 1 < 0
 

@@ -82,10 +82,10 @@ def test_strides_begin_with_the_settings_own_and_even_the_sides_out(ball):
 
 
 def test_a_subsampled_volume_has_its_samples_at_their_places(ball):
-    from ctmc_addon.core.volume.volume import to_ras_mm
+    from ctmc_addon.core.volume.affine import transform_points
 
     box = ((4, 60), (6, 50), (3, 33))
     small = subsample(ball[0], (2, 3, 2), box)
     assert small.values[5, 7, 9] == ball[0].values[3 + 10, 6 + 21, 4 + 18]
-    place = to_ras_mm(small.affine, np.array([[9, 7, 5]]))
-    assert place == pytest.approx(to_ras_mm(ball[0].affine, np.array([[22, 27, 13]])))
+    place = transform_points(small.affine, np.array([[9, 7, 5]]))
+    assert place == pytest.approx(transform_points(ball[0].affine, np.array([[22, 27, 13]])))

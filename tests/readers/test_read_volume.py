@@ -17,7 +17,7 @@ from PIL import Image
 
 from ctmc_addon import readers
 from ctmc_addon.core import CtmcError, Volume, finish
-from ctmc_addon.core.volume.volume import determinant, to_ras_mm
+from ctmc_addon.core.volume.affine import determinant, transform_points
 from ctmc_addon.readers import list_series, read_volume, read_volume_steps
 
 SIZE = (4, 5, 6)  # x, y, z
@@ -33,7 +33,7 @@ def oblique(tmp_path):
 
 def corners(volume):
     high = np.array(volume.size) - 1
-    return to_ras_mm(volume.affine, np.array([high * np.array(bits) for bits in np.ndindex(2, 2, 2)]))
+    return transform_points(volume.affine, np.array([high * np.array(bits) for bits in np.ndindex(2, 2, 2)]))
 
 
 def test_the_signature_stays_as_outsiders_use_it():

@@ -61,7 +61,7 @@ for row in range(136, 400, 24):
     for column in range(76, 436, 24):
         around = colours[row - 4 : row + 5, column - 4 : column + 5, :3]
         if around.std(axis=(0, 1)).max() < 0.12:
-            at = ours("core.volume").to_ras_mm(volume.affine, np.array([[column, row, place.index]]))[0] * 0.01
+            at = ours("core.volume").transform_points(volume.affine, np.array([[column, row, place.index]]))[0] * 0.01
             answer.append((*on_screen(at), *(255 * around.mean(axis=(0, 1))).tolist()))
 """
 

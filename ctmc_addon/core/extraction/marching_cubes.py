@@ -103,9 +103,10 @@ def marching_cubes(
 
     Examples
     --------
-    >>> ball = np.sqrt((np.indices((21, 21, 21)) - 10.0) ** 2).sum(axis=0) < 8
-    >>> marching_cubes(ball, 0.5).euler
-    2
+    >>> distance = np.sqrt(((np.indices((21, 21, 21)) - 10.0) ** 2).sum(axis=0))
+    >>> ball = marching_cubes(-distance, -8)
+    >>> ball.euler, round(ball.volume / (4 / 3 * np.pi * 8**3), 2)
+    (2, 0.99)
     """
     if not 0 <= alpha <= 1:
         raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")

@@ -1,5 +1,6 @@
 """Grey values on a grid, where they lie in the patient, and what is read from them before extraction."""
 
+from .affine import to_index, transform_faces, transform_normals, transform_points
 from .region import (
     EDGES,
     region_box,
@@ -40,6 +41,10 @@ __all__ = [
     "slice_middle",
     "slice_place",
     "slice_values",
+    "to_index",
+    "transform_faces",
+    "transform_normals",
+    "transform_points",
     "used_threshold_steps",
     "usual_window",
     "value_range",

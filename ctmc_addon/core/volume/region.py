@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..settings import ReconstructionSettings
-from .volume import Volume, to_index, to_ras_mm
+from .affine import to_index, transform_points
+from .volume import Volume
 
 EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
 SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
@@ -44,7 +45,7 @@ def region_corners(volume: Volume, region: Region, unit: str) -> NDArray[np.floa
     """The eight corners of a region box, (8, 3) RAS+ mm."""
     ends = np.array(region, np.float64).reshape(2, 3)
     corners = np.array([[ends[corner >> axis & 1, axis] for axis in range(3)] for corner in range(8)])
-    return corners if unit == "mm" else to_ras_mm(volume.affine, corners)
+    return corners if unit == "mm" else transform_points(volume.affine, corners)
 
 
 def region_directions(volume: Volume, unit: str) -> NDArray[np.float64]:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .volume import Volume, axis_codes, to_ras_mm
+from .affine import axis_codes, transform_points
+from .volume import Volume
 
 # Each plane with the patient's sides it lies between; a slider runs from the first to the second.
 PLANES = {"axial": "IS", "coronal": "PA", "sagittal": "LR"}
@@ -66,7 +67,7 @@ def slice_corners(volume: Volume, place: SlicePlace) -> NDArray[np.float64]:
     corners[:, place.axis] = place.index
     corners[:, across] = np.array([0, 1, 1, 0]) * volume.size[across] - 0.5
     corners[:, down] = np.array([0, 0, 1, 1]) * volume.size[down] - 0.5
-    return to_ras_mm(volume.affine, corners)
+    return transform_points(volume.affine, corners)
 
 
 def picture(

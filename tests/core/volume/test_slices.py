@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import Volume
+from ctmc_addon.core.volume.affine import transform_points
 from ctmc_addon.core.volume.slices import PLANES, TINT, TINT_SHARE, picture, slice_corners, slice_place, slice_values
-from ctmc_addon.core.volume.volume import to_ras_mm
 
 # Oblique, sheared and mirrored; columns towards the left, rows to the back, slices to the feet.
 SHEARED = np.array([[-0.7, 0.05, 0.3, 40.0], [0.1, -0.8, 0.4, -12.0], [0.02, 0.1, -2.5, 90.0], [0.0, 0.0, 0.0, 1.0]])
@@ -28,7 +28,7 @@ def test_every_pixel_stands_where_its_sample_does(volume, plane, position):
     for row, column in np.ndindex(rows, columns):
         pixel = first + (right - first) * (column + 0.5) / columns + (down - first) * (row + 0.5) / rows
         z, y, x = np.unravel_index(int(values[row, column]), volume.values.shape)
-        assert pixel == pytest.approx(to_ras_mm(volume.affine, np.array([[x, y, z]]))[0], abs=1e-9)
+        assert pixel == pytest.approx(transform_points(volume.affine, np.array([[x, y, z]]))[0], abs=1e-9)
 
 
 @pytest.mark.parametrize(("plane", "axis"), [("sagittal", 0), ("coronal", 1), ("axial", 2)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.core.volume.volume import determinant
+from ctmc_addon.core.volume.affine import determinant
 from ctmc_addon.readers.dicom.stack_geometry import named_gaps, stack_up
 
 AXIAL = (1, 0, 0, 0, 1, 0)
