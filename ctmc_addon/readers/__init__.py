@@ -1,6 +1,7 @@
 """Files to volumes: one door for every format, chosen by what the path holds.
 
-Knows no Blender. `read_volume` returns a `Volume` in RAS+ mm whose notes say all that was assumed.
+Knows no Blender. `open_volume` reads headers alone; `read_volume` returns a `Volume` in RAS+ mm whose notes say all
+that was assumed.
 """
 
 from __future__ import annotations
@@ -9,38 +10,100 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..core import ReadError, Step, Steps, finish, within, worker_count
+from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_count
 from ..core.volume import Volume
-from . import nifti, nrrd
-from .dicom import series as dicom
+from .dicom import series as dicom_series
+from .dicom.header import is_multi_frame, may_be_dicom
 from .file_formats import (
     DICOM_SUFFIXES,
+    IMAGE_SUFFIXES,
     KNOWN_SUFFIXES,
     TIFF_SUFFIXES,
     VOLUME_SUFFIXES,
     files_below,
     format_of,
+    natural_key,
     segmentation_sibling,
     stem,
     suffix,
 )
-from .images import folder as stacks
+from .images import folder as image_folder
 from .images import tiff
-from .result import Reading, Series, checked_flip, checked_spacing, volume_steps, with_notes
+from .nifti import NiftiFile
+from .npy import NpyFile
+from .nrrd import NrrdFile
+from .result import Series, VolumeSource, checked_flip, checked_spacing, unreadable
 
 __all__ = [
+    "KNOWN_SUFFIXES",
+    "TIFF_SUFFIXES",
+    "VOLUME_SUFFIXES",
     "Series",
+    "VolumeSource",
     "checked_flip",
     "checked_spacing",
-    "keeps_geometry",
-    "list_series",
-    "list_series_steps",
+    "estimate_voxels",
+    "existing_path",
+    "holds_slices",
+    "is_volume_file",
+    "natural_key",
+    "open_volume",
+    "open_volume_steps",
     "read_volume",
     "read_volume_steps",
     "segmentation_sibling",
+    "stem",
+    "suffix",
+    "volume_name",
 ]
 
 PathLike = str | os.PathLike[str]
+
+
+def open_volume(path: PathLike) -> VolumeSource:
+    """Find out what a file or folder holds, from headers alone.
+
+    Parameters
+    ----------
+    path : path
+        As in `read_volume`.
+
+    Returns
+    -------
+    VolumeSource
+        Its format, series and their sizes; `read_steps` or `read` reads the values.
+
+    Raises
+    ------
+    ReadError
+        If there is no readable volume at `path`.
+    """
+    return finish(open_volume_steps(path))
+
+
+def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
+    """`open_volume` as steps."""
+    place = existing_path(path)
+    yield Step(0.0, f"Opening {place.name}")
+    try:
+        if place.is_dir():
+            return (yield from _open_folder_steps(place))
+        format_name = file_format(place)
+        if format_name == "dicom":
+            return (yield from dicom_series.open_steps(place))
+        if format_name == "nifti":
+            return (yield from NiftiFile.open_steps(place))
+        if format_name == "nrrd":
+            return NrrdFile(place)
+        if format_name == "npy":
+            return NpyFile(place)
+        if format_name == "tiff":
+            source = tiff.opened_stack(place)
+            if source is not None:
+                return source
+        return (yield from image_folder.open_steps(place.parent, place))
+    except OSError as error:
+        raise unreadable(place, error) from error
 
 
 def read_volume(
@@ -61,7 +124,7 @@ def read_volume(
     spacing : (x, y, z) float, optional
         Millimetres between samples, in place of the file's own or of 1 mm.
     series : str or int, optional
-        SeriesInstanceUID, or its number in `list_series`; by default the series with the most slices.
+        SeriesInstanceUID, or its number in `open_volume(path).series`; by default the series with the most slices.
     strict : bool
         Refuse uneven gaps between DICOM slices instead of resampling.
     flip : str
@@ -98,133 +161,106 @@ def read_volume_steps(
 
     Between steps there is a thread only while a library is imported for the first time.
     """
-    sides, axes, workers = checked_spacing(spacing), checked_flip(flip), worker_count(threads)
-    place = existing(path)
-    yield Step(0.0, f"Looking at {place.name}")
-    try:
-        reading, name = yield from within(_reading_steps(place, sides, series, strict, workers), 0.0, 0.9)
-    except OSError as error:
-        raise unreadable(place, error) from error
-    return (yield from within(volume_steps(reading, name, sides, axes), 0.9, 1.0))
+    checked_spacing(spacing), checked_flip(flip), worker_count(threads)  # refused before a file is opened
+    stages = Stages({"Reading headers": 1, "Reading values": 4})
+    source = yield from stages.run("Reading headers", open_volume_steps(path))
+    values = source.read_steps(spacing, series, strict, flip, threads)
+    return (yield from stages.run("Reading values", values))
 
 
-def list_series(path: PathLike) -> tuple[Series, ...]:
-    """The series of a DICOM folder or file, or the one volume of any other path, from headers alone."""
-    return finish(list_series_steps(path))
-
-
-def list_series_steps(path: PathLike) -> Steps[tuple[Series, ...]]:
-    """`list_series` as steps."""
-    place = existing(path)
-    try:
-        if place.is_dir():
-            kind = folder_format(place)
-            return (stacks.describe_folder(place),) if kind == "images" else (yield from dicom.describe_steps(place))
-        kind = file_format(place)
-        if kind == "dicom":
-            return (yield from dicom.describe_steps(place))
-        if kind == "nifti":
-            yield from nifti.library_steps()
-        describe = {"nifti": nifti.describe, "nrrd": nrrd.describe, "npy": stacks.describe_npy}.get(kind)
-        if describe is not None:
-            return (describe(place),)
-        return (tiff.describe_tiff(place) if kind == "tiff" else stacks.describe_folder(place.parent),)
-    except OSError as error:
-        raise unreadable(place, error) from error
-
-
-def _reading_steps(
-    place: Path,
-    spacing: tuple[float, float, float] | None,
-    series: str | int | None,
-    strict: bool,
-    threads: int,
-) -> Steps[tuple[Reading, str]]:
-    """What the format's reader found, and the volume's name."""
-    kind = folder_format(place) if place.is_dir() else file_format(place)
-    if kind == "dicom":
-        reading = yield from dicom.read_steps(place, series, strict, spacing)
-        return reading, stem(dicom.named_after(place))
-    if series is not None and str(series).strip():
-        raise ReadError(f"{place.name} has no series, as only DICOM has; leave out the series '{series}'")
-    if kind == "images":
-        return (yield from stacks.folder_steps(place, threads)), stem(place)
-    if kind == "image":
-        reading = yield from stacks.folder_steps(place.parent, threads)
-        note = f"{place.name} is one slice: its folder was read, {len(reading.values)} slices"
-        return with_notes(reading, note), stem(place.absolute().parent)
-    if kind == "nifti":
-        yield from nifti.library_steps()
-    readers = {"nifti": nifti.read_steps, "nrrd": nrrd.read_steps, "npy": stacks.npy_steps, "tiff": tiff.tiff_steps}
-    return (yield from readers[kind](place)), stem(place)
-
-
-def keeps_geometry(path: PathLike) -> bool:
-    """Whether the format at `path` says spacing and orientation; PNG, JPEG, BMP, TIFF and npy do not."""
-    place = existing(path)
-    try:
-        kind = folder_format(place) if place.is_dir() else file_format(place)
-    except OSError as error:
-        raise unreadable(place, error) from error
-    return kind in {"dicom", "nifti", "nrrd"}
-
-
-def existing(path: PathLike) -> Path:
-    """The path, or a `ReadError` if nothing is there."""
+def existing_path(path: PathLike) -> Path:
+    """The path, or a `ReadError` if nothing is there, or neither a file nor a folder."""
     place = Path(path)
     try:
-        found = bool(str(path).strip()) and place.exists()
+        exists = bool(str(path).strip()) and place.exists()
+        readable = exists and (place.is_file() or place.is_dir())
     except OSError as error:
         raise unreadable(place, error) from error
-    if not found:
+    except ValueError:  # a zero byte
+        exists = readable = False
+    if not exists:
         raise ReadError(f"there is no file or folder '{path}'; check the path")
+    if not readable:
+        raise ReadError(f"{place.name} is neither a file nor a folder; choose the file or folder that holds the CT")
     return place if place.name.strip(".") else place.resolve()  # '.' and '..' have no name to show
 
 
-def unreadable(place: Path, error: OSError) -> ReadError:
-    """What the system says of a file that cannot be opened."""
-    name = Path(error.filename).name if isinstance(error.filename, str) else place.name
-    return ReadError(f"{name} cannot be read ({error.strerror or error}); check the file and its permissions")
-
-
-def file_format(place: Path) -> str:
-    """'dicom', 'nifti', 'nrrd', 'npy', 'tiff' (several pages) or 'image' (one slice)."""
-    if place.is_file() and not place.stat().st_size:
-        raise ReadError(f"{place.name} is empty (0 bytes); copy it again")
-    end = format_of(place)
-    if end in DICOM_SUFFIXES or place.name.upper() == "DICOMDIR" or (not end and dicom.may_be_dicom(place)):
+def file_format(path: Path) -> str:
+    """'dicom', 'nifti', 'nrrd', 'npy', 'tiff' or 'image', by the file's suffix or its first bytes."""
+    if not path.stat().st_size:
+        raise ReadError(f"{path.name} is empty (0 bytes); copy it again")
+    end = format_of(path)
+    if end in DICOM_SUFFIXES or path.name.upper() == "DICOMDIR" or (not end and may_be_dicom(path)):
         return "dicom"
-    for known, kind in ((".nii", "nifti"), (".n", "nrrd")):
-        if end.startswith(known) and end != ".npy":
-            return kind
-    if end == ".npy":
-        return "npy"
-    if end in TIFF_SUFFIXES:
-        return "tiff" if stacks.header_of(place).pages > 1 else "image"
-    if end:
-        return "image"
-    said = f"has the unknown suffix '{suffix(place)}'" if suffix(place) else "has no suffix and no known content"
-    raise ReadError(f"{place.name} {said}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
+    for suffixes, format_name in (
+        ((".nii", ".nii.gz"), "nifti"),
+        ((".nrrd", ".nhdr"), "nrrd"),
+        ((".npy",), "npy"),
+        (TIFF_SUFFIXES, "tiff"),
+        (IMAGE_SUFFIXES, "image"),
+    ):
+        if end in suffixes:
+            return format_name
+    reason = f"has the unknown suffix '{suffix(path)}'" if suffix(path) else "has no suffix and no known content"
+    raise ReadError(f"{path.name} {reason}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 
 
-def folder_format(place: Path) -> str:
-    """'images' or 'dicom', whichever the folder holds more of; a `ReadError` if it holds neither."""
-    images = stacks.images_in(place)
-    files = 0
-    dicoms = 0
-    for file in files_below(place):
-        files += 1
-        dicoms += dicom.may_be_dicom(file)
-        if dicoms > len(images):
-            return "dicom"
-    if images:
-        return "images"
+def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
+    """Image slices or DICOM, whichever the folder holds more of; a `ReadError` if it holds neither."""
+    slices = image_folder.images_in(folder)
+    files = list(files_below(folder))
     if not files:
-        raise ReadError(f"the folder {place.name} is empty; choose the folder that holds the slices")
-    volumes = sorted(file.name for file in place.iterdir() if suffix(file) in VOLUME_SUFFIXES)
-    folders = sorted(folder.name for folder in place.iterdir() if folder.is_dir() and stacks.images_in(folder))
+        raise ReadError(f"the folder {folder.name} is empty; choose the folder that holds the slices")
+    source = yield from dicom_series.open_steps(folder, files)
+    if slices and len(source.files) <= len(slices):
+        return (yield from image_folder.open_steps(folder))
+    if source.files:
+        return source
+    volumes = sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
+    folders = sorted(inner.name for inner in folder.iterdir() if inner.is_dir() and image_folder.images_in(inner))
     hint = "choose the folder that holds the slices"
     if volumes or folders:
         hint = f"choose {' or '.join(repr(name) for name in [*volumes, *folders][:5])} in it"
-    held = f"{files} file{'s' * (files > 1)}, and none is a DICOM image or a slice"
-    raise ReadError(f"the folder {place.name} has {held}; {hint}")
+    count = f"{len(files)} file{'s' * (len(files) > 1)}, and none is a DICOM image or a slice"
+    raise ReadError(f"the folder {folder.name} has {count}; {hint}")
+
+
+def holds_slices(folder: Path) -> bool:
+    """Whether image slices, or files that look like DICOM, lie in this folder itself."""
+    files = (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file())
+    return any(suffix(file) in IMAGE_SUFFIXES or may_be_dicom(file) for file in files)
+
+
+def is_volume_file(path: Path) -> bool:
+    """Whether a file is a volume by itself: by its suffix, and of a TIFF by its pages."""
+    if suffix(path) not in TIFF_SUFFIXES:
+        return suffix(path) in VOLUME_SUFFIXES
+    try:
+        return tiff.page_count(path) > 1
+    except (CtmcError, OSError):
+        return False
+
+
+def volume_name(path: Path) -> str:
+    """What the volume at `path` will be called; of a folder's slice it is the folder's name.
+
+    A slice's own name often is an identifier.
+    """
+    if path.is_dir():
+        return stem(path)
+    try:
+        format_name = file_format(path)
+        alone = is_multi_frame(path) if format_name == "dicom" else format_name != "image"
+        alone = alone and (format_name != "tiff" or tiff.page_count(path) > 1)
+    except (CtmcError, OSError):
+        alone = True
+    return stem(path if alone else path.absolute().parent)
+
+
+def estimate_voxels(path: Path) -> int:
+    """About how many voxels the volume at `path` has; of a DICOM folder one header is read instead of hundreds."""
+    if path.is_dir():
+        voxels = dicom_series.estimate_voxels(path)
+        if voxels:
+            return voxels
+    return max((one.slices * one.size[0] * one.size[1] for one in open_volume(path).series), default=0)

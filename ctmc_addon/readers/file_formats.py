@@ -29,12 +29,12 @@ SIGNATURES = (
 )
 
 
-def natural(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
+def natural_key(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
     """Sort key in which `slice_2` comes before `slice_10`, folder by folder.
 
     Examples
     --------
-    >>> [path.name for path in sorted([Path("s_10"), Path("s_9"), Path("S_1")], key=natural)]
+    >>> [path.name for path in sorted([Path("s_10"), Path("s_9"), Path("S_1")], key=natural_key)]
     ['S_1', 's_9', 's_10']
     """
     pieces: list[tuple[int, str, int]] = []
@@ -94,7 +94,7 @@ def files_below(folder: Path) -> Iterator[Path]:
 
 
 def _entry_key(entry: os.DirEntry[str]) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    return natural(Path(entry.name))
+    return natural_key(Path(entry.name))
 
 
 def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:

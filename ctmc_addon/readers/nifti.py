@@ -1,11 +1,14 @@
-"""NIfTI-1 and NIfTI-2 in one file, plain or gzip: nibabel reads the header, the values come straight in.
+"""NIfTI-1 and NIfTI-2 in one file, plain or gzip, by nibabel; its values a few planes at a time.
 
 nibabel's affine maps (i, j, k) to RAS+ mm. i is the fastest index in the file, so the values are
-(k, j, i) in C order without a copy. NIfTI-1 is described at nifti.nimh.nih.gov/nifti-1.
+(k, j, i) in C order. NIfTI-1 is described at nifti.nimh.nih.gov/nifti-1.
 """
 
 from __future__ import annotations
 
+import io
+import logging
+import math
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -14,105 +17,113 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Steps, within
-from .optional_imports import BROKEN, imported_steps, needed, quiet, reason
-from .result import Reading, Series
-from .streams import check_end, fill_steps, opened, skip
-from .value_kind import PLANES, native_steps, require_memory, scaled_whole_steps
+from ..core import ReadError, Step, Steps
+from .optional_imports import imported_steps, needed, quiet, reason
+from .result import Reading, ReadOptions, Series, VolumeSource
+from .streams import STREAM_ERRORS, check_end_steps, opened
+from .value_kind import PLANES, require_memory, scaled_integers_steps
 
-WHAT = "NIfTI"
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
+MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
+SILENT = logging.Logger("silent")  # nibabel's own prints what it mends in a header
 
 
-def library_steps() -> Steps[None]:
-    """Import nibabel, which brings much with it, so that reading begins at once."""
-    yield from imported_steps("nibabel.nifti1", "nibabel", WHAT)
+class NiftiFile(VolumeSource):
+    """One `.nii` or `.nii.gz`."""
 
+    format = "NIfTI"
+    has_geometry = True
 
-def read_steps(path: Path) -> Steps[Reading]:
-    """Read one NIfTI file."""
-    with opened(path) as stream:
-        header = read_header(stream, path.name)
-        size = checked_size(header, path.name)
-        dtype = checked_dtype(header, path.name)
-        slope, intercept = scaling(header, path.name)
-        skip(stream, int(header["vox_offset"]) - stream.tell(), path.name)
-        shape = size[::-1]  # (k, j, i)
-        if dtype.kind in "iu" and slope.is_integer() and intercept.is_integer():
-            values = yield from whole_steps(stream, shape, dtype, int(slope), int(intercept), path.name)
-        elif (slope, intercept) == (1.0, 0.0):
-            values = yield from whole_steps(stream, shape, dtype, 1, 0, path.name)
-        else:
-            values = yield from fractional_steps(stream, shape, dtype, slope, intercept, path.name)
-        check_end(stream, path.name)
-    affine, notes = placed(header, path.name)
-    names = label_names(header)
-    return Reading(values, affine, notes, "", names, WHAT)
+    def __init__(self, path: Path) -> None:
+        name = path.name
+        with opened(path) as stream:
+            self.header = read_header(stream, name)
+        self.size = checked_size(self.header, name)
+        self.dtype = checked_dtype(self.header, name)
+        self.scaling = scaling(self.header, name)
+        columns, rows, slices = self.size
+        super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
 
+    @classmethod
+    def open_steps(cls, path: Path) -> Steps[NiftiFile]:
+        """Open the file; nibabel brings much with it, so that its first import is long."""
+        yield from imported_steps("nibabel.nifti1", "nibabel", "NIfTI")
+        return cls(path)
 
-def whole_steps(
-    stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any], slope: int, intercept: int, name: str
-) -> Steps[NDArray[Any]]:
-    """Values as they stand in the file, or integers scaled to integers."""
-    plain = (slope, intercept) == (1, 0)
-    scaled_bytes = 2 if dtype.itemsize == 1 and not plain else 0  # wider integers mostly stay in their place
-    require_memory(shape, dtype.itemsize + scaled_bytes, name)
-    values = np.empty(shape, dtype)
-    yield from within(fill_steps(values, stream, name), 0.0, 1.0 if plain else 0.8)
-    values = yield from native_steps(values)
-    return values if plain else (yield from within(scaled_whole_steps(values, slope, intercept), 0.8, 1.0))
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read the values; integers stay integers where slope and intercept are whole numbers."""
+        del options
+        affine, notes = placed(self.header, self.path.name)
+        slope, intercept = self.scaling
+        whole = self.dtype.kind in "iu" and slope.is_integer() and intercept.is_integer()
+        plain = (slope, intercept) == (1.0, 0.0)
+        integers = whole and not plain
+        as_stored = self.dtype.newbyteorder("=")
+        dtype = as_stored if whole or plain else np.dtype(np.float32)
+        # Scaled bytes need two more each; wider integers mostly stay in their place.
+        require_memory(self.size[::-1], dtype.itemsize + 2 * (integers and dtype.itemsize == 1), self.path.name)
+        values = np.empty(self.size[::-1], dtype)
+        with opened(self.path) as stream:
+            for start in range(0, len(values), PLANES):
+                yield Step(start / len(values), f"Reading {self.path.name}")
+                stored = self._planes(stream, start, start + PLANES)
+                if not (whole or plain):
+                    stored = stored.astype(np.float64) * slope + intercept
+                values[start : start + PLANES] = stored
+            yield from check_end_steps(stream, self.path.name)
+        if integers:
+            values = yield from scaled_integers_steps(values, int(slope), int(intercept))
+        return Reading(values, affine, notes, "", label_names(self.header))
 
-
-def fractional_steps(
-    stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any], slope: float, intercept: float, name: str
-) -> Steps[NDArray[np.float32]]:
-    """Values scaled as nibabel does, in float64, and rounded to float32; a few planes at a time."""
-    require_memory(shape, 4, name)
-    values = np.empty(shape, np.float32)
-    for start in range(0, len(values), PLANES):
-        target = values[start : start + PLANES]
-        stored = np.empty(target.shape, dtype)
-        yield from within(fill_steps(stored, stream, name), start / len(values), (start + len(target)) / len(values))
-        target[...] = stored.astype(np.float64) * slope + intercept
-    return values
-
-
-def describe(path: Path) -> Series:
-    """Size of the volume, from the header alone."""
-    with opened(path) as stream:
-        columns, rows, slices = checked_size(read_header(stream, path.name), path.name)
-    return Series(1, "", slices, (columns, rows))
+    def _planes(self, stream: IO[bytes], start: int, stop: int) -> NDArray[Any]:
+        """The stored values (slices, rows, columns) of some planes."""
+        proxies = needed("nibabel.arrayproxy", "nibabel", "NIfTI")
+        proxy = proxies.ArrayProxy(stream, (self.size, self.dtype, int(self.header["vox_offset"])))
+        try:
+            planes: NDArray[Any] = proxy[..., start:stop].T
+        except STREAM_ERRORS as error:
+            raise ReadError(
+                f"{self.path.name} is truncated or damaged after slice {start} of {self.size[2]} ({reason(error)}); "
+                "copy it again"
+            ) from error
+        return planes
 
 
 def read_header(stream: IO[bytes], name: str) -> Any:
-    """Header by nibabel, of either version; `stream` is left behind the header's extensions."""
-    nifti1 = needed("nibabel.nifti1", "nibabel", WHAT)
-    nifti2 = needed("nibabel.nifti2", "nibabel", WHAT)
-    globals_ = needed("nibabel.imageglobals", "nibabel", WHAT)
+    """Header and extensions by nibabel, of either version."""
+    nifti1 = needed("nibabel.nifti1", "nibabel", "NIfTI")
+    nifti2 = needed("nibabel.nifti2", "nibabel", "NIfTI")
     try:
-        first = stream.read(4)
-        stream.seek(0)
+        head = stream.read(540)
         # The first number is the header's own length, in either byte order.
-        second_version = 540 in (int.from_bytes(first, "little"), int.from_bytes(first, "big"))
+        second_version = 540 in (int.from_bytes(head[:4], "little"), int.from_bytes(head[:4], "big"))
         kind = nifti2.Nifti2Header if second_version else nifti1.Nifti1Header
-        with quiet(), globals_.LoggingOutputSuppressor():
-            return kind.from_fileobj(stream)
+        offset = float(kind(head[: kind.sizeof_hdr], check=False)["vox_offset"])
+        if not (math.isfinite(offset) and kind.sizeof_hdr + 4 <= offset <= MOST_HEADER):
+            raise ReadError(
+                f"{name} says that its values begin at byte {offset:g}, which no NIfTI file has; export it again"
+            )
+        head += stream.read(max(0, int(offset) - len(head)))
+        with quiet():
+            header = kind.from_fileobj(io.BytesIO(head[: int(offset)]), check=False)
+            header.check_fix(SILENT, 40)
     except header_errors() as error:
-        raise ReadError(f"{name} is no readable NIfTI file ({reason(error)}); export or copy it again") from error
+        raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
+    return header
 
 
-def header_errors() -> tuple[Any, ...]:
+def header_errors() -> tuple[type[Exception], ...]:
     """What nibabel raises on a header it cannot accept."""
-    spatial = needed("nibabel.spatialimages", "nibabel", WHAT)
-    wrapped = needed("nibabel.wrapstruct", "nibabel", WHAT)
-    return (*BROKEN, spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError)
+    spatial = needed("nibabel.spatialimages", "nibabel", "NIfTI")
+    wrapped = needed("nibabel.wrapstruct", "nibabel", "NIfTI")
+    return (spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError, *STREAM_ERRORS)
 
 
 def checked_size(header: Any, name: str) -> tuple[int, int, int]:
     """(columns, rows, slices), or a `ReadError` for anything that is not one volume."""
     shape = tuple(int(side) for side in header.get_data_shape())
     if any(side < 1 for side in shape) or len(shape) < 2:
-        raise ReadError(f"{name} has the size {shape}, which is no volume; export it again")
+        raise ReadError(f"{name} has the size {shape}, which is not a volume; export it again")
     if any(side > 1 for side in shape[3:]):
         raise ReadError(
             f"{name} has {len(shape)} dimensions {shape}, and a volume has 3; "
@@ -125,10 +136,10 @@ def checked_size(header: Any, name: str) -> tuple[int, int, int]:
 
 
 def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
-    """The type of the values in the file, or a `ReadError` for colour, complex and long double."""
+    """The type of the values in the file, or a `ReadError` for color, complex and long double."""
     dtype: np.dtype[Any] = header.get_data_dtype()
     if dtype.names is not None:
-        raise ReadError(f"{name} has RGB voxels; convert it to grey values or labels (one number a voxel)")
+        raise ReadError(f"{name} has RGB voxels; convert it to gray values or labels (one number a voxel)")
     if dtype.kind not in "iuf" or dtype.itemsize > 8:
         raise ReadError(f"{name} has voxels of type {dtype}; convert it to int16 or float32")
     return dtype

@@ -1,4 +1,4 @@
-"""NRRD with its data inside, in one other file or in many: pynrrd reads the header, the values come straight in.
+"""NRRD with its data inside, in one other file or in many; its header by pynrrd.
 
 The first axis is the fastest, so the values are (third, second, first) in C order. The named spaces
 are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is the format's description.
@@ -6,23 +6,23 @@ are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is the format's des
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Step, Steps, within
-from .file_formats import natural
-from .optional_imports import BROKEN, needed, quiet, reason
-from .result import Reading, Series
-from .streams import check_end, fill_steps, skip, unpacked
+from ..core import ReadError, Step, Steps, equal_part
+from .file_formats import natural_key
+from .optional_imports import needed, quiet, reason
+from .result import Reading, ReadOptions, Series, VolumeSource
+from .streams import check_end_steps, fill_steps, skip_steps, unpacked
 from .value_kind import native_steps, require_memory
 
-WHAT = "NRRD"
+MOST_HEADER = 2**24  # bytes
+HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
 # Signs that turn a named space's axes to right, anterior, superior.
 SPACES = {
     "right-anterior-superior": (1.0, 1.0, 1.0),
@@ -48,49 +48,54 @@ WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
 TO_MM = {"mm": 1.0, "millimeter": 1.0, "um": 0.001, "µm": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
 
 
-def read_steps(path: Path) -> Steps[Reading]:
-    """Read one `.nrrd`, or one `.nhdr` with the data it names."""
-    with path.open("rb") as stream:
-        header = read_header(stream, path.name)
-        size, kept = checked_size(header, path.name)
-        dtype = checked_dtype(header, path.name)
-        require_memory(size[::-1], dtype.itemsize, path.name)
-        files = data_files(header, path)
-        values = np.empty(size[::-1], dtype)
-        if not files:
-            yield from values_steps(values, stream, header, path)
-    share = max(1, len(values) // max(1, len(files)))  # slices in each data file
-    if files and share * len(files) != len(values):
-        raise ReadError(f"{path.name} names {len(files)} data files for {len(values)} slices; repair the header")
-    for number, file in enumerate(files):
-        if not file.is_file():
-            raise ReadError(f"{path.name} names the data file {file.name}, which is missing; keep the two together")
-        with file.open("rb") as stream:
-            part = values_steps(values[number * share : (number + 1) * share], stream, header, file)
-            yield from within(part, number / len(files), (number + 1) / len(files))
-    affine, notes = placed(header, kept)
-    values = yield from native_steps(values)
-    return Reading(values, affine, notes, "", label_names(header), WHAT)
+class NrrdFile(VolumeSource):
+    """One `.nrrd`, or one `.nhdr` with the data that it names."""
 
+    format = "NRRD"
+    has_geometry = True
 
-def describe(path: Path) -> Series:
-    """Size of the volume, from the header alone."""
-    with path.open("rb") as stream:
-        (columns, rows, slices), _ = checked_size(read_header(stream, path.name), path.name)
-    return Series(1, "", slices, (columns, rows))
+    def __init__(self, path: Path) -> None:
+        name = path.name
+        with path.open("rb") as stream:
+            self.header = read_header(stream, name)
+            self.data_start = stream.tell()
+        self.size, self.kept_axes = checked_size(self.header, name)
+        self.dtype = checked_dtype(self.header, name)
+        columns, rows, slices = self.size
+        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name)
+        self.data_files = data_files(self.header, path, slices)
+        super().__init__(path, (series,), [path, *self.data_files])
+
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read the values."""
+        del options
+        affine, notes = placed(self.header, self.kept_axes)
+        require_memory(self.size[::-1], self.dtype.itemsize, self.path.name)
+        values = np.empty(self.size[::-1], self.dtype)
+        files = self.data_files or [self.path]
+        if len(values) % len(files):
+            raise ReadError(
+                f"{self.path.name} names {len(files)} data files for {len(values)} slices; repair the header"
+            )
+        share = len(values) // len(files)  # slices in each data file
+        for number, file in enumerate(files):
+            with open_data_file(file, self.path) as stream:
+                stream.seek(0 if self.data_files else self.data_start)
+                part = values_steps(values[number * share : (number + 1) * share], stream, self.header, file)
+                yield from equal_part(part, number, len(files))
+        values = yield from native_steps(values)
+        return Reading(values, affine, notes, "", label_names(self.header))
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     """Header by pynrrd; `stream` is left at the first byte of attached data."""
-    nrrd = needed("nrrd", "pynrrd", WHAT)
-    lines, names = header_lines(stream)
-    if not lines:
-        raise ReadError(f"{name} is no NRRD file: it does not begin with 'NRRD'; export or copy it again")
+    nrrd = needed("nrrd", "pynrrd", "NRRD")
+    lines, names = header_lines(stream, name)
     try:
         with quiet():
             header = dict(nrrd.read_header(lines))
-    except (*BROKEN, nrrd.NRRDError, StopIteration) as error:
-        raise ReadError(f"{name} is no readable NRRD file ({reason(error)}); export or copy it again") from error
+    except (*HEADER_ERRORS, nrrd.NRRDError) as error:
+        raise ReadError(f"{name} is not a readable NRRD file ({reason(error)}); export or copy it again") from error
     if names:
         header["data file"] = names
     for field in ("type", "dimension", "sizes", "encoding"):
@@ -103,13 +108,15 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     return header
 
 
-def header_lines(stream: IO[bytes]) -> tuple[list[bytes], list[str]]:
+def header_lines(stream: IO[bytes], name: str) -> tuple[list[bytes], list[str]]:
     """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know."""
     if stream.read(4) != b"NRRD":
-        return [], []
-    lines, names = [b"NRRD" + stream.readline()], []
+        raise ReadError(f"{name} is not an NRRD file: it does not begin with 'NRRD'; export or copy it again")
+    lines, names = [b"NRRD" + stream.readline(MOST_HEADER)], []
     listing = False
-    while line := stream.readline().strip(b"\r\n"):
+    while line := stream.readline(MOST_HEADER).strip(b"\r\n"):
+        if stream.tell() > MOST_HEADER:
+            raise ReadError(f"{name} has a header of more than {MOST_HEADER} bytes; export it again")
         if listing:
             names.append(line.decode("utf-8", "replace").strip())
         elif re.match(rb"data ?file:\s*LIST", line, re.IGNORECASE):
@@ -132,7 +139,7 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
     kinds = header.get("kinds", [])
     colour = [kind for kind in kinds if "color" in str(kind).lower() or "vector" in str(kind).lower()]
     if len(kept) == 3 and colour:
-        raise ReadError(f"{name} has {colour[0]} voxels; convert it to grey values or labels (one number a voxel)")
+        raise ReadError(f"{name} has {colour[0]} voxels; convert it to gray values or labels (one number a voxel)")
     if len(kept) < 3 or sizes[kept[2]] < 2:
         raise ReadError(f"{name} holds one slice only, sizes {tuple(sizes)}; a surface needs at least 2 slices")
     return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept
@@ -148,38 +155,74 @@ def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
     return np.dtype((">" if endian == "big" else "<") + code)
 
 
-def data_files(header: Mapping[str, Any], path: Path) -> list[Path]:
+def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]:
     """The files that hold the values, in order; none where they follow the header.
 
-    `data file` is a name, a list under `LIST`, or a pattern `name%d first last step [dimension]`.
+    `data file` is a name, a list under `LIST`, or a pattern `name%d first last step [dimension]`. Each lies in the
+    header's folder or below: a header that came by mail must not name another file of the machine, or of the network.
     """
     named = header.get("data file", header.get("datafile", []))
     names: list[str] = [named] if isinstance(named, str) else named
-    pattern = re.fullmatch(r"(.*%\d*d.*?)\s+(-?\d+)\s+(-?\d+)\s+(-?\d+)(?:\s+\d+)?", names[0]) if names else None
-    if pattern and int(pattern[4]):
-        first, last, step = (int(pattern[group]) for group in (2, 3, 4))
-        names = [pattern[1] % number for number in range(first, last + (1 if step > 0 else -1), step)]
-    return [Path(os.path.normpath(path.parent / name.replace("\\", "/"))) for name in names]
+    words = names[0].split() if len(names) == 1 else []
+    pattern = re.fullmatch(r"([^%]*%0?\d{0,2}d[^%]*?)((?:\s+-?\d{1,9}){3})(?:\s+\d{1,9})?", names[0]) if words else None
+    if pattern:
+        first, last, step = (int(number) for number in pattern[2].split())
+        numbers = range(first, last + (1 if step > 0 else -1), step) if step else range(0)
+        if not 0 < len(numbers) <= slices:
+            raise ReadError(f"{path.name} names {len(numbers)} data files for {slices} slices; repair the header")
+        names = [pattern[1] % number for number in numbers]
+    if len(names) > slices:
+        raise ReadError(f"{path.name} names {len(names)} data files for {slices} slices; repair the header")
+    return [path.parent / inner_path(name, path.name) for name in names]
+
+
+def inner_path(name: str, header_name: str) -> PurePosixPath:
+    """A data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
+    inner = PurePosixPath(name.replace("\\", "/"))
+    if inner.is_absolute() or ".." in inner.parts or ":" in name or "\0" in name or not inner.name:
+        raise ReadError(
+            f"{header_name} names the data file '{name[:80]}', and only a file in the header's own folder or below "
+            "is read; put the two together and name the file alone"
+        )
+    return inner
+
+
+def open_data_file(file: Path, header: Path) -> IO[bytes]:
+    """A data file for reading, or a `ReadError` if there is no such file."""
+    if not file.is_file():
+        raise ReadError(f"{header.name} names the data file {file.name[:80]}, which is missing; keep the two together")
+    return file.open("rb")
 
 
 def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, Any], path: Path) -> Steps[None]:
-    """Fill `values` from `stream` by the header's encoding and skips."""
+    """Fill `values` from `stream` by the header's encoding and skips.
+
+    Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
+    """
     encoding = str(header["encoding"]).lower()
-    for _ in range(int(header.get("line skip", header.get("lineskip", 0)))):
-        stream.readline()
+    line_skip = int(header.get("line skip", header.get("lineskip", 0)))
     byte_skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    if not 0 <= line_skip <= MOST_HEADER or byte_skip < (-1 if encoding == "raw" else 0):
+        raise ReadError(
+            f"{path.name} would have to be read from byte {byte_skip} and line {line_skip} on, encoded as "
+            f"'{encoding}'; export it again"
+        )
+    for _ in range(line_skip):
+        if not stream.readline():
+            break
     if encoding == "raw":
         if byte_skip < 0:  # -1: the values are the file's last bytes
             stream.seek(max(0, path.stat().st_size - values.nbytes))
         else:
-            skip(stream, byte_skip, path.name)
+            yield from skip_steps(stream, byte_skip, path.name)
         yield from fill_steps(values, stream, path.name)
     elif encoding in ("gzip", "gz", "bzip2", "bz2"):
         with unpacked(stream, encoding) as plain:
-            skip(plain, max(0, byte_skip), path.name)
+            yield from skip_steps(plain, byte_skip, path.name)
             yield from fill_steps(values, plain, path.name)
-            check_end(plain, path.name)
+            yield from check_end_steps(plain, path.name)
     elif encoding in ("ascii", "text", "txt"):
+        yield from skip_steps(stream, byte_skip, path.name)
         yield from words_steps(values.reshape(-1), stream, path.name)
     else:
         raise ReadError(f"{path.name} is encoded as '{encoding}'; save it as raw or gzip")
@@ -199,10 +242,14 @@ def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[Non
             raise ReadError(f"{name} is truncated: {end} of {len(values)} values are there; copy it again")
         if end > len(values):
             raise ReadError(f"{name} holds more than the {len(values)} values of its sizes; repair the header")
+        numbers = np.array(words, dtype="S")
         try:
-            values[done:end] = np.array(words, dtype="S").astype(values.dtype)
-        except ValueError as error:
-            raise ReadError(f"{name} has a value that is no number ({reason(error)}); export it again") from error
+            values[done:end] = numbers.astype(values.dtype)
+            exact = values.dtype.kind == "f" or (values[done:end] == numbers.astype(np.float64)).all()
+        except (ValueError, OverflowError) as error:
+            raise ReadError(f"{name} has a value that is not a number ({reason(error)}); export it again") from error
+        if not exact:
+            raise ReadError(f"{name} has values outside its type {values.dtype}; export it again")
         done = end
 
 
@@ -246,7 +293,7 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
 def label_names(header: Mapping[str, Any]) -> dict[int, str]:
     """Names of labels from Slicer's keys `SegmentN_LabelValue` and `SegmentN_Name`."""
     names: dict[int, str] = {}
-    for key in sorted(header, key=lambda key: natural(Path(key))):
+    for key in sorted(header, key=lambda key: natural_key(Path(key))):
         found = re.fullmatch(r"Segment(\d+)_LabelValue", key)
         if found and str(header[key]).strip().isdigit():
             names[int(header[key])] = str(header.get(f"Segment{found[1]}_Name", f"Segment {found[1]}"))

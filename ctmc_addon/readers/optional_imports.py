@@ -1,50 +1,25 @@
-"""The readers' libraries, imported when first needed, and what they raise on broken files."""
+"""The readers' libraries, imported when first needed and kept from talking to the user."""
 
 from __future__ import annotations
 
 import importlib
 import logging
-import struct
 import sys
 import warnings
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ..core import ReadError, Step, Steps, finish, map_steps
+from ..core import ReadError, Step, Steps
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 STEP_SECONDS = 0.03  # between two steps while a library is imported
 
-# What a parser raises when bytes are not what it expects. Only calls into a library stand under it.
-BROKEN = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    NotImplementedError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    struct.error,
-    zlib.error,
-)
-LOGGERS = (
-    "tifffile",
-    "tifffile.tifffile",
-    "PIL",
-    "PIL.PngImagePlugin",
-    "PIL.TiffImagePlugin",
-    "pydicom",
-    "nibabel.global",
-    "imageio",
-)
+# Where no application listens, `logging` prints a library's complaints; a handler of its own keeps it from that.
+for _name in ("PIL", "imageio", "pydicom", "tifffile"):
+    logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
 def needed(module: str, package: str, what: str) -> Any:
@@ -74,33 +49,33 @@ def imported_steps(module: str, package: str, what: str) -> Steps[Any]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the libraries' warnings and log lines from the user; what matters is said in the notes.
+    """Keep the libraries' warnings from the user; what matters is said in the notes.
 
-    Never held across a `yield` of steps, since the filters belong to the whole interpreter.
+    The filters belong to the whole interpreter: entered in the main thread alone, and never held across a step.
     """
-    talking = [logger for logger in map(logging.getLogger, LOGGERS) if not logger.disabled]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for logger in talking:
-            logger.disabled = True
-        try:
-            yield
-        finally:
-            for logger in talking:
-                logger.disabled = False
+        yield
 
 
-def quiet_batches(
+def quiet_batches_steps(
     work: Callable[[Item], Result], items: Sequence[Item], message: str, at_once: int, threads: int = 1
 ) -> Steps[list[Result]]:
-    """`[work(item) for item in items]`, a step after every `at_once`, the libraries kept quiet while they work."""
-    done: list[Result] = []
-    while len(done) < len(items):
-        some = items[len(done) : len(done) + at_once]
+    """`[work(item) for item in items]`, a step after every `at_once`, the libraries kept quiet while they work.
+
+    The error of the earliest item is raised, and no thread lives across a step.
+    """
+    results: list[Result] = []
+    for start in range(0, len(items), at_once):
+        batch = items[start : start + at_once]
         with quiet():
-            done += finish(map_steps(work, some, threads, message))
-        yield Step(len(done) / len(items), message)
-    return done
+            if min(threads, len(batch)) > 1:
+                with futures.ThreadPoolExecutor(min(threads, len(batch))) as pool:
+                    results += pool.map(work, batch)
+            else:
+                results += map(work, batch)
+        yield Step(len(results) / len(items), message)
+    return results
 
 
 def reason(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""What every format's reader hands to the package's face, and what is decided there for all of them.
+"""What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
 Spacing given by the user, mirrored axes and the meaning of the values are the same question in
 every format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
@@ -7,15 +7,18 @@ every format, so they are answered here. Affines map (x, y, z) = (column, row, s
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import SettingsError, Steps
+from ..core import ReadError, SettingsError, Stages, Steps, finish, worker_count
 from ..core.volume import Volume
+from .file_formats import stem
 from .value_kind import kind_steps
 
 
@@ -35,6 +38,8 @@ class Series:
         Of most of its slices.
     modality : str
         Such as 'CT'; empty where the format has none.
+    dtype : str
+        NumPy's name for the type of the stored values.
     """
 
     number: int
@@ -42,6 +47,12 @@ class Series:
     slices: int
     size: tuple[int, int]
     modality: str = ""
+    dtype: str = ""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(slices, rows, columns), as `Volume.values` will have it unless slices are left out or resampled."""
+        return (self.slices, self.size[1], self.size[0])
 
     @property
     def text(self) -> str:
@@ -67,8 +78,6 @@ class Reading:
         As in `Volume`, or empty where only name and values can tell.
     label_names : mapping of int to str
         Where the file has them.
-    what : str
-        The format in a word, for notes.
     own_spacing : str
         Words about the file's spacing, where the affine already holds what was asked for.
     """
@@ -78,32 +87,116 @@ class Reading:
     notes: tuple[str, ...] = ()
     kind: str = ""
     label_names: Mapping[int, str] = field(default_factory=dict)
-    what: str = ""
     own_spacing: str = ""
 
 
-def volume_steps(reading: Reading, name: str, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
-    """The volume, with the user's spacing and mirrored axes applied and said."""
-    notes = list(reading.notes)
-    affine = reading.affine
-    if affine is None:
-        affine = np.diag([*(value * sign for value, sign in zip(spacing or (1.0,) * 3, (-1, -1, 1), strict=True)), 1.0])
-        notes.append(
-            f"{reading.what} has no orientation: taken as axial, columns towards the patient's left, "
-            "rows towards the back, slices towards the head; flip x, y or z changes it"
-        )
-        if spacing is None:
-            notes.append(f"{reading.what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
-    elif spacing is not None:
-        affine, own = respaced(affine, spacing)
-        notes.append(f"spacing {by(spacing)} mm as asked, {reading.own_spacing or own}")
-    if flip:
-        affine = flipped(affine, reading.values.shape[::-1], flip)
-        notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
-    kind = reading.kind
-    if not kind:
-        kind = yield from kind_steps(reading.values, name, bool(reading.label_names), reading.affine is not None)
-    return Volume(reading.values, affine, tuple(notes), name, kind, reading.label_names)
+class ReadOptions(NamedTuple):
+    """What a format's reader is asked for beside its file."""
+
+    series: str = ""  # UID or number; empty for the series with the most slices
+    strict: bool = False
+    spacing: tuple[float, float, float] | None = None
+    threads: int = 1
+
+
+class VolumeSource(ABC):
+    """What a path holds, known from its headers; the values are still to be read. `open_volume` makes it.
+
+    Parameters
+    ----------
+    path : Path
+        What was opened.
+    series : tuple of Series
+        The series of a DICOM folder or file, or the one volume of any other path.
+    files : tuple of Path
+        All files that belong to it.
+    name : str, optional
+        Of the volume; by default the path's, without its suffix.
+
+    Attributes
+    ----------
+    format : str
+        'DICOM', 'NIfTI', 'NRRD', 'NumPy', 'TIFF', 'PNG', 'JPEG' or 'BMP'.
+    has_geometry : bool
+        Whether the format says spacing and orientation.
+    """
+
+    format: str
+    has_geometry: bool
+
+    def __init__(self, path: Path, series: tuple[Series, ...], files: Sequence[Path], name: str = "") -> None:
+        self.path = path
+        self.series = series
+        self.files = tuple(files)
+        self.name = name or stem(path)
+
+    @abstractmethod
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read the values."""
+
+    def selected_series(self, series: str | int | None) -> Series | None:
+        """The series that `read_steps` would read; None where there is none, or not this one."""
+        asked = "" if series is None else str(series).strip()
+        matching = [one for one in self.series if asked in ("", one.uid, str(one.number))]
+        return max(matching, key=lambda one: (one.slices, -one.number), default=None)
+
+    def read_steps(
+        self,
+        spacing: float | Sequence[float] | None = None,
+        series: str | int | None = None,
+        strict: bool = False,
+        flip: str = "",
+        threads: int | None = None,
+    ) -> Steps[Volume]:
+        """Read the volume; parameters, result and errors are those of `read_volume`."""
+        spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
+        asked = "" if series is None else str(series).strip()
+        if asked and self.format != "DICOM":
+            raise ReadError(f"{self.path.name} has no series, as only DICOM has; leave out the series '{asked}'")
+        options = ReadOptions(asked, strict, spacing_mm, worker_count(threads))
+        stages = Stages({"Reading values": 9, "Looking at the values": 1})
+        try:
+            reading = yield from stages.run("Reading values", self.reading_steps(options))
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+        return (yield from stages.run("Looking at the values", self._volume_steps(reading, spacing_mm, axes)))
+
+    def read(self, **options: Any) -> Volume:
+        """`read_steps` in one go."""
+        return finish(self.read_steps(**options))
+
+    def _volume_steps(self, reading: Reading, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
+        """The volume, with the user's spacing and mirrored axes applied and said."""
+        notes = list(reading.notes)
+        affine = reading.affine
+        if affine is None:
+            lengths = spacing or (1.0, 1.0, 1.0)
+            affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
+            what = "a NumPy file" if self.format == "NumPy" else self.format
+            notes.append(
+                f"{what} has no orientation: taken as axial, columns towards the patient's left, "
+                "rows towards the back, slices towards the head; flip x, y or z changes it"
+            )
+            if spacing is None:
+                notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
+        elif spacing is not None:
+            affine, own_spacing = respaced(affine, spacing)
+            notes.append(f"spacing {by(spacing)} mm as asked, {reading.own_spacing or own_spacing}")
+        if flip:
+            affine = flipped(affine, reading.values.shape[::-1], flip)
+            notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
+        kind = reading.kind
+        if not kind:
+            kind = yield from kind_steps(
+                reading.values, self.name, bool(reading.label_names), reading.affine is not None
+            )
+        return Volume(reading.values, affine, tuple(notes), self.name, kind, reading.label_names)
+
+
+def unreadable(path: Path, error: OSError) -> ReadError:
+    """What the system says of a file that cannot be opened."""
+    name = Path(error.filename).name if isinstance(error.filename, str) else path.name
+    return ReadError(f"{name} cannot be read ({error.strerror or error}); check the file and its permissions")
 
 
 def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
@@ -117,8 +210,8 @@ def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, flo
     if spacing is None:
         return None
     try:
-        many = (spacing,) * 3 if isinstance(spacing, (int, float)) else tuple(spacing)
-        numbers = tuple(float(value) for value in many)
+        sides = (spacing,) * 3 if isinstance(spacing, (int, float)) else tuple(spacing)
+        numbers = tuple(float(value) for value in sides)
     except (TypeError, ValueError) as error:
         raise SettingsError(f"spacing is three numbers x, y, z in mm, not {spacing!r}") from error
     if len(numbers) != 3:
@@ -145,20 +238,20 @@ def checked_flip(flip: str | None) -> str:
 
 def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
     """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
-    out = affine.copy()
+    mirrored = affine.copy()
     for axis in ("xyz".index(letter) for letter in axes):
-        out[:3, 3] += out[:3, axis] * (size[axis] - 1)
-        out[:3, axis] *= -1.0
-    return out
+        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
+        mirrored[:3, axis] *= -1.0
+    return mirrored
 
 
 def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
     """The affine with columns of the lengths `spacing`, and words about those it had."""
     lengths = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
-    out = affine.copy()
+    scaled = affine.copy()
     # An axis without length is left alone: Volume refuses it as singular.
-    out[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return out, f"in place of the file's own {by(lengths)} mm"
+    scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
+    return scaled, f"in place of the file's own {by(lengths)} mm"
 
 
 def by(lengths: Iterable[float]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import zlib
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -11,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, Step, Steps
-from .optional_imports import BROKEN, reason
+from .optional_imports import reason
 
 CHUNK = 2**20  # about 0.005 s of unpacking gzip
+MOST_PADDING = 2**24  # bytes behind the values that are unpacked to reach the check sum
+STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip and bz2
 
 
 def opened(path: Path) -> IO[bytes]:
@@ -39,7 +42,7 @@ def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]
         yield Step(done / len(flat), f"Reading {name}")
         try:
             count = stream.readinto(flat[done : done + CHUNK])  # type: ignore[attr-defined]
-        except BROKEN as error:
+        except STREAM_ERRORS as error:
             raise ReadError(
                 f"{name} is truncated or damaged after {done} of {len(flat)} bytes ({reason(error)}); copy it again"
             ) from error
@@ -48,18 +51,30 @@ def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]
         done += count
 
 
-def check_end(stream: IO[bytes], name: str) -> None:
+def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
     """Reach the check sum that ends a compressed stream, after the last value."""
-    if isinstance(stream, gzip.GzipFile | bz2.BZ2File):
+    if not isinstance(stream, gzip.GzipFile | bz2.BZ2File):
+        return
+    for _ in range(0, MOST_PADDING, CHUNK):
+        yield Step(1.0, f"Checking {name}")
         try:
-            stream.read(1)
-        except BROKEN as error:
+            if not stream.read(CHUNK):
+                return
+        except STREAM_ERRORS as error:
             raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
+    raise ReadError(f"{name} unpacks to far more than the values that its header tells of; export it again")
 
 
-def skip(stream: IO[bytes], count: int, name: str) -> None:
+def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
     """Pass over `count` bytes."""
-    try:
+    if not isinstance(stream, gzip.GzipFile | bz2.BZ2File):
         stream.seek(count, 1)
-    except BROKEN as error:
-        raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
+        return
+    for start in range(0, count, CHUNK):
+        yield Step(0.0, f"Reading {name}")
+        try:
+            passed = len(stream.read(min(CHUNK, count - start)))
+        except STREAM_ERRORS as error:
+            raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
+        if not passed:
+            raise ReadError(f"{name} is truncated: it ends before its values; copy it again")

@@ -37,7 +37,7 @@ def native_steps(values: NDArray[Any]) -> Steps[NDArray[Any]]:
     return values.view(values.dtype.newbyteorder("="))
 
 
-def scaled_whole_steps(values: NDArray[Any], slope: int, intercept: int) -> Steps[NDArray[Any]]:
+def scaled_integers_steps(values: NDArray[Any], slope: int, intercept: int) -> Steps[NDArray[Any]]:
     """Integers `values * slope + intercept` as int16, int32 or float32, the first that holds them."""
     low, high = yield from range_steps(values)
     ends = (int(low) * slope + intercept, int(high) * slope + intercept)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers import list_series, read_volume
+from ctmc_addon.readers import open_volume, read_volume
 
 DIRECTIONS = np.array([[0.7, 0.1, 0], [-0.1, 0.7, 0.2], [0, -0.3, 2.5]])
 ORIGIN = np.array([-100.5, 20.25, 3])
@@ -173,7 +173,7 @@ def test_noise_with_an_nrrd_name_is_refused(tmp_path):
 
 
 def test_the_series_of_a_file_is_its_size(tmp_path):
-    (one,) = list_series(saved(tmp_path / "ct.nrrd", numbers()))
+    (one,) = open_volume(saved(tmp_path / "ct.nrrd", numbers())).series
     assert (one.slices, one.size) == (7, (5, 6))
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from ctmc_addon import readers
 from ctmc_addon.core import CtmcError, Volume, finish
 from ctmc_addon.core.volume.affine import determinant, transform_points
-from ctmc_addon.readers import list_series, read_volume, read_volume_steps
+from ctmc_addon.readers import open_volume, read_volume, read_volume_steps
 
 SIZE = (4, 5, 6)  # x, y, z
 OBLIQUE = np.array([[-0.6, 0.3, 0.1, 12.5], [0.2, 0.7, -0.4, -80], [0.05, 0.4, 2.1, 301.25], [0, 0, 0, 1]])
@@ -104,13 +104,13 @@ def test_a_flip_of_no_axis_is_refused(oblique, flip):
 
 @pytest.mark.parametrize("path", ["nowhere.nii", "no/where", "", "a" * 300, "nul\0l"])
 def test_a_missing_path_is_refused(path):
-    for look in (read_volume, list_series):
+    for look in (read_volume, open_volume):
         with pytest.raises(CtmcError):
             look(path)
 
 
 def test_an_empty_folder_is_refused(tmp_path):
-    for look in (read_volume, list_series):
+    for look in (read_volume, open_volume):
         with pytest.raises(CtmcError, match=r"is empty; choose the folder that holds the slices"):
             look(tmp_path)
 
@@ -126,7 +126,7 @@ def test_a_folder_without_slices_says_what_else_is_in_it(tmp_path, oblique):
 @pytest.mark.parametrize("name", ["ct.nii", "ct.nii.gz", "ct.dcm", "ct.png", "ct.tif", "ct.npy", "ct.nrrd", "ct"])
 def test_an_empty_file_is_said_to_be_empty(tmp_path, name):
     (tmp_path / name).touch()
-    for look in (read_volume, list_series):
+    for look in (read_volume, open_volume):
         with pytest.raises(CtmcError, match=rf"{name} is empty \(0 bytes\); copy it again"):
             look(tmp_path / name)
 

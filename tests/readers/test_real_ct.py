@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers import list_series, read_volume
+from ctmc_addon.readers import open_volume, read_volume
 
 
 def headers(folder):
@@ -82,7 +82,7 @@ def test_the_enhanced_file_stands_where_its_frames_say(real):
 
 
 def test_a_folder_of_single_slices_lists_its_series(real):
-    assert [one.slices for one in list_series(real("dicom_singles"))] == [1, 1, 2, 1]
+    assert [one.slices for one in open_volume(real("dicom_singles")).series] == [1, 1, 2, 1]
 
 
 @pytest.mark.parametrize("name", ["example_ct", "example_seg_dicom", "example_seg_fast_force_split"])

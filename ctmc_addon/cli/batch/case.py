@@ -147,11 +147,7 @@ class CaseWork:
         """The volume in a file, kept for the outputs to come."""
         if self.volume is None or self.source != source:
             self.volume, self.source, self.fingerprint = None, source, None
-            readers.existing(source)
-            try:
-                self.fingerprint = fingerprint_of(source)
-            except OSError as error:
-                raise readers.unreadable(source, error) from error
+            self.fingerprint = fingerprint_of(source)
             reading = dict(self.task["reading"])
             self.volume = finish(readers.read_volume_steps(source, **reading, threads=self.task["threads"]))
         return self.volume

@@ -15,10 +15,7 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings
-from ...readers.dicom import series as dicom
-from ...readers.file_formats import TIFF_SUFFIXES, VOLUME_SUFFIXES, natural, stem, suffix
-from ...readers.images import folder as stacks
-from ...readers.result import checked_flip, checked_spacing
+from ...readers import VOLUME_SUFFIXES, checked_flip, checked_spacing, natural_key, stem, suffix
 from ..arguments import overridden
 from .manifest import Row, manifest_rows
 
@@ -83,17 +80,17 @@ def rows_of(word: str, aside: Path | None) -> list[Row]:
     if suffix(place) == ".csv" and place.is_file():
         return manifest_rows(place)
     if not place.exists() and glob.has_magic(word):
-        found = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural)  # noqa: PTH207  (absolute too)
+        found = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
         if not found:
             raise ReadError(f"no file or folder fits '{word}'; check the pattern")
         return [row for path in found for row in rows_at(path, aside)]
-    return rows_at(readers.existing(place), aside)
+    return rows_at(readers.existing_path(place), aside)
 
 
 def rows_at(place: Path, aside: Path | None) -> list[Row]:
     """The volumes in a folder, or the one that a file is."""
     if not place.is_dir():
-        return [Row(place, case_name(place))]
+        return [Row(place, readers.volume_name(place))]
     found = volumes_in(place, aside, DEEPEST)
     return [Row(path, name) for path, name in found] or [Row(place, stem(place))]
 
@@ -107,8 +104,8 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     files = volume_files(folder)
     if files:
         return [(file, stem(file)) for file in files]
-    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural)
-    if any(entry.is_file() and dicom.may_be_dicom(entry) for entry in entries) or stacks.images_in(folder):
+    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
+    if readers.holds_slices(folder):
         return [(folder, stem(folder))]
     found: list[tuple[Path, str]] = []
     for inner in entries if deepest else []:
@@ -121,29 +118,15 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
 
 def volume_files(folder: Path) -> list[Path]:
     """Files that are a volume each, in natural order, without the labels that belong to one of them."""
-    files = sorted((file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file()), key=natural)
+    files = sorted(
+        (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file()), key=natural_key
+    )
     volumes = [file for file in files if suffix(file) in VOLUME_SUFFIXES]
-    tiffs = [file for file in files if suffix(file) in TIFF_SUFFIXES]
-    if tiffs and not volumes and format_or_none(tiffs[0]) == "tiff":
-        volumes = tiffs
+    if not volumes:
+        tiffs = [file for file in files if suffix(file) in readers.TIFF_SUFFIXES]
+        volumes = tiffs if tiffs and readers.is_volume_file(tiffs[0]) else []
     labels = {readers.segmentation_sibling(file) for file in volumes}
     return [file for file in volumes if file not in labels]
-
-
-def format_or_none(file: Path) -> str | None:
-    """The file's format, None if nobody can tell."""
-    try:
-        return readers.file_format(file)
-    except (CtmcError, OSError):
-        return None
-
-
-def case_name(file: Path) -> str:
-    """The file's stem; of a lone slice its folder's name, since a slice's own is often an identifier."""
-    kind = format_or_none(file)
-    if kind == "dicom":
-        return stem(dicom.named_after(file))
-    return stem(file.absolute().parent if kind == "image" else file)
 
 
 def case_of(row: Row, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:

@@ -12,15 +12,12 @@ import json
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, CtmcError
-from ...readers import file_format, folder_format, nrrd
-from ...readers.dicom import series as dicom
-from ...readers.file_formats import files_below, suffix
-from ...readers.images import folder as stacks
+from ...readers import open_volume
 from ...reporting.atomic_write import json_text, made_folder, refused
 
 UNFINISHED = ".ctmc-unfinished"
@@ -132,7 +129,7 @@ def failed_record(
 def fingerprint_of(path: Path) -> str:
     """A hash of the content of all files that are read for `path`, and of their names where they are several."""
     total = hashlib.blake2b(digest_size=16)
-    files = list(input_files(path))
+    files = open_volume(path).files
     for file in files:
         if len(files) > 1:
             name = file.relative_to(path).as_posix() if path in file.parents else file.name
@@ -141,24 +138,6 @@ def fingerprint_of(path: Path) -> str:
             while block := stream.read(BLOCK):
                 total.update(block)
     return total.hexdigest()
-
-
-def input_files(path: Path) -> Iterator[Path]:
-    """The files that are read for an input, in natural order."""
-    if path.is_dir():
-        yield from stacks.images_in(path) if folder_format(path) == "images" else files_below(path)
-        return
-    kind = file_format(path)
-    if kind == "image":
-        yield from stacks.images_in(path.parent)
-    elif kind == "dicom":
-        whole = dicom.named_after(path)
-        yield from files_below(whole) if whole.is_dir() else [path]
-    else:
-        yield path
-        if suffix(path) == ".nhdr":
-            with path.open("rb") as stream:
-                yield from nrrd.data_files(nrrd.read_header(stream, path.name), path)
 
 
 def fingerprint_or_none(path: Path) -> str | None:

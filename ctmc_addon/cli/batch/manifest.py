@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import ReadError, Setting, SettingsError, described
-from ...readers.file_formats import stem
+from ...readers import stem
 from ..arguments import flag_of
 
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}

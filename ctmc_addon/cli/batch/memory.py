@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 from ... import readers
 from ...core import CtmcError, available_bytes
-from ...readers.dicom.header import ImageFile, read_header
-from ...readers.file_formats import files_below
 from ..commands.reconstruct import source_of
 from .cases import Case
 
@@ -27,13 +25,8 @@ def voxels_of(case: Case) -> int:
     """Voxels in the file that will be read, 0 where that cannot be told."""
     path, _ = source_of(case.path, case.outputs[0].settings.label)
     try:
-        if path.is_dir() and readers.folder_format(path) == "dicom":
-            # One header instead of hundreds: all slices are taken to be like the first.
-            files = list(files_below(path))
-            first = next((one for one in map(read_header, files) if isinstance(one, ImageFile)), None)
-            return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
-        return max(one.slices * one.size[0] * one.size[1] for one in readers.list_series(path))
-    except (CtmcError, OSError, ValueError):
+        return readers.estimate_voxels(path)
+    except (CtmcError, OSError):
         return 0
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ... import readers
-from ...core import Volume
+from ...core import Volume, within
 from ...core.volume import slabs, value_range
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, by, listing
@@ -32,8 +32,9 @@ def add_parser(commands: Any) -> None:
 def run(chosen: argparse.Namespace) -> None:
     """Read the volume and print what it is."""
     with Progress() as progress:
-        volume = progress.drive(readers.read_volume_steps(chosen.input, **reading_of(chosen)))
-        series = readers.list_series(chosen.input)
+        source = progress.drive(within(readers.open_volume_steps(chosen.input), 0.0, 0.2))
+        volume = progress.drive(within(source.read_steps(**reading_of(chosen)), 0.2, 1.0))
+    series = source.series
     columns, rows, slices = volume.size
     axes = zip(("columns", "rows", "slices"), volume.orientation, strict=True)
     facts = [

@@ -6,14 +6,15 @@ An enhanced multi-frame file keeps this in functional groups, per frame or share
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
+
+MOST_MM = 1e6
 
 
 class FrameGeometry(NamedTuple):
     """Place and scale of one frame; None where the file does not say."""
 
-    position: tuple[float, ...] | None  # (x, y, z) of the first pixel's centre
+    position: tuple[float, ...] | None  # (x, y, z) of the first pixel's center
     orientation: tuple[float, ...] | None  # direction of a row, then of a column
     spacing: tuple[float, ...] | None  # between rows, between columns, mm
     slope: float
@@ -22,9 +23,8 @@ class FrameGeometry(NamedTuple):
     scout: bool
 
 
-def frame_geometries(dataset: Any) -> tuple[FrameGeometry, ...]:
-    """Every frame of the file, in the order of its pixels."""
-    count = int(dataset.get("NumberOfFrames", None) or 1)
+def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
+    """The `count` frames of the file, in the order of its pixels."""
     shared_groups = dataset.get("SharedFunctionalGroupsSequence", None)
     shared = shared_groups[0] if shared_groups else None
     groups = dataset.get("PerFrameFunctionalGroupsSequence", None)
@@ -38,7 +38,7 @@ def frame_geometries(dataset: Any) -> tuple[FrameGeometry, ...]:
 
 
 def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:
-    def found(sequence: str, keyword: str, top_level: bool = True) -> Any:
+    def value_of(sequence: str, keyword: str, top_level: bool = True) -> Any:
         """The value of the frame's own group, else of the shared one, else of the file."""
         for group in groups:
             items = group.get(sequence, None) if group is not None else None
@@ -47,23 +47,23 @@ def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> F
                 return value
         return dataset.get(keyword, None) if top_level else None
 
-    frame_type = [str(word) for word in found("CTImageFrameTypeSequence", "FrameType", False) or ()]
-    slope = found("PixelValueTransformationSequence", "RescaleSlope")
-    intercept = found("PixelValueTransformationSequence", "RescaleIntercept")
+    frame_type = [str(word) for word in value_of("CTImageFrameTypeSequence", "FrameType", False) or ()]
+    slope = value_of("PixelValueTransformationSequence", "RescaleSlope")
+    intercept = value_of("PixelValueTransformationSequence", "RescaleIntercept")
     return FrameGeometry(
-        _numbers(found("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
-        _numbers(found("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
-        _numbers(found("PixelMeasuresSequence", "PixelSpacing"), 2),
+        _numbers(value_of("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
+        _numbers(value_of("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
+        _numbers(value_of("PixelMeasuresSequence", "PixelSpacing"), 2),
         1.0 if slope is None else float(slope),
         0.0 if intercept is None else float(intercept),
-        str(found("PixelValueTransformationSequence", "RescaleType") or ""),
+        str(value_of("PixelValueTransformationSequence", "RescaleType") or ""),
         "LOCALIZER" in frame_type,
     )
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...] | None:
-    """`count` finite numbers, or None where the file has none or others."""
+    """`count` numbers of a size that occurs, or None where the file has none or others."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
         return None
     numbers = tuple(float(number) for number in value)
-    return numbers if all(math.isfinite(number) for number in numbers) else None
+    return numbers if all(abs(number) <= MOST_MM for number in numbers) else None  # nor NaN

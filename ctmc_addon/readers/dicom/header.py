@@ -1,4 +1,4 @@
-"""DICOM headers: one pass over a file gives all that is needed of it, and where its pixels begin.
+"""DICOM headers: one pass over a file gives all that is needed of it, its pixels passed over.
 
 Only tags about the image and its place are asked for; nothing about the patient is read.
 Positions are in DICOM's LPS+ mm. Clauses are those of DICOM PS3.3 and PS3.5.
@@ -6,16 +6,17 @@ Positions are in DICOM's LPS+ mm. Clauses are those of DICOM PS3.3 and PS3.5.
 
 from __future__ import annotations
 
+import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
-from ..optional_imports import BROKEN, needed, quiet
+from ..optional_imports import needed, quiet
 from .frames import FrameGeometry, frame_geometries
-from .plain_header import LONGEST, plain_header
 
-WHAT = "DICOM"
+PIXEL_TAGS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
 TAGS = [
     "SOPClassUID",
     "Modality",
@@ -31,7 +32,6 @@ TAGS = [
     "Columns",
     "PixelSpacing",
     "BitsAllocated",
-    "BitsStored",
     "PixelRepresentation",
     "PixelPaddingValue",
     "PixelPaddingRangeLimit",
@@ -41,11 +41,15 @@ TAGS = [
     "ModalityLUTSequence",
     "SharedFunctionalGroupsSequence",
     "PerFrameFunctionalGroupsSequence",
+    *PIXEL_TAGS,
 ]
+LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
 NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
 DEFLATED = "1.2.840.10008.1.2.1.99"
-IMPLICIT_LITTLE = "1.2.840.10008.1.2"
-UNCOMPRESSED = (IMPLICIT_LITTLE, "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2", DEFLATED)
+IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
+UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
+UNDEFINED_LENGTH = 0xFFFFFFFF
+SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
 
 
 class Pixels(NamedTuple):
@@ -53,13 +57,7 @@ class Pixels(NamedTuple):
 
     syntax: str  # transfer syntax UID
     compressed: bool
-    start: int | None  # first byte of uncompressed pixels; None where pydicom has to find them
-    size: int  # bytes of uncompressed pixels that the file says it has
-    big_endian: bool
     floating: bool
-    allocated: int
-    stored: int
-    signed: bool
     padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
 
 
@@ -74,7 +72,7 @@ class ImageFile:
     columns: int
     instance: int
     scout: bool
-    grey: bool
+    gray: bool
     hounsfield: bool
     lookup: bool  # a modality look-up table in place of slope and intercept
     pixels: Pixels
@@ -86,50 +84,24 @@ class Broken(NamedTuple):
 
     path: Path
     series: str  # empty where it is not known
+    damage: str = ""  # what is wrong, where that is known
     stray: bool = False  # has a DICOM file's name and nothing else of one
 
 
-def read_header(path: Path) -> ImageFile | Broken | None:
-    """The header of a DICOM image; None where the file is something else."""
-    return read_plain(path) or read_by_pydicom(path)
+def may_be_dicom(path: Path) -> bool:
+    """Whether a file in a folder is worth parsing: by its suffix and its first bytes."""
+    if has_other_suffix(path):
+        return False
+    try:
+        with path.open("rb") as file:
+            return has_preamble(file) or looks_like_dataset(file)
+    except OSError:
+        return False
 
 
-def read_plain(path: Path) -> ImageFile | None:
-    """The header of a plain CT slice, in a twentieth of pydicom's time; None where pydicom has to be asked."""
-    if may_be_another(path):
-        return None
-    with path.open("rb") as file:
-        try:
-            header = plain_header(file.read(LONGEST))
-            if header is None:
-                return None
-            file.seek(header.end)
-            image = _image(path, header, _pixels(header, file), str(header.get("SeriesInstanceUID", "")))
-        except (TypeError, ValueError):
-            return None
-    return image if isinstance(image, ImageFile) else None
-
-
-def read_by_pydicom(path: Path) -> ImageFile | Broken | None:
-    """The header of any DICOM image; None where the file is something else."""
-    if may_be_another(path):
-        return None
-    with path.open("rb") as file:
-        preamble = has_preamble(file)
-        if not preamble and not looks_like_dataset(file):
-            return Broken(path, "", stray=True) if suffix(path) in DICOM_SUFFIXES else None
-        return _parsed(path, file, preamble)
-
-
-def may_be_another(path: Path) -> bool:
-    """Whether the name says that a file is no DICOM image."""
+def has_other_suffix(path: Path) -> bool:
+    """Whether the name says that a file is not a DICOM image."""
     return path.name.upper() == "DICOMDIR" or (suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES)
-
-
-def pydicom_errors() -> tuple[type[Exception], ...]:
-    """What pydicom raises on broken files; some of its own errors derive from nothing common."""
-    errors = vars(needed("pydicom.errors", "pydicom", WHAT)).values()
-    return (*BROKEN, *(one for one in errors if isinstance(one, type) and issubclass(one, Exception)))
 
 
 def has_preamble(file: IO[bytes]) -> bool:
@@ -149,23 +121,66 @@ def looks_like_dataset(file: IO[bytes]) -> bool:
     return explicit or int.from_bytes(head[4:8], "little") < 1024
 
 
+def pydicom_errors() -> tuple[type[Exception], ...]:
+    """What pydicom raises on broken files, when it reads them and when it converts a value."""
+    own = needed("pydicom.errors", "pydicom", "DICOM")
+    library = (own.InvalidDicomError, own.BytesLengthException, struct.error, zlib.error)
+    return (*library, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, RuntimeError)
+
+
+def read_header(path: Path) -> ImageFile | Broken | None:
+    """The header of a DICOM image; None where the file is something else."""
+    if has_other_suffix(path):
+        return None
+    with path.open("rb") as file:
+        preamble = has_preamble(file)
+        if preamble or looks_like_dataset(file):
+            return _parsed(path, file, preamble)
+        size = file.seek(0, 2)
+    return Broken(path, "", stray=True) if suffix(path) in DICOM_SUFFIXES or (not suffix(path) and size < 132) else None
+
+
+def is_multi_frame(path: Path) -> bool:
+    """Whether a DICOM file is a volume by itself."""
+    if path.name.upper() == "DICOMDIR":
+        return False
+    with quiet():
+        header = read_header(path)
+    return isinstance(header, ImageFile) and len(header.frames) > 1
+
+
 def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken | None:
-    pydicom = needed("pydicom", "pydicom", WHAT)
-    series, image = "", False
+    pydicom = needed("pydicom", "pydicom", "DICOM")
+    series, is_image = "", False
     try:
-        with quiet():
-            dataset = pydicom.dcmread(file, stop_before_pixels=True, force=not preamble, specific_tags=TAGS)
-            series = str(dataset.get("SeriesInstanceUID", None) or "")
-            kind = sop_class(dataset)
-            if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
-                return Broken(path, series) if preamble else None
-            image = "Image Storage" in kind and "Segmentation" not in kind
-            if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
-                return Broken(path, series) if image and "Rows" not in dataset else None
-            pixels = _pixels(dataset, file)
-            return None if pixels is None and not image else _image(path, dataset, pixels, series)
+        dataset = pydicom.dcmread(file, defer_size=LONGEST_VALUE, force=not preamble, specific_tags=TAGS)
+        syntax = syntax_of(dataset)
+        if syntax == DEFLATED:  # what was passed over cannot be found again in the file
+            file.seek(0)
+            dataset = pydicom.dcmread(file, force=not preamble, specific_tags=TAGS)
+        series = str(dataset.get("SeriesInstanceUID", None) or "")
+        kind = sop_class(dataset)
+        if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
+            return Broken(path, series) if preamble else None
+        is_image = "Image Storage" in kind and "Segmentation" not in kind
+        if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
+            return Broken(path, series) if is_image and "Rows" not in dataset else None
+        element = next((tag for tag in PIXEL_TAGS if tag in dataset), None)
+        if element is None:
+            return Broken(path, series) if is_image else None
+        damage = missing_pixels(dataset, element, syntax, file.seek(0, 2))
+        if damage:
+            return Broken(path, series, damage)
+        return image_file(path, dataset, series, pixels_of(dataset, syntax, element))
     except pydicom_errors():
-        return Broken(path, series) if preamble or image else None
+        return Broken(path, series) if preamble or is_image else None
+
+
+def syntax_of(dataset: Any) -> str:
+    """Transfer syntax UID; of a file that does not say it, the one in which it was read."""
+    implicit, little = dataset.original_encoding
+    assumed = IMPLICIT_LITTLE if implicit else EXPLICIT_LITTLE if little else EXPLICIT_BIG
+    return str(dataset.file_meta.get("TransferSyntaxUID", None) or assumed)
 
 
 def sop_class(dataset: Any) -> str:
@@ -174,13 +189,36 @@ def sop_class(dataset: Any) -> str:
     return str(getattr(kind, "name", ""))
 
 
-def _image(path: Path, dataset: Any, pixels: Pixels | None, series: str) -> ImageFile | Broken:
-    if pixels is None:
-        return Broken(path, series)
-    words = [str(word).strip().upper() for word in as_list(dataset.get("ImageType", None))]
+def missing_pixels(dataset: Any, element: str, syntax: str, file_bytes: int) -> str:
+    """What is missing where the file holds fewer pixels than its header tells of; else empty."""
+    stored = dataset.get_item(element, keep_deferred=True)
+    frames = frame_count(dataset)
+    size = int(dataset.Rows) * int(dataset.Columns) * int(dataset.get("SamplesPerPixel", None) or 1)
+    needed_bytes = (frames * size * int(dataset.BitsAllocated) + 7) // 8
+    if syntax not in UNCOMPRESSED:
+        return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
+    there = stored.length if syntax == DEFLATED else min(stored.length, file_bytes - stored.value_tell)
+    if stored.length == UNDEFINED_LENGTH:
+        return f"compressed pixels called {syntax}"
+    return f"{max(0, there)} of {needed_bytes} bytes of pixels" if there < needed_bytes else ""
+
+
+def frame_count(dataset: Any) -> int:
+    """NumberOfFrames, at least 1."""
+    value = dataset.get("NumberOfFrames", None)
+    count = 1 if value is None else int(value)
+    if count < 1:
+        raise ValueError(f"{count} frames")
+    return count
+
+
+def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
+    """What a dataset says of its image."""
+    image_type = dataset.get("ImageType", None) or ()
+    words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
     modality = str(dataset.get("Modality", None) or "")
     unit = str(dataset.get("RescaleType", None) or "HU").upper()
-    frames = frame_geometries(dataset)
+    frames = frame_geometries(dataset, frame_count(dataset))
     return ImageFile(
         path=path,
         series=series,
@@ -189,7 +227,7 @@ def _image(path: Path, dataset: Any, pixels: Pixels | None, series: str) -> Imag
         columns=int(dataset.Columns),
         instance=int(dataset.get("InstanceNumber", None) or 0),
         scout="LOCALIZER" in words,
-        grey=int(dataset.get("SamplesPerPixel", 1)) == 1 and "MONOCHROME" in str(dataset.PhotometricInterpretation),
+        gray=int(dataset.get("SamplesPerPixel", 1)) == 1 and "MONOCHROME" in str(dataset.PhotometricInterpretation),
         hounsfield=modality == "CT" and unit == "HU" and all(frame.unit in ("", "HU") for frame in frames),
         lookup=bool(dataset.get("ModalityLUTSequence", None)),
         pixels=pixels,
@@ -197,50 +235,17 @@ def _image(path: Path, dataset: Any, pixels: Pixels | None, series: str) -> Imag
     )
 
 
-def as_list(value: Any) -> list[Any]:
-    """A DICOM value of multiplicity 0, 1 or more as a list."""
-    if value is None:
-        return []
-    return [value] if isinstance(value, str) else list(value)
-
-
-def _pixels(dataset: Any, file: IO[bytes]) -> Pixels | None:
-    """How the pixels are stored, `file` standing at their element; None where the file ends before it."""
-    syntax = dataset.file_meta.get("TransferSyntaxUID", None)
-    implicit, little = dataset.original_encoding
-    known = str(syntax) if syntax else IMPLICIT_LITTLE
-    compressed = known not in UNCOMPRESSED
-    start: int | None = None
-    size, floating = 0, False
-    if known != DEFLATED:  # else the file's position says nothing
-        at = file.tell()
-        head = file.read(12)
-        order: Literal["little", "big"] = "little" if little else "big"
-        if len(head) < 12:
-            return None
-        group, element = (int.from_bytes(head[two : two + 2], order) for two in (0, 2))
-        floating = group == 0x7FE0 and element in (0x0008, 0x0009)
-        if (group, element) == (0x7FE0, 0x0010) and not compressed:
-            # PS3.5 7.1: implicit VR has tag and length, explicit OB and OW have VR and two zero bytes between.
-            start = at + (8 if implicit else 12)
-            size = int.from_bytes(head[4:8] if implicit else head[8:12], order)
-    allocated = int(dataset.BitsAllocated)
-    stored = int(dataset.get("BitsStored", None) or allocated)
-    signed = bool(dataset.get("PixelRepresentation", 0))
+def pixels_of(dataset: Any, syntax: str, element: str) -> Pixels:
+    """How the pixels are stored."""
+    allocated, signed = int(dataset.BitsAllocated), bool(dataset.get("PixelRepresentation", 0))
     padding = dataset.get("PixelPaddingValue", None)
     limit = dataset.get("PixelPaddingRangeLimit", None)
     ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
     whole = [end for end in ends if end is not None]
     return Pixels(
-        known,
-        compressed,
-        start,
-        size,
-        not little,
-        floating,
-        allocated,
-        stored,
-        signed,
+        syntax,
+        syntax not in UNCOMPRESSED,
+        element != "PixelData",
         (min(whole), max(whole)) if len(whole) == 2 else None,
     )
 

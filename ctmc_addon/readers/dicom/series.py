@@ -1,32 +1,34 @@
 """A DICOM folder, file or DICOMDIR to values and affine: find the series, stack it, decode it.
 
-What the headers say is read in headers.py and multiframe.py, geometry is slices.py's, pixels are
+What the headers say is read in header.py and frames.py, geometry is stack_geometry.py's, pixels are
 pixels.py's. No patient data is read; names of DICOM files stand in errors, never in notes.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps, within
-from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, files_below, natural, suffix
-from ..optional_imports import imported_steps, quiet, quiet_batches
-from ..result import Reading, Series
+from ...core import ReadError, Stages, Step, Steps
+from ..file_formats import files_below, natural_key, stem
+from ..optional_imports import imported_steps, quiet, quiet_batches_steps
+from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_memory
 from .frames import FrameGeometry
-from .header import WHAT, Broken, ImageFile, has_preamble, looks_like_dataset, read_by_pydicom, read_header, read_plain
-from .pixels import DoesNotFit, SliceRead, check_codec, fill_slice, output_type, padding_mark
+from .header import Broken, ImageFile, has_other_suffix, may_be_dicom, read_header
+from .pixels import DoesNotFit, check_codec, fill_slice, next_frame, output_types, padding_mark, stored_frames
 from .stack_geometry import Stack, stack_up
 
-SCAN_SHARE = 0.3  # of the progress goes to headers
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
 MOST_LISTED = 12  # series in one note
+STEEPEST = 1e9  # a larger RescaleSlope or RescaleIntercept is damage
 
 
 class Slice(NamedTuple):
@@ -47,169 +49,184 @@ class Slice(NamedTuple):
         return f"{self.image.path.name} frame {self.frame + 1}" if several else self.image.path.name
 
 
-class Found(NamedTuple):
-    """What a folder holds: slices by series, and images that are broken."""
+class FolderContent(NamedTuple):
+    """What a folder holds: slices by series, and images that cannot be read."""
 
     series: dict[str, list[Slice]]
     broken: list[Broken]
-    colour: int
+    color: list[ImageFile]
     strays: int
 
 
-def may_be_dicom(path: Path) -> bool:
-    """Whether a file in a folder is worth parsing: by its suffix and its first bytes."""
-    if suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES:
-        return False
-    try:
-        with path.open("rb") as file:
-            return has_preamble(file) or looks_like_dataset(file)
-    except OSError:
-        return False
+class DicomSource(VolumeSource):
+    """The DICOM images of a folder, or of a file's series."""
+
+    format = "DICOM"
+    has_geometry = True
+
+    def __init__(self, path: Path, content: FolderContent) -> None:
+        self.content = content
+        images = {one.image.path: one.image for slices in content.series.values() for one in slices}
+        alone = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
+        # A slice's own name often is an identifier.
+        whole = path if path.is_dir() or alone else path.absolute().parent
+        unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
+        super().__init__(path, listed(content), [*images, *unused], stem(whole))
+
+    def selected_series(self, series: str | int | None) -> Series | None:
+        """The series that would be read; by default the one with the most slices that have a place."""
+        asked = "" if series is None else str(series).strip()
+        matching = [line for line in self.series if asked in ("", line.uid, str(line.number))]
+        return max(
+            matching,
+            key=lambda line: (self._has_place(line), line.slices, -line.number),
+            default=None,
+        )
+
+    def _has_place(self, line: Series) -> bool:
+        """Whether slices of a series have positions; pictures without them make no volume."""
+        return any(one.geometry.position for one in self.content.series[line.uid])
+
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read the series with the most slices, or the one that `options` name."""
+        uid, notes = self._chosen(options.series)
+        slices, left_out = one_geometry(self.content.series[uid], self.path)
+        notes += left_out
+        check_whole(self.content, uid)
+        color = sum(image.series == uid for image in self.content.color)
+        if color:
+            notes.append(f"{color} color image{'s' * (color > 1)} of the series left out")
+        strays = self.content.strays
+        if strays:
+            plural = "s" * (strays > 1)
+            notes.append(f"{strays} file{plural} named like DICOM left out, being something else")
+        for image in {one.image.pixels.syntax: one.image for one in slices}.values():
+            if image.pixels.compressed:
+                check_codec(image)
+        stack, own_spacing = placed(slices, options)
+        ordered = [slices[at] for at in stack.order]
+        values, padding_notes = yield from values_steps(ordered, stack)
+        kind = "HU" if all(one.image.hounsfield for one in ordered) else "grey value"
+        notes += [*meaning(ordered), *stack.notes, *padding_notes]
+        return Reading(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
+
+    def _chosen(self, asked: str) -> tuple[str, list[str]]:
+        """The UID of the series to read, and the note that lists the others."""
+        if not self.series:
+            if self.content.broken:
+                raise truncated(self.content.broken[0])
+            color = len(self.content.color)
+            other = f"; its {color} color images are not CT" if color else ""
+            raise ReadError(f"{self.path.name} has no DICOM images{other}; choose the folder of a CT series")
+        text = "; ".join(line.text for line in self.series[:MOST_LISTED])
+        text += f"; and {len(self.series) - MOST_LISTED} more" if len(self.series) > MOST_LISTED else ""
+        line = self.selected_series(asked)
+        if line is None:
+            raise ReadError(f"there is no series '{asked}'; choose by number from {text}")
+        if asked or len(self.series) == 1:
+            return line.uid, []
+        count = len(self.series)
+        return line.uid, [f"{count} series found, series {line.number} with the most slices was read: {text}"]
 
 
-def read_steps(
-    path: Path,
-    series: str | int | None,
-    strict: bool,
-    spacing: tuple[float, float, float] | None,
-) -> Steps[Reading]:
-    """Read the series of a folder with the most slices, or the one `series` names, or a file's own."""
-    found = yield from within(find_steps(path), 0.0, SCAN_SHARE)
-    uid, notes = chosen_series(found, series, path)
-    slices, left_out = one_geometry(found.series[uid], path)
-    notes += left_out
-    check_whole(found, uid)
-    if found.strays:
-        notes.append(f"{found.strays} file{'s' * (found.strays > 1)} named like DICOM left out, being something else")
-    for image in {one.image.pixels.syntax: one.image for one in slices}.values():
-        if image.pixels.compressed:
-            yield from within(imported_steps("pydicom", "pydicom", WHAT), SCAN_SHARE, SCAN_SHARE)
-            check_codec(image)
+def placed(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
+    """How the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or min(pixel_spacing) <= 0:
         unusable = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
-        if spacing is None:
+        if options.spacing is None:
             raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
-        pixel_spacing = (spacing[1], spacing[0])
+        pixel_spacing = (options.spacing[1], options.spacing[0])
     positions = np.array([one.geometry.position for one in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
-    stack = stack_up(positions, orientation, pixel_spacing, [one.name for one in slices], strict)
-    ordered = [slices[at] for at in stack.order]
-    values, padding_notes = yield from within(values_steps(ordered, stack), SCAN_SHARE, 1.0)
-    kind = "HU" if all(one.image.hounsfield for one in ordered) else "grey value"
-    notes += [*meaning(ordered), *stack.notes, *padding_notes]
+    stack = stack_up(positions, orientation, pixel_spacing, [one.name for one in slices], options.strict)
     gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
-    own_spacing = f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
-    return Reading(values, stack.affine, tuple(notes), kind, what=WHAT, own_spacing=own_spacing)
+    return stack, f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
 
 
-def describe_steps(path: Path) -> Steps[tuple[Series, ...]]:
-    """The series of a folder, or of one file."""
-    found = yield from find_steps(path)
-    return listed(found)
-
-
-def find_steps(path: Path) -> Steps[Found]:
-    """Headers of every DICOM image in the folder, or of the file's series in its folder."""
-    if path.is_file() and path.name.upper() != "DICOMDIR":
-        own = next(iter((yield from headers_steps([path]))), None)
-        if own is None or (isinstance(own, Broken) and own.stray):
-            raise ReadError(f"{path.name} is no DICOM image; choose a CT slice or its folder")
-        if isinstance(own, Broken):
-            raise truncated(own)
-        if len(own.frames) > 1:
-            return sorted_out([own])
-        files = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural)
-        headers = yield from headers_steps(files)
-        return sorted_out([one for one in headers if one.series == own.series or isinstance(one, Broken)])
-    folder = path.parent if path.is_file() else path
-    return sorted_out((yield from headers_steps(list(files_below(folder)))))
-
-
-def named_after(path: Path) -> Path:
-    """What a volume is named after: a multi-frame file, else the folder: a slice's name often is an identifier."""
-    own = read_header(path) if path.is_file() and path.name.upper() != "DICOMDIR" else None
-    whole = path.is_dir() or (isinstance(own, ImageFile) and len(own.frames) > 1)
-    return path if whole else path.absolute().parent
+def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSource]:
+    """Headers of every DICOM image in the folder, of its `files` if given, or of the file's series in its folder."""
+    stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
+    if path.is_dir() or path.name.upper() == "DICOMDIR":
+        folder = path if path.is_dir() else path.parent
+        candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
+        if any(map(may_be_dicom, candidates)):
+            yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+        headers = yield from stages.run("Reading headers", headers_steps(candidates))
+        return DicomSource(path, sorted_out(headers))
+    yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+    with quiet():
+        own = read_header(path)
+    if own is None or (isinstance(own, Broken) and own.stray):
+        raise ReadError(f"{path.name} is not a DICOM image; choose a CT slice or its folder")
+    if isinstance(own, Broken):
+        raise truncated(own)
+    if len(own.frames) > 1:
+        return DicomSource(path, sorted_out([own]))
+    others = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural_key)
+    at = next(number for number, file in enumerate(others) if file.name == path.name)
+    before = yield from stages.run("Reading headers", headers_steps(others[:at]))
+    after = yield from stages.run("Reading headers", headers_steps(others[at + 1 :]))
+    headers = [*before, own, *after]
+    return DicomSource(
+        path, sorted_out([one for one in headers if one.series == own.series or isinstance(one, Broken)])
+    )
 
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
-    found: list[ImageFile | Broken | None] = []
-    found += yield from within(quiet_batches(read_plain, files, "Reading headers", 16), 0.0, 0.1)
-    others = [at for at, image in enumerate(found) if image is None]
-    if any(may_be_dicom(files[at]) for at in others):
-        yield from within(imported_steps("pydicom", "pydicom", WHAT), 0.1, 0.1)
-    read = quiet_batches(read_by_pydicom, [files[at] for at in others], "Reading headers", 16)
-    for at, image in zip(others, (yield from within(read, 0.1, 1.0)), strict=True):
-        found[at] = image
-    return [image for image in found if image is not None]
+    headers = yield from quiet_batches_steps(read_header, files, "Reading headers", 16)
+    return [header for header in headers if header is not None]
 
 
-def sorted_out(headers: Sequence[ImageFile | Broken]) -> Found:
+def estimate_voxels(folder: Path) -> int:
+    """Voxels of a folder's slices if all are like the first; 0 where no image is found."""
+    files = list(files_below(folder))
+    with quiet():
+        first = next((one for one in map(read_header, files) if isinstance(one, ImageFile)), None)
+    return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
+
+
+def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     """Slices by series, in the order in which the series first appear."""
     series: dict[str, list[Slice]] = {}
-    broken, colour = [one for one in headers if isinstance(one, Broken)], 0
+    broken = [one for one in headers if isinstance(one, Broken)]
+    color = [one for one in headers if isinstance(one, ImageFile) and not one.gray]
     for image in headers:
         if isinstance(image, Broken):
             continue
-        if not image.grey:
-            colour += 1
+        if not image.gray:
             continue
         series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
     unsound = [one for one in broken if not one.stray]
-    return Found(series, unsound, colour, len(broken) - len(unsound))
+    return FolderContent(series, unsound, color, len(broken) - len(unsound))
 
 
-def listed(found: Found) -> tuple[Series, ...]:
+def listed(content: FolderContent) -> tuple[Series, ...]:
     """The series without patient data, numbered from 1."""
     lines: list[Series] = []
-    for number, (uid, slices) in enumerate(found.series.items(), 1):
+    for number, (uid, slices) in enumerate(content.series.items(), 1):
         sizes = Counter((one.image.columns, one.image.rows) for one in slices)
         places = {one.geometry.position for one in slices} - {None}
-        lines.append(
-            Series(number, uid, len(places) or len(slices), sizes.most_common(1)[0][0], slices[0].image.modality)
-        )
+        dtype = np.dtype(output_types([one.geometry for one in slices], slices[0].image.pixels.floating)[0]).name
+        size, modality = sizes.most_common(1)[0][0], slices[0].image.modality
+        lines.append(Series(number, uid, len(places) or len(slices), size, modality, dtype))
     return tuple(lines)
 
 
-def chosen_series(found: Found, series: str | int | None, path: Path) -> tuple[str, list[str]]:
-    """The UID of the series to read, and the note that lists the others."""
-    lines = listed(found)
-    if not lines:
-        if found.broken:
-            raise truncated(found.broken[0])
-        other = f"; its {found.colour} colour images are no CT" if found.colour else ""
-        raise ReadError(f"{path.name} has no DICOM images{other}; choose the folder of a CT series")
-    text = "; ".join(line.text for line in lines[:MOST_LISTED])
-    text += f"; and {len(lines) - MOST_LISTED} more" if len(lines) > MOST_LISTED else ""
-    if series is not None and str(series).strip():
-        wanted = str(series).strip()
-        for line in lines:
-            if wanted in (line.uid, str(line.number)):
-                return line.uid, []
-        raise ReadError(f"there is no series '{wanted}'; choose by number from {text}")
-    # Pictures without a place make no volume; of as many slices the series listed first is taken.
-    placed = {line.uid: any(one.geometry.position for one in found.series[line.uid]) for line in lines}
-    best = max(lines, key=lambda line: (placed[line.uid], line.slices, -line.number))
-    if len(lines) == 1:
-        return best.uid, []
-    return best.uid, [f"{len(lines)} series found, series {best.number} with the most slices was read: {text}"]
-
-
-def check_whole(found: Found, uid: str) -> None:
+def check_whole(content: FolderContent, uid: str) -> None:
     """Refuse a series with a broken file: a slice would be missing without a word."""
-    for broken in found.broken:
-        cut_off = broken.series not in found.series and uid.startswith(broken.series)  # in the midst of its UID
+    for broken in content.broken:
+        cut_off = broken.series not in content.series and uid.startswith(broken.series)  # in the midst of its UID
         if broken.series == uid or cut_off:
             raise truncated(broken)
 
 
 def truncated(broken: Broken) -> ReadError:
     """The error for a DICOM file that cannot be read to its end."""
-    size = broken.path.stat().st_size
-    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({size} bytes); copy it again")
+    damage = broken.damage or f"{broken.path.stat().st_size} bytes"
+    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); copy it again")
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
@@ -247,8 +264,12 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
         notes.append(f"{others} {plural} of another size, orientation or spacing left out")
     if any(one.image.lookup for one in best):
         raise ReadError("the series scales its values by a look-up table, not by a slope; export it with RescaleSlope")
-    if any(one.geometry.slope == 0 for one in best):
-        raise ReadError("the series has a RescaleSlope of 0, which makes all values the same; export it again")
+    for slope, intercept in {(one.geometry.slope, one.geometry.intercept) for one in best}:
+        if not (0 < abs(slope) <= STEEPEST and abs(intercept) <= STEEPEST):  # nor NaN
+            raise ReadError(
+                f"the series has a RescaleSlope of {slope:g} and a RescaleIntercept of {intercept:g}, which give no "
+                "usable values; export it again"
+            )
     return sorted(best, key=lambda one: (one.image.instance, one.frame)), notes
 
 
@@ -259,11 +280,9 @@ def alike(one: Slice, other: Slice) -> bool:
     a, b = one.geometry, other.geometry
     if (a.spacing is None) != (b.spacing is None):
         return False
-    turned = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
-    scaled = max(
-        (abs(p - q) / max(p, 1e-9) for p, q in zip(a.spacing or (), b.spacing or (), strict=True)), default=0.0
-    )
-    return turned <= SAME_DIRECTION and scaled <= SAME_DIRECTION
+    turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
+    scale = max((abs(p - q) / max(p, 1e-9) for p, q in zip(a.spacing or (), b.spacing or (), strict=True)), default=0.0)
+    return turn <= SAME_DIRECTION and scale <= SAME_DIRECTION
 
 
 def meaning(slices: Sequence[Slice]) -> list[str]:
@@ -278,12 +297,11 @@ def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any],
     """Decode the ordered slices into one array in the smallest type that holds them."""
     floating = any(one.image.pixels.floating for one in slices)
     shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
-    for dtype in output_type([one.geometry for one in slices], floating):
+    for dtype in output_types([one.geometry for one in slices], floating):
         require_memory(shape, np.dtype(dtype).itemsize, "this series")
         values = np.empty(shape, dtype)
-        decoding = resampled_steps if stack.resampled else decoded_steps
         try:
-            lowest, padded = yield from decoding(slices, stack, values)
+            lowest, padded = yield from decoded_steps(slices, stack, values)
         except DoesNotFit:
             del values
             continue
@@ -291,38 +309,34 @@ def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any],
     raise AssertionError("float32 holds every value")
 
 
-def batch_size(slices: Sequence[Slice]) -> int:
-    """Slices between two steps: one where it has to be decompressed, which takes 0.02 s and more.
+def stored_slices(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
+    """The stored pixels of every slice, a file opened once for the frames that follow each other.
 
-    They are read by one thread: plain pixels are there before a thread would be, and pylibjpeg's
-    decoders hold the interpreter while they work.
+    One thread decodes: plain pixels are there before a thread would be, and pylibjpeg holds the interpreter.
     """
-    return 1 if slices[0].image.pixels.start is None else 8
+    for image, group in groupby(slices, key=lambda one: one.image):
+        yield from stored_frames(image, [one.frame for one in group])
 
 
-def decoded_steps(slices: list[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
-    """Fill `values` slice by slice; the lowest real value and the number of padding pixels."""
+def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
+    """Fill `values`; the lowest real value and the number of padding pixels.
 
-    def fill(at: int) -> SliceRead:
-        return fill_slice(slices[at].image, slices[at].frame, values[at])
-
-    seen = yield from quiet_batches(fill, range(len(values)), "Decoding slices", batch_size(slices))
-    return min(one.lowest for one in seen), sum(one.padded for one in seen)
-
-
-def resampled_steps(slices: list[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
-    """Fill `values` by linear interpolation along the normal, holding two slices at a time."""
-    lowest, padded = float("inf"), 0
-    low, high = np.empty((2, *values.shape[1:]), values.dtype)
+    An uneven stack is interpolated linearly along the normal, with two slices held at a time.
+    """
+    lowest, padded = math.inf, 0
+    low = high = values[0]
+    if stack.resampled:
+        low, high = np.empty((2, *values.shape[1:]), values.dtype)
     done = 0  # slices of the volume
-    for at, one in enumerate(slices):
+    frames = stored_slices(slices)
+    for number, one in enumerate(slices):
         low, high = high, low
-        with quiet():
-            seen = fill_slice(one.image, one.frame, high)
+        out = high if stack.resampled else values[number]
+        seen = fill_slice(next_frame(frames), one.geometry, one.image.pixels.padding, out)
         lowest, padded = min(lowest, seen.lowest), padded + seen.padded
-        while done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= at:
-            yield Step(done / len(values), "Decoding and resampling slices")
-            if stack.below[done] == at:
+        yield Step((number + 1) / len(slices), "Decoding slices")
+        while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:
+            if stack.below[done] == number:
                 values[done] = high
             else:
                 between(low, high, float(stack.weight[done]), values[done])

@@ -1,7 +1,7 @@
 """Where the slices of a stack lie: their order, gaps and tilt, and the affine that carries them.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
-DICOM PS3.3 C.7.6.2.1.1: the centre of pixel (row r, column c) lies at
+DICOM PS3.3 C.7.6.2.1.1: the center of pixel (row r, column c) lies at
 `position + c * column_mm * row_direction + r * row_mm * column_direction`.
 """
 
@@ -123,7 +123,7 @@ def checked_normal(row: NDArray[np.float64], column: NDArray[np.float64]) -> NDA
     slant = float((row * column).sum())
     if not all(abs(length - 1) < 0.01 for length in lengths) or not abs(slant) < 0.01:
         raise ReadError(
-            f"the orientation {tuple(np.round([*row, *column], 4).tolist())} is no pair of perpendicular "
+            f"the orientation {tuple(np.round([*row, *column], 4).tolist())} is not a pair of perpendicular "
             "directions of length 1; export the series again"
         )
     normal = np.array(

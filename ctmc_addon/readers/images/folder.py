@@ -1,33 +1,66 @@
-"""A folder of image slices or a NumPy file to values; neither has orientation."""
+"""A folder of image slices, one image each; it has neither spacing nor orientation."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from tokenize import TokenError
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core import ReadError, Steps, within
-from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, natural, suffix
-from ..optional_imports import BROKEN, imported_steps, quiet, quiet_batches, reason
-from ..result import Reading, Series
-from ..streams import fill_steps
-from ..value_kind import native_steps, require_memory
-from .pillow import DECODED, Picture, grey_slice, picture
-from .tiff import describe_tiff, tiff_picture, tiff_slice, tiff_steps
+from ...core import ReadError, Stages, Steps
+from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, format_of, natural_key, stem, suffix
+from ..optional_imports import imported_steps, quiet_batches_steps
+from ..result import Reading, ReadOptions, Series, VolumeSource
+from ..value_kind import require_memory
+from .pillow import DECODED, Picture, gray_slice, picture
+from .tiff import opened_stack, tiff_picture, tiff_slice
 
 SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif"}
-WORDS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF"}
+FORMATS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF"}
+
+
+class ImageFolder(VolumeSource):
+    """The slices of one format in a folder."""
+
+    has_geometry = False
+
+    def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str]) -> None:
+        self.headers = headers
+        self.notes = tuple(notes)
+        self.format = FORMATS[format_suffix(headers[0].path)]
+        first = headers[0]
+        series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
+        super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
+
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Decode the slices, several at a time."""
+        slices, rows, columns = self.series[0].shape
+        first = self.headers[0]
+        require_memory((slices, rows, columns), first.dtype.itemsize, self.name)
+        values = np.empty((slices, rows, columns), first.dtype)
+        if first.mode:
+            yield from imported_steps("imageio.v3", "imageio", DECODED)
+
+        def fill(number: int) -> None:
+            header = self.headers[number]
+            pixels = gray_slice(header) if header.mode else tiff_slice(header.path)
+            if pixels.shape != (rows, columns) or pixels.dtype.itemsize > values.dtype.itemsize:
+                raise ReadError(
+                    f"{header.path.name} is {pixels.shape} {pixels.dtype}, not as its header says; save it again"
+                )
+            values[number] = pixels
+
+        yield from quiet_batches_steps(fill, range(slices), "Decoding slices", 2 * options.threads, options.threads)
+        lossy = "JPEG is lossy: the grey values are near the original ones, not equal to them"
+        return Reading(values, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
 
 
 def images_in(folder: Path) -> list[Path]:
     """The image files of a folder, in natural order; hidden ones are passed over."""
     files = (path for path in folder.iterdir() if suffix(path) in IMAGE_SUFFIXES and not path.name.startswith("."))
-    return sorted((path for path in files if path.is_file()), key=natural)
+    return sorted((path for path in files if path.is_file()), key=natural_key)
 
 
 def header_of(path: Path) -> Picture:
@@ -35,68 +68,82 @@ def header_of(path: Path) -> Picture:
     return tiff_picture(path) if suffix(path) in TIFF_SUFFIXES else picture(path)
 
 
-def slice_of(header: Picture) -> NDArray[Any]:
-    """Grey values (rows, columns) of an image of one page."""
-    return grey_slice(header) if header.mode else tiff_slice(header.path)
-
-
-def one_format(images: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """The images of the commonest format, and the note that says what was left out."""
-    formats = Counter(SAME_FORMAT.get(suffix(path), suffix(path)) for path in images)
-    best = max(formats, key=lambda end: (formats[end], -list(WORDS).index(end)))
-    kept = [path for path in images if SAME_FORMAT.get(suffix(path), suffix(path)) == best]
-    others = [f"{count} {WORDS[end]}" for end, count in sorted(formats.items()) if end != best]
-    return kept, [f"{' and '.join(others)} beside the {len(kept)} {WORDS[best]} slices left out"] if others else []
-
-
-def folder_steps(folder: Path, threads: int) -> Steps[Reading]:
-    """Read the slices of a folder, one image each."""
-    images, notes = one_format(images_in(folder))
-    headers = yield from within(quiet_batches(header_of, images, "Reading headers", 16), 0.0, 0.2)
+def open_steps(folder: Path, chosen: Path | None = None) -> Steps[VolumeSource]:
+    """The slices of a folder, of the commonest format or of the slice `chosen`; or its one multi-page TIFF."""
+    if chosen is not None and suffix(chosen) not in IMAGE_SUFFIXES:
+        raise ReadError(f"{chosen.name} holds a picture; give it and its neighbors the suffix {format_of(chosen)}")
+    images, notes = one_format(images_in(folder), chosen)
+    stages = Stages({"Reading headers": 1})
+    headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
+    name = folder.absolute().name
     if len(headers) == 1:
-        if headers[0].pages > 1:
-            return (yield from tiff_steps(images[0]))
-        raise ReadError(f"{folder.name} has one slice only ({images[0].name}); a surface needs at least 2 slices")
+        stack = opened_stack(images[0]) if headers[0].pages > 1 else None
+        if stack is None:
+            raise ReadError(f"{name} has one slice only ({images[0].name}); a surface needs at least 2 slices")
+        stack.name = stem(folder)
+        return stack
     check_alike(headers)
-    first = headers[0]
-    shape = (len(headers), first.rows, first.columns)
-    require_memory(shape, first.dtype.itemsize, folder.name)
-    values = np.empty(shape, first.dtype)
-    if first.mode:
-        yield from within(imported_steps("imageio.v3", "imageio", DECODED), 0.2, 0.2)
+    check_numbers(images)
+    if chosen is not None:
+        notes.insert(0, f"{chosen.name} is one slice: its folder was read, {len(headers)} slices")
+    return ImageFolder(folder, headers, notes)
 
-    def fill(at: int) -> None:
-        found = slice_of(headers[at])
-        if found.shape != values.shape[1:] or found.dtype.itemsize > values.dtype.itemsize:
-            raise ReadError(
-                f"{headers[at].path.name} is {found.shape} {found.dtype}, not as its header says; save it again"
-            )
-        values[at] = found
 
-    decoding = quiet_batches(fill, range(len(headers)), "Decoding slices", 2 * threads, threads)
-    yield from within(decoding, 0.2, 1.0)
-    word = WORDS[SAME_FORMAT.get(suffix(images[0]), suffix(images[0]))]
-    if word == "JPEG":
-        notes.append("JPEG is lossy: the grey values are near the original ones, not equal to them")
-    return Reading(values, None, tuple(notes), what=word)
+def format_suffix(path: Path) -> str:
+    """The suffix that stands for the image's format: '.png', '.jpg', '.bmp' or '.tif'."""
+    return SAME_FORMAT.get(suffix(path), suffix(path))
+
+
+def one_format(images: Sequence[Path], chosen: Path | None) -> tuple[list[Path], list[str]]:
+    """The images of the commonest format, or of that of `chosen`; and the note that says what was left out."""
+    counts = Counter(map(format_suffix, images))
+    best = max(counts, key=lambda end: (counts[end], -list(FORMATS).index(end)))
+    best = format_suffix(chosen) if chosen is not None else best
+    kept = [path for path in images if format_suffix(path) == best]
+    others = [f"{count} {FORMATS[end]}" for end, count in sorted(counts.items()) if end != best]
+    note = f"{' and '.join(others)} beside the {len(kept)} {FORMATS[best]} slices left out"
+    return kept, [note] if others else []
 
 
 def check_alike(headers: Sequence[Picture]) -> None:
     """Refuse slices of different sizes or depths, naming the first odd one."""
-    pages = next((one for one in headers if one.pages > 1), None)
+    pages = next((header for header in headers if header.pages > 1), None)
     if pages is not None:
         raise ReadError(
             f"{pages.path.name} has {pages.pages} pages among {len(headers)} TIFF files; choose one multi-page file"
         )
-    for get, what in ((_size, "size"), (_depth, "depth")):
-        counts = Counter(get(one) for one in headers)
+    for text_of, what in ((_size, "size"), (_depth, "depth")):
+        counts = Counter(map(text_of, headers))
         usual = counts.most_common(1)[0][0]
-        odd = next((one for one in headers if get(one) != usual), None)
+        odd = next((header for header in headers if text_of(header) != usual), None)
         if odd is not None:
             raise ReadError(
-                f"the slices differ in {what}: {odd.path.name} is {get(odd)} and most are {usual}; "
+                f"the slices differ in {what}: {odd.path.name} is {text_of(odd)} and most are {usual}; "
                 "take the others out of the folder"
             )
+
+
+def check_numbers(images: Sequence[Path]) -> None:
+    """Refuse slices numbered in even steps of which some are missing: their neighbors would seem adjacent.
+
+    Names whose numbers differ in more than one place, or in no even step, say nothing about missing slices.
+    """
+    pieces = [re.split(r"(\d+)", path.stem) for path in images]
+    if len({len(each) for each in pieces}) > 1:
+        return
+    varying = [at for at in range(len(pieces[0])) if len({each[at] for each in pieces}) > 1]
+    if len(varying) != 1 or not varying[0] % 2:
+        return
+    numbers = np.array([int(each[varying[0]][:15]) for each in pieces])
+    steps = np.diff(numbers)
+    usual = int(steps.min(initial=1 << 60))
+    gaps = np.flatnonzero(steps != usual)
+    if usual > 0 and len(gaps) and 2 * len(gaps) < len(steps) + 1 and not (steps % usual).any():
+        before, after = images[gaps[0]], images[gaps[0] + 1]
+        raise ReadError(
+            f"slices are missing between {before.name} and {after.name}, as the others are numbered in steps of "
+            f"{usual}; add them, or number the slices without a gap"
+        )
 
 
 def _size(header: Picture) -> str:
@@ -105,47 +152,3 @@ def _size(header: Picture) -> str:
 
 def _depth(header: Picture) -> str:
     return f"{header.dtype}"
-
-
-def describe_folder(folder: Path) -> Series:
-    """Size of a folder's stack, from its first image."""
-    images, _ = one_format(images_in(folder))
-    if len(images) == 1 and header_of(images[0]).pages > 1:
-        return describe_tiff(images[0])
-    first = header_of(images[0])
-    return Series(1, "", len(images), (first.columns, first.rows))
-
-
-def npy_steps(path: Path) -> Steps[Reading]:
-    """Read a NumPy file of (slices, rows, columns), in the order it was saved."""
-    with path.open("rb") as stream:
-        shape, fortran, dtype = npy_header(stream, path.name)
-        require_memory(shape, dtype.itemsize, path.name)
-        values: NDArray[Any] = np.empty(shape, dtype, order="F" if fortran else "C")
-        yield from fill_steps(values, stream, path.name)
-    values = yield from native_steps(values)
-    return Reading(values, None, what="a NumPy file")
-
-
-def npy_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:
-    """Shape without axes of 1 beyond the third, memory order and type; `stream` is left at the values."""
-    npy: Any = np.lib.format
-    try:
-        read = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
-        with quiet():
-            shape, fortran, dtype = read(stream)
-    except (*BROKEN, TokenError) as error:  # the header is a line of Python
-        raise ReadError(f"{name} is no readable NumPy file ({reason(error)}); save it again with numpy.save") from error
-    sides = [side for side in shape if side != 1] if len(shape) > 3 else list(shape)
-    if len(sides) != 3 or (len(shape) == 4 and shape[-1] in (3, 4)):
-        raise ReadError(f"{name} has the shape {shape}, and a volume is (slices, rows, columns); save one volume")
-    if dtype.kind not in "buif" or dtype.itemsize > 8 or dtype == np.float16:
-        raise ReadError(f"{name} holds values of type {dtype}; convert them to int16 or float32")
-    return (sides[0], sides[1], sides[2]), fortran, dtype
-
-
-def describe_npy(path: Path) -> Series:
-    """Size of a NumPy file, from its header."""
-    with path.open("rb") as stream:
-        slices, rows, columns = npy_header(stream, path.name)[0]
-    return Series(1, "", slices, (columns, rows))

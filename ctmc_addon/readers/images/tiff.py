@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+import struct
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,19 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps
-from ..optional_imports import BROKEN, needed, quiet, reason
-from ..result import Reading, Series
+from ..optional_imports import needed, quiet, reason
+from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..streams import fill_steps
 from ..value_kind import native_steps, require_memory
-from .pillow import JPEG_NOISE, MODES, Picture, grey
+from .pillow import JPEG_NOISE, MODES, PILLOW_ERRORS, Picture, gray
 
-WHAT = "TIFF"
-DAMAGE = (
-    "invalid page offset",
-    "invalid offset to page",
-    "corrupted",
-    "suspicious",
-)  # what tifffile logs and then passes over
+# Of tifffile on tags that contradict each other or lie outside the file, beside its own error.
+TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, ArithmeticError)
 
 
 class PageStack(NamedTuple):
@@ -37,86 +31,103 @@ class PageStack(NamedTuple):
     notes: tuple[str, ...]
 
 
-class Complaints(logging.Handler):
-    """Collects what tifffile only logs."""
+class TiffStack(VolumeSource):
+    """One TIFF of several pages."""
 
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
+    format = "TIFF"
+    has_geometry = False
 
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the line."""
-        self.lines.append(record.getMessage())
+    def __init__(self, path: Path, stack: PageStack) -> None:
+        slices, rows, columns = stack.shape
+        super().__init__(path, (Series(1, "", slices, (columns, rows), "", stack.dtype.name),), [path])
+
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read page by page; values in one piece straight into place."""
+        del options
+        with open_tiff(self.path) as tiff:
+            stack = page_stack(tiff, self.path)
+            require_memory(stack.shape, stack.dtype.itemsize, self.path.name)
+            whole = stack.start is not None
+            values = np.empty(stack.shape, stack.dtype if whole else stack.dtype.newbyteorder("="))
+            if stack.start is not None:
+                with self.path.open("rb") as stream:
+                    stream.seek(stack.start)
+                    yield from fill_steps(values, stream, self.path.name)
+            for number, page in enumerate(stack.pages):
+                yield Step(number / len(stack.pages), "Decoding pages")
+                with quiet():
+                    pixels = page_slice(tiff, page, self.path, page.index)
+                if pixels.shape != values.shape[1:]:
+                    size = f"{pixels.shape}, and the first is {values.shape[1:]}"
+                    raise ReadError(f"page {number + 1} of {self.path.name} is {size}; save it again")
+                values[number] = pixels
+        values = yield from native_steps(values)
+        return Reading(values, None, stack.notes)
 
 
-@contextmanager
-def opened_tiff(path: Path) -> Iterator[Any]:
-    """Open a TIFF; a `ReadError` if its pages cannot all be found."""
-    tifffile = needed("tifffile", "tifffile", WHAT)
-    logger, heard = logging.getLogger("tifffile"), Complaints()
-    propagates, logger.propagate = logger.propagate, False
-    logger.addHandler(heard)
+def opened_stack(path: Path) -> TiffStack | None:
+    """The volume in a TIFF of several pages; None where it has one page."""
+    with open_tiff(path) as tiff:
+        return TiffStack(path, page_stack(tiff, path)) if pages_of(tiff) > 1 else None
+
+
+def page_count(path: Path) -> int:
+    """Number of pages of a TIFF."""
+    with open_tiff(path) as tiff:
+        return pages_of(tiff)
+
+
+def pages_of(tiff: Any) -> int:
+    """Number of pages; ImageJ writes one page header for a large stack."""
+    return max(len(tiff.pages), stack_sides(tiff.series[0])[0])
+
+
+def open_tiff(path: Path) -> Any:
+    """The TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found."""
+    tifffile = needed("tifffile", "tifffile", "TIFF")
+    tiff: Any = None
+    damage = ""
     try:
         tiff = tifffile.TiffFile(path)
-        try:
-            len(tiff.pages), tiff.pages[0], len(tiff.series), tiff.series[0]  # found when asked for
-        except (*BROKEN, tifffile.TiffFileError):
+        damage = chain_damage(tiff)
+        tiff.pages[0], tiff.series[0]  # found when asked for
+    except (*TIFF_ERRORS, tifffile.TiffFileError) as error:
+        if tiff is not None:
             tiff.close()
-            raise
-    except (*BROKEN, tifffile.TiffFileError) as error:
-        raise ReadError(f"{path.name} is no readable TIFF ({reason(error)}); copy it again") from error
-    finally:
-        logger.removeHandler(heard)
-        logger.propagate = propagates
-    with tiff:
-        damage = next((line for line in heard.lines if any(word in line for word in DAMAGE)), None)
-        if damage is not None:
-            raise ReadError(f"{path.name} is truncated or damaged ({damage.split('> ')[-1]}); copy it again")
-        yield tiff
+        raise ReadError(f"{path.name} is not a readable TIFF ({reason(error)}); copy it again") from error
+    if damage:
+        tiff.close()
+        raise ReadError(f"{path.name} is truncated or damaged ({damage}); copy it again")
+    return tiff
+
+
+def chain_damage(tiff: Any) -> str:
+    """What is wrong with the chain of pages, which tifffile only logs: it must end with the offset 0."""
+    count = len(tiff.pages)
+    tiff.filehandle.seek(tiff.pages.next_page_offset)
+    following = tiff.filehandle.read(tiff.tiff.offsetsize)
+    if len(following) < tiff.tiff.offsetsize or any(following):
+        return f"its chain of pages breaks off after {count}"
+    stored = sum(int(np.prod(about["shape"])) for about in tiff.shaped_metadata or () if "shape" in about)
+    if tiff.is_shaped and stored > sum(series.size for series in tiff.series):
+        return f"its {count} pages are fewer than it says"
+    return ""
 
 
 def tiff_picture(path: Path) -> Picture:
     """What the header says of the first page, and how many pages there are."""
-    with opened_tiff(path) as tiff:
+    with open_tiff(path) as tiff:
         page = tiff.pages[0]
         dtype = np.dtype("uint8") if page.dtype is None or page.dtype == bool else page.dtype
-        # ImageJ writes one page header for a large stack.
-        pages = max(len(tiff.pages), stack_sides(tiff.series[0])[0])
-        return Picture(path, page.imagelength, page.imagewidth, dtype.newbyteorder("="), pages, "", "")
+        if is_palette(page):
+            dtype = np.dtype("uint8")
+        return Picture(path, page.imagelength, page.imagewidth, dtype.newbyteorder("="), pages_of(tiff), "")
 
 
 def tiff_slice(path: Path) -> NDArray[Any]:
-    """Grey values (rows, columns) of a TIFF of one page."""
-    with opened_tiff(path) as tiff:
-        return page_slice(tiff.pages[0], path, 0)
-
-
-def tiff_steps(path: Path) -> Steps[Reading]:
-    """Read a multi-page TIFF page by page; values in one piece straight into place."""
-    with opened_tiff(path) as tiff:
-        stack = page_stack(tiff, path)
-        require_memory(stack.shape, stack.dtype.itemsize, path.name)
-        values = np.empty(stack.shape, stack.dtype if stack.start is not None else stack.dtype.newbyteorder("="))
-        if stack.start is not None:
-            with path.open("rb") as stream:
-                stream.seek(stack.start)
-                yield from fill_steps(values, stream, path.name)
-        for number, page in enumerate(stack.pages):
-            yield Step(number / len(stack.pages), "Decoding pages")
-            found = page_slice(page, path, page.index)
-            if found.shape != values.shape[1:]:
-                size = f"{found.shape}, and the first is {values.shape[1:]}"
-                raise ReadError(f"page {number + 1} of {path.name} is {size}; save it again")
-            values[number] = found
-    values = yield from native_steps(values)
-    return Reading(values, None, stack.notes, what=WHAT)
-
-
-def describe_tiff(path: Path) -> Series:
-    """Size of a multi-page TIFF, from its headers."""
-    with opened_tiff(path) as tiff:
-        slices, rows, columns = page_stack(tiff, path).shape
-    return Series(1, "", slices, (columns, rows))
+    """Gray values (rows, columns) of a TIFF of one page."""
+    with open_tiff(path) as tiff:
+        return page_slice(tiff, tiff.pages[0], path, 0)
 
 
 def stack_sides(series: Any) -> tuple[int, str]:
@@ -128,16 +139,17 @@ def stack_sides(series: Any) -> tuple[int, str]:
 
 def page_stack(tiff: Any, path: Path) -> PageStack:
     """The first series of pages, or all pages where each is a series of its own."""
-    first, many = tiff.series[0], list(tiff.series)
+    first, every = tiff.series[0], list(tiff.series)
     keyframe = first.keyframe
     size = (int(keyframe.imagelength), int(keyframe.imagewidth))
-    dtype = np.dtype("uint8") if first.dtype == bool else first.dtype.newbyteorder(tiff.byteorder)
+    is_byte = first.dtype == bool or is_palette(keyframe)
+    dtype = np.dtype("uint8") if is_byte else first.dtype.newbyteorder(tiff.byteorder)
     count, sides = stack_sides(first)
-    if count == 1 and len(many) > 1:
-        if len({(one.shape, str(one.dtype)) for one in many}) > 1:
-            text = ", ".join(sorted({" x ".join(map(str, one.shape)) for one in many})[:3])
+    if count == 1 and len(every) > 1:
+        if len({(series.shape, str(series.dtype)) for series in every}) > 1:
+            text = ", ".join(sorted({" x ".join(map(str, series.shape)) for series in every})[:3])
             raise ReadError(f"{path.name} has pages of different sizes or types ({text}); save pages of one size")
-        pages = [page for one in many for page in one.pages]
+        pages = [page for series in every for page in series.pages]
         return PageStack((len(pages), *size), dtype, pages, None, ())
     stack = [(axis, side) for axis, side in zip(first.axes, first.shape, strict=True) if axis not in "SYX" and side > 1]
     # ImageJ calls the slices of a plain stack channels; up to four may be real ones.
@@ -145,43 +157,65 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
         raise ReadError(f"{path.name} has more than one channel or time ({sides}); save one as a stack of its own")
     if not stack:
         raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
-    notes = (f"{len(many) - 1} further series of pages in the TIFF left out",) if len(many) > 1 else ()
+    notes = (f"{len(every) - 1} further series of pages in the TIFF left out",) if len(every) > 1 else ()
     plain = keyframe.samplesperpixel == 1 and int(keyframe.photometric) == 1 and first.dtype != bool
     if first.dataoffset is not None and plain:
         return PageStack((count, *size), dtype, [], int(first.dataoffset), notes)
     return PageStack((count, *size), dtype, [first.pages[number] for number in range(count)], None, notes)
 
 
-def page_slice(page: Any, path: Path, number: int) -> NDArray[Any]:
-    """Grey values (rows, columns) of an open page, number `number` of `path`."""
+def is_palette(page: Any) -> bool:
+    """Whether the page's pixels are numbers of colors."""
+    return int(page.photometric or 0) == 3
+
+
+def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
+    """Gray values (rows, columns) of a page of an open TIFF, number `number` of `path`."""
     about = page.keyframe  # of a series, only the first page knows all of this
     try:
-        with quiet():
-            found = np.asarray(page.asarray())
-    except (*BROKEN, needed("tifffile", "tifffile", WHAT).TiffFileError) as error:
-        found = _by_pillow(path, number, about, error)
+        check_segments(tiff, page, path)
+        pixels = np.asarray(page.asarray())
+    except (*TIFF_ERRORS, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
+        if "imagecodecs" not in str(error):
+            raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
+        pixels = _by_pillow(path, number, about)
     else:
-        if found.ndim == 3 and int(about.planarconfig) == 2:
-            found = np.moveaxis(found, 0, -1)  # colour planes one behind the other
-        if int(about.photometric) == 0 and found.dtype.kind in "bu":  # white is zero
-            found = ~found
-    if found.dtype == bool:
-        found = found.astype(np.uint8) * np.uint8(255)
-    return grey(found, path.name, JPEG_NOISE if "JPEG" in str(about.compression) else 0)
+        if pixels.ndim == 3 and int(about.planarconfig) == 2:
+            pixels = np.moveaxis(pixels, 0, -1)  # color planes one behind the other
+        if int(about.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
+            pixels = ~pixels
+        if is_palette(about):  # 16 bits for each color, of which 8 are more than a screen shows
+            pixels = np.moveaxis(np.asarray(about.colormap >> 8, np.uint8)[:, pixels], 0, -1)
+    if pixels.dtype == bool:
+        pixels = pixels.astype(np.uint8) * np.uint8(255)
+    return gray(pixels, path.name, JPEG_NOISE if "JPEG" in str(about.compression) else 0)
 
 
-def _by_pillow(path: Path, number: int, about: Any, error: BaseException) -> NDArray[Any]:
-    pillow = needed("PIL.Image", "Pillow", WHAT)
-    name = getattr(about.compression, "name", str(about.compression))
+def check_segments(tiff: Any, page: Any, path: Path) -> None:
+    """Refuse a page whose strips or tiles lie outside the file, or are missing: tifffile reads them as zeros."""
+    size = tiff.filehandle.size
+    for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+        if not length or start + length > size:
+            raise ReadError(
+                f"{path.name} is truncated: {length} bytes of pixels at byte {start} of {size}; copy it again"
+            )
+    if int(page.keyframe.compression) == 1 and sum(page.databytecounts) < page.keyframe.nbytes:
+        raise ReadError(
+            f"{path.name} is truncated: {sum(page.databytecounts)} of {page.keyframe.nbytes} bytes of pixels; "
+            "copy it again"
+        )
+
+
+def _by_pillow(path: Path, number: int, about: Any) -> NDArray[Any]:
+    pillow = needed("PIL.Image", "Pillow", "TIFF")
     try:
-        with quiet(), pillow.open(path) as image:
+        with pillow.open(path) as image:
             image.seek(number)
             mode = MODES.get(image.mode, (None,))[0]
             return np.asarray(image.convert(mode) if mode else image)
-    except BROKEN as second:
-        if "imagecodecs" in str(error):
-            raise ReadError(
-                f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
-                "save it uncompressed or with Deflate"
-            ) from second
-        raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from second
+    except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
+        name = getattr(about.compression, "name", str(about.compression))
+        raise ReadError(
+            f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
+            "save it uncompressed or with Deflate"
+        ) from error

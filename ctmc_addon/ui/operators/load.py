@@ -12,7 +12,7 @@ from ... import readers
 from ...blender.materials import colour_of
 from ...core import ReadError, Stages, Steps
 from ...core.volume import volume_statistics_steps
-from ...readers.file_formats import KNOWN_SUFFIXES
+from ...readers import KNOWN_SUFFIXES
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, session, volumes
@@ -92,29 +92,21 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         """The work: series, values, survey; the CT of this fingerprint is expected there, if any."""
         stages = Stages(STAGES)
         headers, values, counting = STAGES
-        series = yield from stages.run(headers, readers.list_series_steps(path))
-        read = readers.read_volume_steps(path, **reading, threads=machine().threads)
-        volume = yield from stages.run(values, read)
+        source = yield from stages.run(headers, readers.open_volume_steps(path))
+        volume = yield from stages.run(values, source.read_steps(**reading, threads=machine().threads))
+        selected = source.selected_series(reading["series"])
         survey = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
             path,
             volume,
             survey,
-            series,
+            source.series,
             reading,
-            readers.keeps_geometry(path),
-            number_of(series, reading["series"]),
+            source.has_geometry,
+            1 if selected is None else selected.number,
             readers.segmentation_sibling(path),
         )
         return lambda: conclude(loaded, scene, expected)
-
-
-def number_of(series: tuple[readers.Series, ...], chosen: str | None) -> int:
-    """Which of the series was read: the chosen one, else the first of those with the most slices."""
-    for one in series:
-        if chosen in (one.uid, str(one.number)) and chosen:
-            return one.number
-    return max(series, key=lambda one: (one.slices, -one.number)).number if series else 1
 
 
 def reading_of(stored: Any) -> dict[str, Any]:

@@ -2,12 +2,12 @@ import os
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from ctmc_addon.cli.batch.files import (
     UNFINISHED,
     failed_record,
     fingerprint_of,
-    input_files,
     put_record,
     put_text,
     read_record,
@@ -16,6 +16,7 @@ from ctmc_addon.cli.batch.files import (
     without_folders,
 )
 from ctmc_addon.core.errors import OutputError
+from ctmc_addon.readers import open_volume
 
 
 @pytest.fixture
@@ -34,20 +35,20 @@ def finished(task):
 
 def test_a_fingerprint_follows_content_and_not_time_or_place(tmp_path):
     (tmp_path / "x").mkdir()
-    for name in ("a.nii", "x/b.nii"):
-        (tmp_path / name).write_bytes(bytes(3000))
-    first = fingerprint_of(tmp_path / "a.nii")
-    os.utime(tmp_path / "a.nii", (1, 1))
-    assert fingerprint_of(tmp_path / "a.nii") == first == fingerprint_of(tmp_path / "x" / "b.nii")
-    content = bytearray(3000)
-    content[1500] = 1
-    (tmp_path / "a.nii").write_bytes(content)
-    assert fingerprint_of(tmp_path / "a.nii") != first
+    values = np.zeros((2, 30, 40), np.uint8)
+    for name in ("a.npy", "x/b.npy"):
+        np.save(tmp_path / name, values)
+    first = fingerprint_of(tmp_path / "a.npy")
+    os.utime(tmp_path / "a.npy", (1, 1))
+    assert fingerprint_of(tmp_path / "a.npy") == first == fingerprint_of(tmp_path / "x" / "b.npy")
+    values[1, 15, 0] = 1
+    np.save(tmp_path / "a.npy", values)
+    assert fingerprint_of(tmp_path / "a.npy") != first
 
 
 def test_the_fingerprint_of_slices_knows_their_order(tmp_path):
-    for name, grey in (("1", b"a"), ("2", b"b")):
-        (tmp_path / f"{name}.png").write_bytes(grey)
+    for number in (1, 2):
+        Image.new("L", (3, 4), number).save(tmp_path / f"{number}.png")
     first = fingerprint_of(tmp_path)
     assert fingerprint_of(tmp_path / "1.png") == first  # a lone slice stands for its folder
     (tmp_path / "1.png").rename(tmp_path / "3.png")
@@ -60,7 +61,7 @@ def test_a_detached_header_brings_its_data_along(tmp_path):
     )
     (tmp_path / "a.raw").write_bytes(bytes(8))
     (tmp_path / "b.raw").write_bytes(bytes(8))
-    assert [file.name for file in input_files(tmp_path / "a.nhdr")] == ["a.nhdr", "a.raw"]
+    assert [file.name for file in open_volume(tmp_path / "a.nhdr").files] == ["a.nhdr", "a.raw"]
 
 
 def test_a_json_stands_for_its_output_only_with_the_same_settings_version_and_files(task, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from pydicom import uid
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers import list_series, read_volume
+from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = (1, 0, 0, 0, 1, 0)
 
@@ -26,7 +26,7 @@ def test_the_series_with_most_slices_is_read_and_the_others_are_listed(tmp_path,
     np.testing.assert_array_equal(volume.values, large)
     assert said(volume, "series 1: 3 slices of 7 x 5, CT")
     assert not said(volume, "1.9.")
-    assert [(one.number, one.uid, one.slices, one.size, one.modality) for one in list_series(tmp_path)] == [
+    assert [(one.number, one.uid, one.slices, one.size, one.modality) for one in open_volume(tmp_path).series] == [
         (1, "1.9.1", 3, (7, 5), "CT"),
         (2, "1.9.2", 5, (6, 6), "CT"),
     ]
@@ -137,7 +137,7 @@ def test_no_patient_data_leaves_the_reader(tmp_path, save_stack):
     save_stack(tmp_path, (0, 1, 3, 3), SeriesDescription="Muster liver")
     save_stack(tmp_path / "x", (0, 1), SeriesInstanceUID="1.2.77")
     volume = read_volume(tmp_path)
-    text = " ".join([*volume.notes, volume.name, *map(repr, list_series(tmp_path))])
+    text = " ".join([*volume.notes, volume.name, *map(repr, open_volume(tmp_path).series)])
     assert "Muster" not in text
     assert "4711" not in text
     assert "1.2.3.4.5" not in " ".join(volume.notes)
@@ -193,7 +193,7 @@ def test_a_file_cut_before_it_can_be_known_as_dicom_is_said(tmp_path, save_stack
 def test_noise_with_a_dicom_name_is_refused(tmp_path):
     file = tmp_path / "noise.dcm"
     file.write_bytes(np.random.default_rng(3).bytes(5000))
-    with pytest.raises(CtmcError, match=r"noise.dcm is no DICOM image"):
+    with pytest.raises(CtmcError, match=r"noise.dcm is not a DICOM image"):
         read_volume(file)
     with pytest.raises(CtmcError, match=r"none is a DICOM image"):
         read_volume(tmp_path)
@@ -213,7 +213,7 @@ def test_a_folder_of_dicom_without_images_is_refused(tmp_path):
     report.file_meta.MediaStorageSOPClassUID = report.SOPClassUID
     report.file_meta.MediaStorageSOPInstanceUID = report.SOPInstanceUID
     pydicom.dcmwrite(tmp_path / "report.dcm", report, enforce_file_format=True)
-    with pytest.raises(CtmcError, match=r"no DICOM images.*choose the folder of a CT series"):
+    with pytest.raises(CtmcError, match=r"1 file, and none is a DICOM image"):
         read_volume(tmp_path)
 
 
@@ -227,7 +227,7 @@ def test_colour_images_are_refused(tmp_path, save_slice):
             "Columns": 2,
         }
         save_slice(tmp_path / f"{z}.dcm", np.zeros((2, 6), np.uint8), (0, 0, z), **tags)
-    with pytest.raises(CtmcError, match="2 colour images are no CT"):
+    with pytest.raises(CtmcError, match="2 color images are not CT"):
         read_volume(tmp_path)
 
 
@@ -266,7 +266,7 @@ def test_an_unknown_syntax_is_named(tmp_path, save_stack):
 def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, save_stack, monkeypatch):
     save_stack(tmp_path, range(3))
     monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
-    monkeypatch.setattr("ctmc_addon.readers.dicom.pixels.stored_pixels", lambda *_: pytest.fail("a slice was read"))
+    monkeypatch.setattr("ctmc_addon.readers.dicom.series.stored_frames", lambda *_: pytest.fail("a slice was read"))
     with pytest.raises(CtmcError, match=r"7 x 5 x 3.*memory"):
         read_volume(tmp_path)
 
@@ -281,7 +281,7 @@ def test_a_series_of_pictures_without_places_is_never_preferred(tmp_path, save_s
     hu = save_stack(tmp_path / "ct", range(3))
     save_stack(tmp_path / "pictures", range(9), SeriesInstanceUID="1.2.9", ImagePositionPatient=None)
     np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
-    assert [one.slices for one in list_series(tmp_path)] == [3, 9]
+    assert [one.slices for one in open_volume(tmp_path).series] == [3, 9]
 
 
 def test_a_file_of_a_smaller_group_chooses_its_own_group(tmp_path, save_stack, save_slice):

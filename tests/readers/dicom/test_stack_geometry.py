@@ -126,7 +126,7 @@ def test_slices_that_creep_off_an_even_grid_are_even_and_it_is_said():
     "orientation", [(1, 0, 0, 1, 0, 0), (2, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 0), (1, 0, 0, 0.5, 1, 0)]
 )
 def test_directions_that_are_no_perpendicular_units_are_refused(orientation):
-    with pytest.raises(CtmcError, match="no pair of perpendicular directions"):
+    with pytest.raises(CtmcError, match="not a pair of perpendicular directions"):
         stacked(along_z(0, 1, 2), orientation)
 
 

@@ -12,7 +12,7 @@ import tifffile
 from PIL import Image
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers import list_series, read_volume
+from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -108,19 +108,20 @@ def test_colour_that_is_grey_is_grey(tmp_path, channels):
 
 
 @pytest.mark.parametrize(("colour_type", "channels"), [(2, 3), (6, 4)])
-def test_16_bit_colour_that_is_grey_keeps_16_bits(tmp_path, colour_type, channels):
+def test_16_bit_color_is_refused_instead_of_cut_to_8_bits(tmp_path, colour_type, channels):
     array = numbers("u2")
     for number, plane in enumerate(array):
         pixels = np.repeat(plane[..., None], channels, axis=2)
         pixels[..., 3:] = 65535
         save_png(tmp_path / f"{number}.png", pixels, colour_type)
-    np.testing.assert_array_equal(read_volume(tmp_path).values, array)
+    with pytest.raises(CtmcError, match="16 bit color"):
+        read_volume(tmp_path)
 
 
 def test_16_bit_grey_with_alpha_is_refused(tmp_path):
     for number in range(2):
         save_png(tmp_path / f"{number}.png", numbers("u2", (4, 4, 2)), 4)
-    with pytest.raises(CtmcError, match="alpha channel; save it without alpha"):
+    with pytest.raises(CtmcError, match="16 bit color or an alpha channel"):
         read_volume(tmp_path)
 
 
@@ -133,7 +134,7 @@ def test_colour_is_refused(tmp_path, end):
             tifffile.imwrite(tmp_path / f"{number}{end}", picture, photometric="rgb")
         else:
             Image.fromarray(picture).save(tmp_path / f"{number}{end}")
-    with pytest.raises(CtmcError, match=rf"1{end} is coloured.*convert the slices to grey"):
+    with pytest.raises(CtmcError, match=rf"1{end} is colored .*up to 20"):
         read_volume(tmp_path)
 
 
@@ -227,7 +228,7 @@ def test_a_multi_page_tiff_keeps_its_values(tmp_path, options, dtype):
     np.testing.assert_array_equal(volume.values, array)
     assert volume.values.dtype == np.dtype(dtype)
     assert said(volume, "TIFF has no orientation")
-    assert (list_series(path)[0].slices, list_series(path)[0].size) == (6, (7, 5))
+    assert (open_volume(path).series[0].slices, open_volume(path).series[0].size) == (6, (7, 5))
 
 
 def test_pages_that_are_grey_in_colour_or_white_is_zero_are_grey(tmp_path):
@@ -330,6 +331,6 @@ def test_a_truncated_numpy_file_is_refused(tmp_path, size):
 def test_a_stack_beyond_the_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     save_folder(tmp_path, numbers())
     monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 10)
-    monkeypatch.setattr("ctmc_addon.readers.images.folder.grey_slice", lambda _: pytest.fail("a slice was read"))
+    monkeypatch.setattr("ctmc_addon.readers.images.folder.gray_slice", lambda _: pytest.fail("a slice was read"))
     with pytest.raises(CtmcError, match=r"5 x 6 x 4.*memory"):
         read_volume(tmp_path)

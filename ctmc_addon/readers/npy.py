@@ -1,0 +1,63 @@
+"""One NumPy file of (slices, rows, columns), in the order it was saved; it has neither spacing nor orientation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import ReadError, Steps
+from .optional_imports import quiet, reason
+from .result import Reading, ReadOptions, Series, VolumeSource
+from .streams import fill_steps
+from .value_kind import native_steps, require_memory
+
+# Of NumPy on a header, which is a line of Python.
+HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)
+
+
+class NpyFile(VolumeSource):
+    """One `.npy`."""
+
+    format = "NumPy"
+    has_geometry = False
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as stream:
+            self.shape, self.fortran, self.dtype = read_header(stream, path.name)
+            self.start = stream.tell()
+        slices, rows, columns = self.shape
+        super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
+
+    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+        """Read the values."""
+        del options
+        require_memory(self.shape, self.dtype.itemsize, self.path.name)
+        values: NDArray[Any] = np.empty(self.shape, self.dtype, order="F" if self.fortran else "C")
+        with self.path.open("rb") as stream:
+            stream.seek(self.start)
+            yield from fill_steps(values, stream, self.path.name)
+        values = yield from native_steps(values)
+        return Reading(values, None)
+
+
+def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:
+    """Shape without axes of 1 beyond the third, memory order and type; `stream` is left at the values."""
+    npy: Any = np.lib.format
+    try:
+        read = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0
+        with quiet():
+            shape, fortran, dtype = read(stream)
+    except HEADER_ERRORS as error:
+        raise ReadError(
+            f"{name} is not a readable NumPy file ({reason(error)}); save it again with numpy.save"
+        ) from error
+    sides = [int(side) for side in shape if side != 1] if len(shape) > 3 else [int(side) for side in shape]
+    if len(sides) != 3 or min(sides) < 1 or (len(shape) == 4 and shape[-1] in (3, 4)):
+        raise ReadError(f"{name} has the shape {shape}, and a volume is (slices, rows, columns); save one volume")
+    if dtype.kind not in "buif" or dtype.itemsize > 8 or dtype == np.float16:
+        raise ReadError(f"{name} holds values of type {dtype}; convert them to int16 or float32")
+    return (sides[0], sides[1], sides[2]), fortran, dtype
