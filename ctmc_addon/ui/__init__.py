@@ -1,6 +1,21 @@
-"""What a person touches: properties, panels, operators."""
+"""What a person touches: properties, operators, panels, and what follows the settings in the viewport."""
 
 from typing import Any
+
+
+def modules() -> tuple[Any, ...]:
+    """Everything that registers, in order; imported only when Blender asks."""
+    from . import jobs, operators, panels, translations
+    from .properties import figure, preferences, settings, view
+    from .state import session, volumes
+    from .viewport import live, overlays, region
+
+    return (
+        *(translations, preferences, session, volumes, settings, view, figure, jobs, live),
+        *operators.modules(),
+        *panels.modules(),
+        *(region, overlays),
+    )
 
 
 def register() -> None:
@@ -13,47 +28,3 @@ def unregister() -> None:
     """Unregister every class, in the reverse order."""
     for module in reversed(modules()):
         module.unregister()
-
-
-def modules() -> tuple[Any, ...]:
-    """Everything that registers, in order; imported only when Blender asks."""
-    from . import jobs, translations
-    from .operators import export, figure, load, reconstruct, results, simplify, slice, threshold
-    from .operators import rotation as rotation_test
-    from .panels import figure as figure_panel
-    from .panels import main as panels
-    from .panels import presets, sub_panels
-    from .properties import figure as figure_properties
-    from .properties import preferences
-    from .properties import settings as properties
-    from .properties import view as view_properties
-    from .state import session, volumes
-    from .viewport import live, region
-    from .viewport import overlays as viewport
-
-    return (
-        translations,
-        preferences,
-        session,
-        volumes,
-        properties,
-        view_properties,
-        figure_properties,
-        jobs,
-        live,
-        load,
-        threshold,
-        reconstruct,
-        simplify,
-        rotation_test,
-        results,
-        export,
-        figure,
-        presets,
-        panels,
-        slice,
-        region,
-        sub_panels,
-        figure_panel,
-        viewport,
-    )

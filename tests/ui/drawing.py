@@ -43,6 +43,6 @@ class Layout:
 
 
 def drawn(panel):
-    holder = type("Panel", (), {"layout": Layout()})()
+    holder = type("Panel", (), {"layout": Layout(), "names": getattr(panel, "names", ())})()
     panel.draw(holder, bpy.context)
     return holder.layout

@@ -1,1 +1,10 @@
 """The operators `ctmc.*`, one subject a file."""
+
+from typing import Any
+
+
+def modules() -> tuple[Any, ...]:
+    """Every module that registers, in order; imported only when Blender asks."""
+    from . import export, figure, load, reconstruct, region, results, rotation, simplify, slice, threshold
+
+    return (load, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure)

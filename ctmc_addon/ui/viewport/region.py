@@ -1,4 +1,4 @@
-"""The region a surface is sought in, as a box with handles in the viewport and numbers in the sub-panel Region.
+"""The region that a surface is sought in, as a box with handles in the viewport.
 
 The handles write `scene.ctmc.region` and nothing else: an arrow on each side of the box moves that side, the one in
 its middle moves the box.
@@ -15,33 +15,10 @@ from mathutils import Matrix, Vector
 
 from ...core import Volume
 from ...core.volume import region_corners, region_directions, region_limits, region_moved, region_shift, region_with
-from .. import jobs
-from ..panels.layout import SubPanel, prepare
 from ..properties.preferences import machine
 from ..state import volumes
 
 COLOURS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
-
-
-class CTMC_OT_fit_region(bpy.types.Operator):
-    """Begin with a box around the whole CT."""
-
-    bl_idname = "ctmc.fit_region"
-    bl_label = "Fit Region to Volume"
-    bl_description = "Put the region's box around the whole CT; its handles in the viewport then make it smaller"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
-        return volumes.has_volume(cls, context)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set it, and use it."""
-        settings, volume = context.scene.ctmc, volumes.current(context.scene)
-        assert volume is not None, "poll asks for one"
-        settings.region = region_limits(volume, settings.region_unit)
-        return {"FINISHED"}
 
 
 class RegionFace:
@@ -166,29 +143,4 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
                 arrow.matrix_basis = side.matrix()
 
 
-class CTMC_PT_region(SubPanel, bpy.types.Panel):
-    """The region's numbers."""
-
-    bl_idname = "CTMC_PT_region"
-    bl_label = "Region"
-
-    def draw_header(self, context: bpy.types.Context) -> None:
-        """The switch stands beside the title."""
-        self.layout.enabled = not jobs.locked()
-        self.layout.prop(context.scene.ctmc, "use_region", text="")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Unit, lowest and highest corner."""
-        layout, settings = self.layout, context.scene.ctmc
-        prepare(layout)
-        layout.operator("ctmc.fit_region", icon="CUBE")
-        column = layout.column(align=True)
-        column.active = settings.use_region
-        column.prop(settings, "region_unit")
-        for axis, name in enumerate("XYZ"):
-            row = column.row(align=True, heading=name)
-            row.prop(settings, "region", index=axis, text="")
-            row.prop(settings, "region", index=axis + 3, text="")
-
-
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_fit_region, CTMC_GGT_region, CTMC_PT_region))
+register, unregister = bpy.utils.register_classes_factory((CTMC_GGT_region,))

@@ -258,7 +258,7 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
 
 
 def test_results_give_an_open_surface_no_volume(loaded):
-    from ctmc_addon.ui.panels.sub_panels import facts_of
+    from ctmc_addon.ui.panels.results import facts_of
 
     loaded.ctmc.threshold = 20.0  # the ball reaches over the border
     bpy.ops.ctmc.reconstruct()

@@ -11,16 +11,16 @@ from ui.drawing import Layout, drawn
 from ctmc_addon.core.settings import described
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.panels import sub_panels
-from ctmc_addon.ui.viewport import region
+from ctmc_addon.ui.panels import region, results, rotation, settings
 
 PANELS = (
     panels.CTMC_PT_main,
     region.CTMC_PT_region,
-    sub_panels.CTMC_PT_parts,
-    sub_panels.CTMC_PT_normals,
-    sub_panels.CTMC_PT_rotation,
-    sub_panels.CTMC_PT_results,
+    settings.CTMC_PT_parts,
+    settings.CTMC_PT_normals,
+    settings.CTMC_PT_advanced,
+    rotation.CTMC_PT_rotation,
+    results.CTMC_PT_results,
     figure_panel.CTMC_PT_figure,
 )
 
@@ -113,5 +113,5 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     table = type("Table", (), {"rows": staticmethod(lambda *_: [["Round"]])})()
     monkeypatch.setattr(session.of(scene), "rotation", table)
     holder = type("Panel", (), {"layout": Nested()})()
-    sub_panels.CTMC_PT_rotation.draw(holder, bpy.context)
+    rotation.CTMC_PT_rotation.draw(holder, bpy.context)
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.panels import sub_panels
+from ctmc_addon.ui.panels import results, rotation
 from ctmc_addon.ui.state import session, volumes
 from ctmc_addon.ui.viewport import live
 
@@ -32,7 +32,7 @@ def active():
 
 def triangles():
     """The line of Results that counts triangles."""
-    texts = drawn(sub_panels.CTMC_PT_results).texts
+    texts = drawn(results.CTMC_PT_results).texts
     return texts[texts.index("Triangles") + 1]
 
 
@@ -76,19 +76,19 @@ def test_results_are_those_of_the_mesh_that_stands_there_after_undo(loaded):
 def test_results_survive_reopening_the_file(loaded, tmp_path):
     loaded.ctmc.reduction = 0.8
     bpy.ops.ctmc.reconstruct()
-    before = drawn(sub_panels.CTMC_PT_results).texts
+    before = drawn(results.CTMC_PT_results).texts
     assert "Largest Distance" in before
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "day.blend"))
-    assert drawn(sub_panels.CTMC_PT_results).texts == before
+    assert drawn(results.CTMC_PT_results).texts == before
 
 
 def test_measures_of_another_mesh_are_not_shown(loaded):
     bpy.ops.ctmc.reconstruct()
-    assert "Area" in drawn(sub_panels.CTMC_PT_results).texts
+    assert "Area" in drawn(results.CTMC_PT_results).texts
     active().data = bpy.data.meshes.new("empty")
-    assert "Area" not in drawn(sub_panels.CTMC_PT_results).texts
+    assert "Area" not in drawn(results.CTMC_PT_results).texts
 
 
 def test_simplify_after_undo_starts_from_the_surface_that_stands_there(loaded):
@@ -142,7 +142,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     obj["ctmc"] = memory
     bpy.context.view_layer.objects.active = obj
     obj.select_set(True)
-    for panel in (panels.CTMC_PT_main, sub_panels.CTMC_PT_results, sub_panels.CTMC_PT_rotation):
+    for panel in (panels.CTMC_PT_main, results.CTMC_PT_results, rotation.CTMC_PT_rotation):
         drawn(panel)
     for operator in ("reconstruct", "simplify", "measure", "deviation_map", "make_final", "adopt_settings", "export"):
         getattr(bpy.ops.ctmc, operator).poll()

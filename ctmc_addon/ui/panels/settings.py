@@ -1,0 +1,46 @@
+"""Closed panels of settings alone: components, normals, and what is seldom changed."""
+
+from __future__ import annotations
+
+import bpy
+
+from .layout import SubPanel, draw_setting, prepare
+
+
+class SettingsPanel(SubPanel):
+    """A panel that shows these settings; inherited before `bpy.types.Panel`."""
+
+    names: tuple[str, ...] = ()
+
+    def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+        """One below the other."""
+        prepare(self.layout)
+        for name in self.names:
+            draw_setting(self.layout, context.scene.ctmc, name)
+
+
+class CTMC_PT_parts(SettingsPanel, bpy.types.Panel):
+    """Which components of the surface are kept, and whether it is closed."""
+
+    bl_idname = "CTMC_PT_parts"
+    bl_label = "Components"
+    names = ("keep_parts", "min_part_mm3", "close_border")
+
+
+class CTMC_PT_normals(SettingsPanel, bpy.types.Panel):
+    """Shading."""
+
+    bl_idname = "CTMC_PT_normals"
+    bl_label = "Normals"
+    names = ("normals",)
+
+
+class CTMC_PT_advanced(SettingsPanel, bpy.types.Panel):
+    """How ambiguous voxels are cut, and what NaN is read as."""
+
+    bl_idname = "CTMC_PT_advanced"
+    bl_label = "Advanced"
+    names = ("topology", "nan_as")
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_PT_parts, CTMC_PT_normals, CTMC_PT_advanced))

@@ -1,0 +1,90 @@
+"""The block of the main panel that says where the surface is sought: threshold with histogram, or labels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..operators import threshold
+from ..state import volumes
+from ..translations import translate
+from .layout import draw_text
+
+
+def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """Threshold with histogram, Otsu and tissues, or labels."""
+    column = layout.column()
+    row = column.row(align=True)
+    row.use_property_split = False
+    row.prop(settings, "surface_from", expand=True)
+    if settings.use_label:
+        draw_labels(column, context, settings)
+    else:
+        icon = threshold.histogram_icon(context.scene)
+        if icon:
+            column.template_icon(icon, scale=6.0)
+        row = column.split(factor=0.8, align=True)
+        row.use_property_split = False
+        value = row.row(align=True)
+        value.prop(settings, "use_threshold", text="")
+        number = value.row(align=True)
+        number.active = settings.use_threshold
+        number.prop(settings, "threshold", text=threshold_label(context.scene))
+        row.operator("ctmc.auto_threshold")
+        if not settings.use_threshold:
+            found = threshold.used_threshold(context.scene)
+            text = translate("Otsu's threshold is used") + ("" if found is None else f": {found:g}")
+            column.label(text=text, icon="INFO", translate=False)
+        column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
+    column.prop(settings, "soften_mm")
+
+
+def threshold_label(scene: bpy.types.Scene) -> str:
+    """The threshold with its unit."""
+    volume = volumes.current(scene)
+    if volume is None or volume.kind == "label":
+        return translate("Threshold")
+    return "HU" if volume.kind == "HU" else translate("Grey Value")
+
+
+def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """The labels to choose from, several at once."""
+    if not len(settings.labels):
+        layout.prop(settings, "label")
+        volume = volumes.current(context.scene)
+        if volume is not None and volume.kind == "HU":
+            draw_text(layout, context, translate("This CT holds HU; labels are in a volume of their own"), "INFO")
+        return
+    rows = min(6, max(3, len(settings.labels)))
+    layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
+
+
+class CTMC_UL_labels(bpy.types.UIList):
+    """A label in a line: whether it is wanted, its colour, value and name."""
+
+    bl_idname = "CTMC_UL_labels"
+
+    def draw_item(
+        self,
+        _context: Any,
+        layout: Any,
+        _data: Any,
+        item: Any,
+        _icon: int,
+        _active_data: Any,
+        _active_property: str,
+        _index: int,
+        _flag: int,
+    ) -> None:
+        """One line."""
+        row = layout.row(align=True)
+        row.use_property_split = False
+        row.prop(item, "chosen", text="")
+        colour = row.row()
+        colour.ui_units_x = 1.2
+        colour.prop(item, "color", text="")
+        row.label(text=f"{item.value}  {item.name}".rstrip(), translate=False)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

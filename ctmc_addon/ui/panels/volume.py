@@ -1,0 +1,106 @@
+"""The top of the main panel: Load, what went wrong, what the file knows of its CT, and the CT itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...reporting.formatting import count, directions
+from .. import jobs
+from ..state import session, volumes
+from ..translations import translate
+from .layout import draw_facts, draw_job, draw_text
+
+LOAD = "ctmc.load"
+
+
+def draw_load(layout: Any, context: bpy.types.Context) -> None:
+    """Load, what went wrong, and what the CT is."""
+    scene, job = context.scene, jobs.running(LOAD)
+    if job is not None:
+        draw_job(layout, job)
+    else:
+        layout.operator("ctmc.load", icon="FILE_FOLDER")
+    known = session.of(scene)
+    for message in (known.load_message, known.message):
+        if message:
+            draw_text(layout.box(), context, message, "ERROR")
+    if volumes.missing(scene):
+        draw_missing(layout, context)
+    loaded = volumes.loaded(scene)
+    if loaded is None:
+        return
+    header, body = layout.panel("CTMC_volume", default_closed=False)
+    header.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
+    if body is not None:
+        draw_volume(body, context, loaded)
+
+
+def draw_missing(layout: Any, context: bpy.types.Context) -> None:
+    """The file knows a CT that is not in memory."""
+    box = layout.box()
+    path = context.scene.ctmc.volume_path
+    gone = not volumes.there(path)
+    text = translate(
+        "The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on"
+    )
+    if not gone:
+        text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
+    draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
+    if not gone:
+        box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
+
+
+def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+    """Size, spacing, orientation, values, series, and all that was assumed."""
+    volume, survey, stored = loaded.volume, loaded.survey, context.scene.ctmc
+    columns, rows, slices = volume.size
+    x, y, z = volume.spacing
+    right, down, up = (translate(side) for side in directions(volume.orientation))
+    facts = [
+        (translate("Size"), f"{columns} x {rows} x {slices}"),
+        (translate("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
+        (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
+        (
+            translate("Values"),
+            translate("{low} to {high} {kind}").format(
+                low=f"{survey.low:g}", high=f"{survey.high:g}", kind=translate(volume.kind)
+            ),
+        ),
+    ]
+    draw_facts(layout, context, facts)
+    if len(loaded.series) > 1:
+        draw_series(layout, loaded)
+    if not loaded.geometry:
+        column = layout.column(align=True)
+        column.prop(stored, "spacing")
+        column.label(text=translate("Flip"), translate=False)
+        row = column.row(align=True)
+        row.use_property_split = False
+        for axis in "xyz":
+            row.prop(stored, f"flip_{axis}", toggle=True)
+        column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
+    if survey.non_finite:
+        draw_text(
+            layout,
+            context,
+            translate("{count} voxels are NaN or infinite").format(count=count(survey.non_finite)),
+            "INFO",
+        )
+    for note in volume.notes:
+        draw_text(layout, context, note, "INFO")
+    if loaded.sibling is not None:
+        button = layout.operator("ctmc.load", text="Load Its Labels", icon="OUTLINER_OB_GROUP_INSTANCE")
+        button.filepath = str(loaded.sibling)
+
+
+def draw_series(layout: Any, loaded: volumes.Loaded) -> None:
+    """A line for every series, the one that was read pressed."""
+    column = layout.column(align=True)
+    column.label(text=translate("Series"), translate=False)
+    for series in loaded.series:
+        button = column.operator(
+            "ctmc.load", text=series.text, translate=False, depress=series.number == loaded.series_number
+        )
+        button.again, button.series = True, series.uid or str(series.number)
