@@ -30,7 +30,7 @@ def worker_count(threads: int | None) -> int:
 
 
 def map_steps(
-    work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str, batches: int = 16
+    work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str = "", batches: int = 16
 ) -> Steps[list[Result]]:
     """`work` of every item, in the items' order; about `batches` steps, after as many items each.
 

@@ -72,13 +72,13 @@ def test_an_ellipsoid_on_anisotropic_voxels_has_the_spheres_area_and_normals():
 
 def test_a_softened_label_is_the_same_in_the_box_that_is_needed_as_in_the_whole_volume():
     from ctmc_addon.core.progress import finish
-    from ctmc_addon.core.volume.smoothing import soften_steps
+    from ctmc_addon.core.volume.smoothing import gaussian_smooth_steps
 
     labels = np.where(ball((60, 50, 40), 7.0) > 0, 2, 0).astype(np.uint8)
     labels[:3, :3, :3] = 1
     settings = ReconstructionSettings(label=2, soften_mm=1.2, stride=(3, 2, 1), alpha=0.7)
     result = reconstruct(Volume(labels, np.eye(4), kind="label"), settings)
-    whole = finish(soften_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
+    whole = finish(gaussian_smooth_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
     expected = marching_cubes(whole, 0.5, (3, 2, 1), 0.7)
     order, peer = np.lexsort(result.mesh.vertices.T), np.lexsort(expected.vertices.T)
     np.testing.assert_allclose(result.mesh.vertices[order], expected.vertices[peer], atol=1e-4)
@@ -244,7 +244,7 @@ def test_work_that_would_not_fit_is_refused_before_it_starts():
     volume = Volume(ball(), np.eye(4))
     with pytest.raises(MemoryLimitError, match="GiB"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0), memory_limit=1000)
-    with pytest.raises(MemoryLimitError, match="softening"):
+    with pytest.raises(MemoryLimitError, match="smoothing"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, soften_mm=1), memory_limit=1000)
     with pytest.raises(MemoryLimitError, match=r"simplifying \d+ triangles"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.5), memory_limit=300_000)

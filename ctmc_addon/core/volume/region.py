@@ -1,4 +1,4 @@
-"""Boxes in the patient: around a whole volume, and the region that a surface is sought in.
+"""Boxes in the patient: around a whole volume, and the region that a surface is extracted from.
 
 A region is given as lowest x, y, z and highest x, y, z, in voxel indices or RAS+ millimetres (settings.py); in
 voxels its box is as oblique or sheared as the volume. Corners are numbered by bits: 1 = high x, 2 = high y, 4 = high z.
@@ -7,6 +7,7 @@ voxels its box is as oblique or sheared as the volume. Corners are numbered by b
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -35,26 +36,41 @@ def box_slices(box: Box) -> tuple[slice, slice, slice]:
     return slice(*z), slice(*y), slice(*x)
 
 
+def grown_box(box: Box, margins: Sequence[int], size: tuple[int, int, int]) -> Box:
+    """Return a box that is larger by a margin along x, y and z on both sides, inside a volume of this size."""
+    x, y, z = (
+        (max(0, start - margin), min(count, stop + margin))
+        for (start, stop), margin, count in zip(box, margins, size, strict=True)
+    )
+    return x, y, z
+
+
+def relative_box(box: Box, origin: tuple[int, int, int]) -> Box:
+    """Return a box counted from another first voxel (x, y, z)."""
+    x, y, z = ((start - first, stop - first) for (start, stop), first in zip(box, origin, strict=True))
+    return x, y, z
+
+
 def volume_box(volume: Volume) -> NDArray[np.float64]:
-    """The eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
+    """Return the eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
     x, y, z = volume.size
     return region_corners(volume, (0.0, 0.0, 0.0, x - 1.0, y - 1.0, z - 1.0), "voxel")
 
 
 def region_corners(volume: Volume, region: Region, unit: str) -> NDArray[np.float64]:
-    """The eight corners of a region box, (8, 3) RAS+ mm."""
+    """Return the eight corners of a region, (8, 3) RAS+ mm."""
     ends = np.array(region, np.float64).reshape(2, 3)
     corners = np.array([[ends[corner >> axis & 1, axis] for axis in range(3)] for corner in range(8)])
     return corners if unit == "mm" else transform_points(volume.affine, corners)
 
 
 def region_directions(volume: Volume, unit: str) -> NDArray[np.float64]:
-    """What one unit along each of a region's axes is, (3, 3) RAS+ mm, a row an axis."""
+    """Return one unit along each of a region's axes, (3, 3) RAS+ mm, a row for each axis."""
     return np.eye(3) if unit == "mm" else volume.affine[:3, :3].T.copy()
 
 
 def region_shift(volume: Volume, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far a shift of (3,) RAS+ mm moves a region along each of its axes, (3,) in its unit.
+    """Return how far a shift of (3,) RAS+ mm moves a region along each of its axes, (3,) in its unit.
 
     Examples
     --------
@@ -69,7 +85,7 @@ def region_shift(volume: Volume, unit: str, shift_mm: NDArray[np.float64]) -> ND
 
 
 def region_limits(volume: Volume, unit: str) -> Region:
-    """The region that holds the whole volume: lowest x, y, z, then highest.
+    """Return the region that holds the whole volume: lowest x, y, z, then highest.
 
     Examples
     --------
@@ -85,7 +101,7 @@ def region_limits(volume: Volume, unit: str) -> Region:
 
 
 def region_with(region: Region, face: int, value: float, limits: Region) -> Region:
-    """A region with one face (0..5, as in the region) moved to `value`: inside the limits, short of its opposite.
+    """Return a region with one face (0..5) moved to `value`, inside the limits and short of its opposite.
 
     Examples
     --------
@@ -101,7 +117,7 @@ def region_with(region: Region, face: int, value: float, limits: Region) -> Regi
 
 
 def region_moved(region: Region, axis: int, shift: float, limits: Region) -> Region:
-    """A region moved whole along one axis, as far as the limits allow.
+    """Return a region shifted along one axis, as far as the limits allow.
 
     Examples
     --------
@@ -116,7 +132,7 @@ def region_moved(region: Region, axis: int, shift: float, limits: Region) -> Reg
 
 
 def side_places(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, NDArray[np.float64]]:
-    """Where to write R, L, A, P, S and I around a box: a letter to (3,) RAS+ mm, outside by a share of its size.
+    """Return where to write R, L, A, P, S and I around a box: letter to (3,) RAS+ mm, outside by a share of its size.
 
     Examples
     --------
@@ -130,7 +146,7 @@ def side_places(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, ND
 
 
 def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
-    """The voxels inside the region of the settings; a region in mm takes every voxel it touches.
+    """Return the voxels inside the region of the settings; a region in mm takes every voxel that it touches.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The part of a volume a surface is sought in: region, label, NaN and softening.
+"""The scalar field that a surface is extracted from: region, label, NaN, threshold and smoothing.
 
 Boxes are in voxel indices of the volume, three (start, stop) pairs in the order x, y, z.
 """
@@ -14,28 +14,28 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError, VolumeError
 from ..memory import require
-from ..progress import Step, Steps, within
+from ..progress import Stages, Step, Steps
 from ..settings import ReconstructionSettings
-from .region import Box, box_slices, region_box
-from .smoothing import REACH, soften_steps
+from .region import Box, box_slices, grown_box, region_box, relative_box
+from .smoothing import REACH, gaussian_smooth_steps
 from .thresholding import check_threshold, used_threshold_steps
 from .volume import Volume
 
-MOST_LABELS = 20  # as many are named in a message
+MOST_LABELS = 20  # listed in a message
 
 
 @dataclass(frozen=True, eq=False)
 class ScalarField:
-    """Values to extract from, and where they lie in the volume.
+    """Values to extract from, and their position in the volume.
 
     Parameters
     ----------
     values : (slices, rows, columns)
-        Grey values, or a label's 0 and 1, of a box a little larger than the window.
+        Gray values, or a label's 0 and 1, of a box a little larger than the window.
     origin : (x, y, z) int
-        The volume's index of the first of the values.
+        The volume's index of the first value.
     window : Box
-        What of the volume is to be extracted.
+        The part of the volume that is extracted.
     threshold : float
     notes : tuple of str
     """
@@ -48,27 +48,28 @@ class ScalarField:
 
     @property
     def window_in_values(self) -> Box:
-        """The window counted from the first of the values."""
-        return tuple(  # type: ignore[return-value]
-            (start - low, stop - low) for (start, stop), low in zip(self.window, self.origin, strict=True)
-        )
+        """The window, counted from the first value."""
+        return relative_box(self.window, self.origin)
 
 
 def scalar_field_steps(
     volume: Volume, settings: ReconstructionSettings, threads: int | None = None, memory_limit: int | None = None
 ) -> Steps[ScalarField]:
-    """What to extract from `volume` under `settings`.
+    """Return what is extracted from `volume` with `settings`.
 
     Raises
     ------
     LabelError, ThresholdError, VolumeError, SettingsError, MemoryLimitError
     """
     window = region_box(volume, settings)
+    looking = "Looking at the values" if settings.label is None else "Finding the label"
+    stages = Stages({looking: 1} | ({"Smoothing": 1} if settings.soften_mm > 0 else {}))
     if settings.label is not None:
-        window = yield from within(_label_box(volume, settings, window), 0.0, 0.5)
-    # The blur looks beyond the window, and so do normals, by one voxel.
-    blur = [math.ceil(REACH * settings.soften_mm / side) for side in volume.spacing]
-    box = _grown(window, [margin + 1 for margin in blur], volume.size)
+        window = yield from stages.run(looking, _label_box_steps(volume, settings, window))
+    # Smoothing looks beyond the window, and so do normals, by one voxel.
+    reach = [math.ceil(REACH * settings.soften_mm / side) for side in volume.spacing]
+    box = grown_box(window, [margin + 1 for margin in reach], volume.size)
+    origin = (box[0][0], box[1][0], box[2][0])
     values = volume.values[box_slices(box)]
     notes: tuple[str, ...] = ()
     if settings.label is not None:
@@ -76,51 +77,33 @@ def scalar_field_steps(
         if settings.soften_mm == 0:
             notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
-        yield Step(0.0, "Looking at the values")
+        yield Step(0.0, looking)
         if values.dtype.kind == "f":
-            reached = _within(_grown(window, blur, volume.size), box)
-            values = _finite(values, values[box_slices(reached)], settings.nan_as, memory_limit)
+            smoothed = relative_box(grown_box(window, reach, volume.size), origin)
+            values = _finite(values, values[box_slices(smoothed)], settings.nan_as, memory_limit)
         if settings.threshold is not None:
-            check_threshold(settings.threshold, values[box_slices(_within(window, box))], volume.kind)
-    threshold = yield from used_threshold_steps(volume, settings)
+            check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind)
+    threshold = yield from stages.run(looking, used_threshold_steps(volume, settings))
     if settings.label is None and settings.threshold is None:
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
     if settings.soften_mm > 0:
         require(
             9 * values.size,
-            f"softening {values.shape[2]} x {values.shape[1]} x {values.shape[0]} voxels",
-            "choose a region or do without softening",
+            f"smoothing {values.shape[2]} x {values.shape[1]} x {values.shape[0]} voxels",
+            "choose a region or do not smooth",
             memory_limit,
         )
-        values = yield from within(soften_steps(values, volume.spacing, settings.soften_mm, threads), 0.5, 1.0)
-    yield Step(1.0, "Values ready")
-    return ScalarField(values, (box[0][0], box[1][0], box[2][0]), window, threshold, notes)
+        smoothing = gaussian_smooth_steps(values, volume.spacing, settings.soften_mm, threads)
+        values = yield from stages.run("Smoothing", smoothing)
+    return ScalarField(values, origin, window, threshold, notes)
 
 
-def _grown(box: Box, margins: list[int], size: tuple[int, int, int]) -> Box:
-    return tuple(  # type: ignore[return-value]
-        (max(0, start - margin), min(most, stop + margin))
-        for (start, stop), margin, most in zip(box, margins, size, strict=True)
-    )
-
-
-def _within(box: Box, around: Box) -> Box:
-    """`box` counted from the first voxel of the box around it."""
-    return tuple(  # type: ignore[return-value]
-        (start - low, stop - low) for (start, stop), (low, _) in zip(box, around, strict=True)
-    )
-
-
-def _finite(
-    values: NDArray[Any], reached: NDArray[Any], nan_as: float | None, memory_limit: int | None
-) -> NDArray[Any]:
-    """Floating values, NaN and infinite ones replaced in a copy; without `nan_as` none may be among those `reached`."""
+def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, memory_limit: int | None) -> NDArray[Any]:
+    """Return floating values, NaN and infinite ones replaced in a copy; without `nan_as` none may be among `needed`."""
     if nan_as is None:
-        bad = sum(int(layer.size - np.count_nonzero(np.isfinite(layer))) for layer in reached)
-        if bad:
-            raise VolumeError(
-                f"{bad} voxels are NaN or infinite; say what to read them as with nan_as, such as -1024 in HU"
-            )
+        count = sum(int(layer.size - np.count_nonzero(np.isfinite(layer))) for layer in needed)
+        if count:
+            raise VolumeError(f"{count} voxels are NaN or infinite; replace them with nan_as, such as -1024 in HU")
         return values
     if all(np.isfinite(layer).all() for layer in values):
         return values
@@ -131,15 +114,15 @@ def _finite(
     return whole
 
 
-def _label_box(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:
-    """The voxels around a label, its sides on the window's grid, so that a surface is the same as in the whole."""
+def _label_box_steps(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:
+    """Return the box of a label, its sides on the stride's grid, so that the surface is that of the whole window."""
     values = volume.values[box_slices(window)]
     filled: list[int] = []
     rows = np.zeros(values.shape[1], bool)
     columns = np.zeros(values.shape[2], bool)
     for number, layer in enumerate(values):
         if number % 16 == 0:
-            yield Step(number / len(values), "Finding the label")
+            yield Step(number / len(values))
         inside = layer == settings.label
         if inside.any():
             filled.append(number)
@@ -148,23 +131,23 @@ def _label_box(volume: Volume, settings: ReconstructionSettings, window: Box) ->
     if not filled:
         raise LabelError(
             f"label {settings.label} is empty {'in this region' if settings.region else 'here'}; "
-            f"{_labels_there(values)}"
+            f"{_existing_labels(values)}"
         )
     margin = [math.ceil(REACH * settings.soften_mm / side) + 1 for side in volume.spacing]
-    found = (np.flatnonzero(columns), np.flatnonzero(rows), np.array(filled))
+    extent = (np.flatnonzero(columns), np.flatnonzero(rows), np.array(filled))
     box = []
     for axis, (start, stop) in enumerate(window):
         stride = settings.stride[axis]
-        low = max(0, int(found[axis][0]) - margin[axis]) // stride * stride
+        low = max(0, int(extent[axis][0]) - margin[axis]) // stride * stride
         low = min(low, (stop - start - 1 - stride) // stride * stride)  # a whole voxel before a last, partial one
-        high = -(-(int(found[axis][-1]) + margin[axis]) // stride) * stride
+        high = -(-(int(extent[axis][-1]) + margin[axis]) // stride) * stride
         box.append((start + low, min(stop, start + high + 1)))
     return (box[0], box[1], box[2])
 
 
-def _labels_there(values: NDArray[Any]) -> str:
+def _existing_labels(values: NDArray[Any]) -> str:
     labels = sorted({label for layer in values for label in np.unique(layer).tolist()} - {0})
     if not labels:
-        return "there are no labels at all: every voxel is 0"
+        return "every voxel is 0"
     named = ", ".join(f"{label:g}" for label in labels[:MOST_LABELS])
     return f"the labels are {named}{' and more' if len(labels) > MOST_LABELS else ''}"

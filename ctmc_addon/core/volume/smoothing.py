@@ -1,4 +1,4 @@
-"""Soften a volume by a Gaussian in millimetres, slab by slab, before the surface is sought.
+"""Smooth a volume by a Gaussian in millimetres, slab by slab, before extraction.
 
 Values are (slices, rows, columns); sigma is given in mm and differs along the axes in voxels. Only
 products and sums in a fixed order, so every machine and any number of threads give the same bits.
@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parallel import map_steps, worker_count
-from ..progress import Steps, within
+from ..progress import Stages, Steps
 
 REACH = 4.0  # standard deviations after which the Gaussian is cut off
 BLOCK_BYTES = 2**21  # of a buffer, so that it stays in the cache
 BATCHES = 64  # a step each
 
 
-def soften_steps(
-    values: NDArray[Any], spacing: tuple[float, float, float], soften_mm: float, threads: int | None = None
+def gaussian_smooth_steps(
+    values: NDArray[Any], spacing: tuple[float, float, float], sigma_mm: float, threads: int | None = None
 ) -> Steps[NDArray[np.float32]]:
-    """Blur by a Gaussian of standard deviation `soften_mm`, the border repeated outwards.
+    """Smooth by a Gaussian of standard deviation `sigma_mm`, the border repeated outwards.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def soften_steps(
         Finite; read once, never changed.
     spacing : (x, y, z) float, millimetres
         For an oblique or sheared affine the lengths of its columns.
-    soften_mm : float
+    sigma_mm : float
         0 gives the values themselves as float32.
     threads : int, optional
         By default as many as there are processors, at most 8.
@@ -41,32 +41,31 @@ def soften_steps(
     (slices, rows, columns) float32
         Needs no more memory than itself and a few MB a thread.
     """
-    softened = np.empty(values.shape, np.float32)
+    smoothed = np.empty(values.shape, np.float32)
     slices, rows, columns = values.shape
-    along_x, along_y, along_z = (weights(soften_mm / gap) for gap in spacing)
+    along_x, along_y, along_z = (weights(sigma_mm / gap) for gap in spacing)
     workers = worker_count(threads)
 
     def in_plane(k: int) -> None:
         plane = values[k].astype(np.float32)
-        softened[k] = blurred(blurred(plane, along_y, 0), along_x, 1)
+        smoothed[k] = convolved(convolved(plane, along_y, 0), along_x, 1)
 
     deep = max(1, min(rows, BLOCK_BYTES // (4 * columns * (slices + 2 * len(along_z)))))
 
     def through(row: int) -> None:
-        block = softened[:, row : row + deep]
-        block[...] = blurred(block, along_z, 0)
+        block = smoothed[:, row : row + deep]
+        block[...] = convolved(block, along_z, 0)
 
-    share = 2 / 3 if len(along_z) > 1 else 1.0  # in-plane work is two of three passes
-    for work, items, low, high in (
-        (in_plane, range(slices), 0.0, share),
-        (through, range(0, rows, deep) if len(along_z) > 1 else range(0), share, 1.0),
-    ):
-        yield from within(map_steps(work, items, workers, "Smoothing", batches=BATCHES), low, high)
-    return softened
+    stages = Stages({"Smoothing slices": 2} | ({"Smoothing across slices": 1} if len(along_z) > 1 else {}))
+    yield from stages.run("Smoothing slices", map_steps(in_plane, range(slices), workers, batches=BATCHES))
+    if len(along_z) > 1:
+        across = map_steps(through, range(0, rows, deep), workers, batches=BATCHES)
+        yield from stages.run("Smoothing across slices", across)
+    return smoothed
 
 
 def weights(sigma: float) -> list[np.float32]:
-    """The Gaussian's weights at 0, 1, 2... voxels; they and their mirror images add up to 1.
+    """Return the Gaussian's weights at 0, 1, 2... voxels; with their mirror images they add up to 1.
 
     Rounded to multiples of 2^-24 before they are normalised, so that the last bit of a machine's
     exponential does not matter.
@@ -82,12 +81,12 @@ def weights(sigma: float) -> list[np.float32]:
     return [np.float32(weight / total) for weight in raw]
 
 
-def blurred(values: NDArray[np.float32], taps: list[np.float32], axis: int) -> NDArray[np.float32]:
-    """Convolve along `axis` with symmetric weights, the border repeated; nearest samples are added last.
+def convolved(values: NDArray[np.float32], kernel: list[np.float32], axis: int) -> NDArray[np.float32]:
+    """Return the convolution along `axis` with symmetric weights, the border repeated.
 
     The farthest, smallest terms are added first, which keeps the rounding small.
     """
-    reach = len(taps) - 1
+    reach = len(kernel) - 1
     if not reach:
         return values
     count = values.shape[axis]
@@ -106,8 +105,8 @@ def blurred(values: NDArray[np.float32], taps: list[np.float32], axis: int) -> N
     pair = np.empty(values.shape, np.float32)
     for at in range(reach, 0, -1):
         np.add(window(padded, reach - at, reach - at + count), window(padded, reach + at, reach + at + count), out=pair)
-        pair *= taps[at]
+        pair *= kernel[at]
         total += pair
-    np.multiply(values, taps[0], out=pair)
+    np.multiply(values, kernel[0], out=pair)
     total += pair
     return total

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing import soften_steps, weights
+from ctmc_addon.core.volume.smoothing import gaussian_smooth_steps, weights
 
 
 def soften(values, spacing, soften_mm, threads=1):
-    return finish(soften_steps(values, spacing, soften_mm, threads))
+    return finish(gaussian_smooth_steps(values, spacing, soften_mm, threads))
 
 
 def direct(values, spacing, soften_mm):
@@ -79,7 +79,7 @@ def test_weights_add_up_to_one_and_reach_four_sigma():
 
 
 def test_softening_can_be_stopped_at_any_step():
-    steps = soften_steps(np.zeros((64, 8, 8), np.uint8), (1.0, 1.0, 1.0), 2.0, 2)
+    steps = gaussian_smooth_steps(np.zeros((64, 8, 8), np.uint8), (1.0, 1.0, 1.0), 2.0, 2)
     fractions = [next(steps).fraction for _ in range(3)]
     assert fractions == sorted(fractions)
     steps.close()
