@@ -11,19 +11,25 @@ from typing import Any
 
 MODULES = {
     "export": "SUFFIXES export",
-    "figure.compose": "Cell Look Shown",
-    "figure.page": "Page",
+    "figure.spec": "Cell ENGINES Page STYLES Turn FigureStyle ShownSurface",
     "figure.render": "figure_steps render_figure require_png",
     "figure.sheet": "Compared Comparison deviation_figure_steps holds_others sheet_steps",
-    "figure.styles": "ENGINES STYLES require_engine",
-    "figure.turntable": "Turn finished_film is_film require_turntable turntable_steps",
+    "figure.styles": "require_engine",
+    "figure.turntable": "is_finished_video is_video require_turntable turntable_steps",
     "import_mesh": "MESH_SUFFIXES read_mesh",
-    "materials": "colour_of",
-    "rotation.offscreen": "can_draw",
+    "colors": "color_of",
+    "rotation": "can_draw",
     "studio": "prepare_scene",
     "surface.decimate": "decimated",
     "surface": "add_reconstruction refresh_normals surface_mesh update_reconstruction evaluated_triangles",
     "surface.provenance": "remembered",
+}
+OLD = {
+    "colour_of": "color_of",
+    "Look": "FigureStyle",
+    "Shown": "ShownSurface",
+    "finished_film": "is_finished_video",
+    "is_film": "is_video",
 }
 
 
@@ -34,8 +40,9 @@ def __getattr__(name: str) -> Any:
     for module, names in MODULES.items():
         loaded = import_module(f".{module}", __name__)
         globals().update({one: getattr(loaded, one) for one in names.split()})
-    globals()["turntable"] = import_module(".rotation.timing", __name__)
+    globals()["turntable"] = import_module(".rotation", __name__)
     globals()["make_final"] = import_module(".surface", __name__).apply_shape_and_modifiers
+    globals().update({old: globals()[new] for old, new in OLD.items()})
     if name not in globals():
         raise AttributeError(name)
     return globals()[name]

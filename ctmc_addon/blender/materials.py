@@ -1,54 +1,55 @@
-"""Colours of surfaces."""
+"""Materials of surfaces, the same in the viewport and in renders."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
-Colour = tuple[float, float, float]
-
-RED: Colour = (0.70, 0.03, 0.025)
-YELLOW: Colour = (1.0, 0.80, 0.02)
-
-# Linear RGB; a label takes the colour of its number, so the same label looks the same in every file.
-PALETTE: tuple[Colour, ...] = (
-    (0.55, 0.13, 0.09),
-    RED,
-    (0.75, 0.55, 0.28),
-    (0.10, 0.28, 0.55),
-    (0.16, 0.42, 0.18),
-    (0.45, 0.16, 0.50),
-    (0.80, 0.30, 0.05),
-    (0.10, 0.45, 0.45),
-)
-BONE: Colour = (0.76, 0.68, 0.52)
+from .colors import BONE, Color
 
 
-def colour_of(label: int | None) -> Colour:
-    """The colour of a label, or of bone for a surface by threshold."""
-    return BONE if label is None else PALETTE[(label - 1) % len(PALETTE)]
-
-
-def surface_material(name: str, colour: Colour) -> bpy.types.Material:
-    """A slightly glossy material of one colour, the same in the viewport and in renders."""
+def surface_material(name: str, color: Color) -> bpy.types.Material:
+    """A slightly glossy material of one color."""
     material = bpy.data.materials.new(name)
     use_nodes(material)
-    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    shader.inputs["Base Color"].default_value = (*colour, 1.0)
+    shader = principled(material)
+    shader.inputs["Base Color"].default_value = (*color, 1.0)
     shader.inputs["Roughness"].default_value = 0.45
-    material.diffuse_color = (*colour, 1.0)
+    material.diffuse_color = (*color, 1.0)
     material.roughness = 0.45
     return material
 
 
-def edged_material(name: str, face: Colour, edge: Colour, width: float) -> bpy.types.Material:
-    """Faces of one colour whose triangles are bordered by lines of another, `width` scene units wide.
+def principled(material: bpy.types.Material) -> Any:
+    """The shader that a new material has."""
+    return next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+
+
+def surface_input(material: bpy.types.Material) -> Any:
+    """The socket that takes what a material's surface looks like."""
+    return next(node for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL").inputs["Surface"]
+
+
+def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
+    """The socket of a mix of two shaders' sockets; `share`, a number or a socket, is the second's."""
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    if isinstance(share, float):
+        mix.inputs[0].default_value = share
+    else:
+        tree.links.new(share, mix.inputs[0])
+    tree.links.new(first, mix.inputs[1])
+    tree.links.new(second, mix.inputs[2])
+    return mix.outputs[0]
+
+
+def edged_material(name: str, face: Color, edge: Color, width: float) -> bpy.types.Material:
+    """Faces of one color whose triangles are bordered by lines of another, `width` scene units wide.
 
     The figures of Su and Ma: the surface of the triangles red, their borders yellow.
     """
     material = surface_material(name, face)
-    tree = material.node_tree
-    shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree, shader = material.node_tree, principled(material)
     shader.inputs["Specular IOR Level"].default_value = 0.15
     line = tree.nodes.new("ShaderNodeBsdfPrincipled")
     # Lines glow a little, so that they are seen in the shade, and are shaded, so that a dense mesh keeps its form.
@@ -58,12 +59,28 @@ def edged_material(name: str, face: Colour, edge: Colour, width: float) -> bpy.t
         line.inputs[name].default_value = number
     wire = tree.nodes.new("ShaderNodeWireframe")
     wire.inputs["Size"].default_value = width
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(wire.outputs[0], mix.inputs[0])
-    tree.links.new(shader.outputs[0], mix.inputs[1])
-    tree.links.new(line.outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    shown = mixed(tree, wire.outputs[0], shader.outputs[0], line.outputs[0])
+    tree.links.new(shown, surface_input(material))
     return material
+
+
+def flat_material(name: str, color: Color) -> bpy.types.Material:
+    """One color, whatever the light: for letters and bars."""
+    material = surface_material(name, color)
+    tree = material.node_tree
+    glow = tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (*color, 1.0)
+    tree.links.new(glow.outputs[0], surface_input(material))
+    return material
+
+
+def material_color(obj: bpy.types.Object) -> Color:
+    """The color of an object's first material; that of bone if it has none."""
+    materials = [material for material in obj.data.materials if material is not None]
+    if not materials:
+        return BONE
+    red, green, blue, _ = materials[0].diffuse_color
+    return red, green, blue
 
 
 def use_nodes(block: bpy.types.ID) -> None:

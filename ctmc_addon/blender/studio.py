@@ -14,25 +14,25 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from .figure.spec import AZIMUTH, ELEVATION
 from .materials import use_nodes
 from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_object
-from .surface.placement import moved
+from .surface.placement import matrix_of, moved
 
 SIZE = (1200, 900)
-AZIMUTH, ELEVATION = 30.0, 20.0
 MARGIN = 1.12
 SAMPLES = 9
 
 
 def prepare_scene(
     scene: bpy.types.Scene,
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     size: tuple[int, int] = SIZE,
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
 ) -> tuple[bpy.types.ID, ...]:
-    """Make `scene` ready to look at and to render: a camera framed on `thing`, a light, a white background.
+    """Make `scene` ready to look at and to render: a camera framed on `obj`, a light, a white background.
 
     Parameters
     ----------
@@ -47,27 +47,26 @@ def prepare_scene(
         What was made: objects first, then their data, then the world.
     """
     axes = view_axes(azimuth, elevation)
-    evaluated, _ = evaluated_object(thing, scene)
-    matrix = np.array([list(row) for row in evaluated.matrix_world], np.float64)
-    points = moved(matrix, meshes.read_positions(evaluated.data))
+    evaluated, _ = evaluated_object(obj, scene)
+    points = moved(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     frame(eye, points, axes, size)
     scene.collection.objects.link(eye)
     scene.camera = eye
-    light, sun, world = light_up(scene, azimuth, elevation)
+    light, sun, world = add_light(scene, azimuth, elevation)
     set_render(scene, size)
     return eye, light, camera, sun, world
 
 
-def light_up(
+def add_light(
     scene: bpy.types.Scene, azimuth: float, elevation: float
 ) -> tuple[bpy.types.Object, bpy.types.Light, bpy.types.World]:
     """A sun beyond the right shoulder of the scene's camera, which stands at these angles, and a white world."""
     sun = bpy.data.lights.new("CTMC Light", "SUN")
     sun.energy, sun.angle = 2.6, math.radians(4)
     light = bpy.data.objects.new("CTMC Light", sun)
-    light.matrix_world = rotation(sun_axes(azimuth, elevation), scene.camera.matrix_world.translation)
+    light.matrix_world = matrix_of_axes(sun_axes(azimuth, elevation), scene.camera.matrix_world.translation)
     scene.collection.objects.link(light)
     scene.world = white_world()
     return light, sun, scene.world
@@ -101,7 +100,7 @@ def angles_of(backward: Sequence[float]) -> tuple[float, float]:
     return azimuth + 0.0, math.degrees(math.atan2(z, across))
 
 
-def rotation(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -> Any:
+def matrix_of_axes(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -> Any:
     """The 4 x 4 matrix of an object with these axes at `location`."""
     from mathutils import Matrix
 
@@ -124,11 +123,21 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
     camera.type = "ORTHO"
     camera.ortho_scale = shown
     camera.clip_start, camera.clip_end = away * 1e-3, 2.0 * away + extent[2]
-    eye.matrix_world = rotation(axes, axes @ middle)
+    eye.matrix_world = matrix_of_axes(axes, axes @ middle)
+
+
+def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points around what (n, 3) points sweep when they turn about the vertical axis through the point `axis`."""
+    away = points - axis
+    reach = float(np.sqrt((away[:, :2] ** 2).sum(axis=1).max()))
+    around = np.radians(np.arange(0, 360, 5))
+    ring = np.stack([reach * np.cos(around), reach * np.sin(around)], axis=1)
+    heights = (away[:, 2].min(), away[:, 2].max())
+    return np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in heights]) + axis
 
 
 def white_world() -> bpy.types.World:
-    """White to the camera, a soft grey to what it lights."""
+    """White to the camera, a soft gray to what it lights."""
     world = bpy.data.worlds.new("CTMC World")
     use_nodes(world)
     tree = world.node_tree
@@ -147,7 +156,7 @@ def white_world() -> bpy.types.World:
 
 
 def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
-    """Cycles on the CPU, which every machine has, with true colours and nothing about this machine in the file."""
+    """Cycles on the CPU, which every machine has, with true colors and nothing about this machine in the file."""
     render = scene.render
     render.engine = "CYCLES"
     scene.cycles.device = "CPU"

@@ -100,7 +100,7 @@ def test_ply_and_obj_keep_vertices_and_faces(obj, torus, tmp_path):
         assert np.abs(points - mesh.vertices.astype(np.float64)).max() <= tolerance
 
 
-def test_lps_turns_x_and_y_round_and_noobj_inside_out(obj, torus, tmp_path):
+def test_lps_turns_x_and_y_round_and_nothing_inside_out(obj, torus, tmp_path):
     export(obj, tmp_path / "a.stl", space="lps")
     corners, _ = read_stl(tmp_path / "a.stl")
     mesh = torus(alpha=0.7).mesh
@@ -164,7 +164,7 @@ def test_every_blender_gives_the_same_bytes_but_for_its_name(torus, scene, tmp_p
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_noobj_in_the_file_tells_of_folders(obj, tmp_path, suffix):
+def test_nothing_in_the_file_tells_of_folders(obj, tmp_path, suffix):
     bpy.context.scene.render.filepath = str(tmp_path / "render")
     export(obj, tmp_path / f"a{suffix}")
     written = (tmp_path / f"a{suffix}").read_bytes()
@@ -245,7 +245,7 @@ def test_a_file_in_place_of_the_folder_is_said(obj, tmp_path):
         export(obj, tmp_path / "folder" / "a.stl")
 
 
-def test_a_folder_in_the_way_is_said_and_noobj_left(obj, tmp_path):
+def test_a_folder_in_the_way_is_said_and_nothing_left(obj, tmp_path):
     (tmp_path / "a.stl").mkdir()
     with pytest.raises(OutputError, match=r"a\.stl"):
         export(obj, tmp_path / "a.stl")
@@ -266,7 +266,7 @@ def disk_that_takes(size):
 
 @pytest.mark.parametrize("size", [0, 10_000])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_full_disk_leaves_the_older_file_and_noobj_half_written(obj, tmp_path, suffix, size):
+def test_a_full_disk_leaves_the_older_file_and_nothing_half_written(obj, tmp_path, suffix, size):
     target = tmp_path / f"a{suffix}"
     target.write_bytes(b"older")
     with disk_that_takes(size), pytest.raises(OutputError, match=target.name):
@@ -278,7 +278,7 @@ def test_a_full_disk_leaves_the_older_file_and_noobj_half_written(obj, tmp_path,
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_surface_in_edit_mode_is_refused_before_anyobj_is_written(obj, tmp_path, suffix):
+def test_a_surface_in_edit_mode_is_refused_before_anything_is_written(obj, tmp_path, suffix):
     bpy.context.view_layer.objects.active = obj
     bpy.ops.object.mode_set(mode="EDIT")
     with pytest.raises(MeshError, match="edit mode; leave it first"):

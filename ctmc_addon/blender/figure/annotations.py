@@ -1,6 +1,6 @@
 """Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
 
-They are placed in page space (see page.py) and stand still before the camera, so that the .blend shows what the picture
+They are placed in page space (see spec.py) and stand still before the camera, so that the .blend shows what the picture
 shows. Letters are Blender's own font.
 """
 
@@ -14,10 +14,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..materials import Colour
+from ..colors import INK, Color
+from ..materials import flat_material
 from ..surface import mesh_data as meshes
-from .page import Box
-from .styles import INK, flat_material
+from .distance_map import distance_material, keep_distances
+from .spec import Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
@@ -50,29 +51,29 @@ class Board:
     size_mm: tuple[float, float]
     depth: float
     font_mm: float
-    made: list[bpy.types.ID] = field(default_factory=list)
-    inks: dict[Colour, bpy.types.Material] = field(default_factory=dict)
+    blocks: list[bpy.types.ID] = field(default_factory=list)
+    inks: dict[Color, bpy.types.Material] = field(default_factory=dict)
 
-    def ink(self, colour: Colour = INK) -> bpy.types.Material:
-        """The flat material of a colour."""
-        if colour not in self.inks:
-            self.inks[colour] = flat_material("CTMC Ink", colour)
-            self.made.append(self.inks[colour])
-        return self.inks[colour]
+    def ink(self, color: Color = INK) -> bpy.types.Material:
+        """The flat material of a color."""
+        if color not in self.inks:
+            self.inks[color] = flat_material("CTMC Ink", color)
+            self.blocks.append(self.inks[color])
+        return self.inks[color]
 
     def put(self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None) -> Any:
         """An object of `shape`, drawn in millimetres, whose origin lies at (x, y) of the page."""
-        thing = bpy.data.objects.new(name, shape)
+        obj = bpy.data.objects.new(name, shape)
         if material is not None:
             shape.materials.append(material)
-        thing.parent = self.scene.camera
-        thing.location = ((x - self.size_mm[0] / 2) * self.unit, (y - self.size_mm[1] / 2) * self.unit, -self.depth)
-        thing.scale = (self.unit,) * 3
-        self.scene.collection.objects.link(thing)
-        self.made += [thing, shape]
+        obj.parent = self.scene.camera
+        obj.location = ((x - self.size_mm[0] / 2) * self.unit, (y - self.size_mm[1] / 2) * self.unit, -self.depth)
+        obj.scale = (self.unit,) * 3
+        self.scene.collection.objects.link(obj)
+        self.blocks += [obj, shape]
         # It neither lights nor shades what stands behind it.
-        thing.visible_shadow = thing.visible_diffuse = thing.visible_glossy = thing.visible_transmission = False
-        return thing
+        obj.visible_shadow = obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = False
+        return obj
 
     def text(
         self, body: str, x: float, y: float, across: str = "LEFT", along: str = "BOTTOM_BASELINE", size: float = 1.0
@@ -88,11 +89,11 @@ class Board:
         """Width of one line of letters, mm."""
         shape = bpy.data.curves.new("CTMC Text", "FONT")
         shape.body, shape.size = body, size * self.font_mm
-        thing = bpy.data.objects.new("CTMC Text", shape)
-        self.scene.collection.objects.link(thing)
+        obj = bpy.data.objects.new("CTMC Text", shape)
+        self.scene.collection.objects.link(obj)
         self.scene.view_layers[0].update()
-        width = float(thing.dimensions.x)
-        bpy.data.batch_remove([thing, shape])
+        width = float(obj.dimensions.x)
+        bpy.data.batch_remove([obj, shape])
         return width
 
     def lines_of(self, body: str, width_mm: float, size: float = 1.0) -> list[str]:
@@ -111,12 +112,12 @@ class Board:
             out.append(shown)
         return [line.replace(NO_BREAK, " ") for line in out]
 
-    def rectangle(self, box: Box, colour: Colour = INK) -> Any:
+    def rectangle(self, box: Box, color: Color = INK) -> Any:
         """A filled rectangle."""
         left, bottom, right, top = box
         corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [right - left, top - bottom, 0]
         shape = meshes.new_mesh("CTMC Bar", corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
-        return self.put("CTMC Bar", shape, left, bottom, self.ink(colour))
+        return self.put("CTMC Bar", shape, left, bottom, self.ink(color))
 
 
 def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float) -> None:
@@ -137,27 +138,27 @@ def round_length(most: float) -> float:
     return float(f"{max(factor * power for factor in (1, 2, 5) if factor * power <= most * (1 + 1e-9)):.6g}")
 
 
-def orientation_marker(board: Board, x: float, y: float, reach_mm: float, turned: Any) -> Any:
+def orientation_marker(board: Board, x: float, y: float, reach_mm: float, rotation: Any) -> Any:
     """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
 
     Parameters
     ----------
     reach_mm : float
         From the middle to the letters.
-    turned : Matrix
-        How the patient is turned in the scene, 3 x 3.
+    rotation : Matrix
+        How the patient is rotated in the scene, 3 x 3.
     """
     camera = board.scene.camera
     pivot = bpy.data.objects.new(PIVOT, None)
     pivot.empty_display_size = board.unit
     place = camera.matrix_world.copy()
     place.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
-    rotation = turned.to_4x4()
+    matrix = rotation.to_4x4()
     for axis in range(3):
-        rotation[axis][3] = place.translation[axis]
-    pivot.matrix_world = rotation
+        matrix[axis][3] = place.translation[axis]
+    pivot.matrix_world = matrix
     board.scene.collection.objects.link(pivot)
-    board.made.append(pivot)
+    board.blocks.append(pivot)
     lines = axis_lines(0.62 * reach_mm)
     cross = board.put("CTMC Axes", lines, 0.0, 0.0, board.ink())
     cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
@@ -196,10 +197,41 @@ def axis_lines(reach_mm: float) -> Any:
     return lines
 
 
-def legend(board: Board, entries: Sequence[tuple[str, Colour]], x: float, y: float) -> None:
-    """Colours with their names, a line each, the last one's baseline at (x, y)."""
+def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: float) -> None:
+    """Colors with their names, a line each, the last one's baseline at (x, y)."""
     side = CAP * board.font_mm
-    for at, (name, colour) in enumerate(reversed(entries)):
+    for at, (name, color) in enumerate(reversed(entries)):
         base = y + at * LEADING * board.font_mm
-        board.rectangle((x, base, x + side, base + side), colour)
+        board.rectangle((x, base, x + side, base + side), color)
         board.text(name, x + side + GAP_MM, base)
+
+
+def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
+    """A bar of the colors in a box of the page, its title above and its distances below."""
+    left, bottom, right, _ = box
+    font = board.font_mm
+    inset = board.width_of(last_label(scale)) / 2
+    left, right = left + inset, right - inset
+    base = bottom + CAP * font + GAP_MM
+    steps = 64
+    across = np.repeat(np.linspace(0.0, right - left, steps + 1), 2)
+    tall = np.tile([0.0, font], steps + 1)
+    corners = np.column_stack([across, tall, np.zeros_like(across)]).astype(np.float32)
+    at = 2 * np.arange(steps, dtype=np.int32)
+    faces = np.concatenate([np.stack([at, at + 2, at + 3], axis=1), np.stack([at, at + 3, at + 1], axis=1)])
+    bar = meshes.new_mesh("CTMC Colors", corners, faces)
+    keep_distances(bar, np.repeat(np.linspace(0.0, scale.limit_mm, steps + 1), 2))
+    material = distance_material(scale, glow=1.0)
+    board.blocks.append(material)
+    board.put("CTMC Colors", bar, left, base, material)
+    for share in (0.0, 0.5, 1.0):
+        x = left + share * (right - left)
+        board.rectangle((x - 0.06, base - 0.5, x + 0.06, base), INK)
+        label = last_label(scale) if share == 1.0 else f"{share * scale.limit_mm:g}"
+        board.text(label, x, bottom, "CENTER")
+    board.text(scale.title, (left + right) / 2, base + font + 0.8, "CENTER")
+
+
+def last_label(scale: ColorScale) -> str:
+    """The last distance on the bar."""
+    return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm:g}"

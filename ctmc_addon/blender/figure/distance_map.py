@@ -1,4 +1,4 @@
-"""A map of distances on a surface: every point in the colour of its distance to another surface, and the colour bar.
+"""A map of distances on a surface: every point in the color of its distance to another surface.
 
 The surface is first cut into triangles no larger than the other's, or the inside of a large triangle, which is where a
 coarse surface is wrong, would show what its corners have.
@@ -16,24 +16,13 @@ from numpy.typing import NDArray
 
 from ...core import Step, Steps, TriangleMesh, within
 from ...core.mesh import ReferenceSurface, longest_edges, subdivided, vertex_distances_steps
-from ..materials import use_nodes
-from ..surface import mesh_data as meshes
-from .annotations import CAP, GAP_MM, Board
-from .page import Box
-from .styles import INK
+from ..materials import mixed, principled, surface_input, use_nodes
+from .spec import ColorScale
 
-HEAT = "ctmc_distance_mm"
-# Even in lightness, and told apart by the colour-blind: viridis (van der Walt and Smith 2015), sRGB.
-COLOURS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725")
-
-
-@dataclass(frozen=True)
-class Heat:
-    """Distances from 0 to `limit_mm` and their colours; `beyond` says that some are larger."""
-
-    limit_mm: float
-    beyond: bool = False
-    title: str = "distance, mm"
+DISTANCE = "deviation_mm"  # on every vertex, for the map
+COLORS = "deviation"  # for the solid view of a viewport
+# Even in lightness, and distinct to the color-blind: viridis (van der Walt and Smith 2015), sRGB.
+VIRIDIS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725")
 
 
 @dataclass(frozen=True)
@@ -52,13 +41,13 @@ def measured_steps(mesh: TriangleMesh, reference: ReferenceSurface, threads: int
     return Measured(fine, distances)
 
 
-def heat_of(measured: Sequence[Measured], limit_mm: float | None = None) -> Heat:
-    """Colours for these surfaces together: up to the 99th percentile of their distances, rounded up."""
+def color_scale(measured: Sequence[Measured], limit_mm: float | None = None) -> ColorScale:
+    """Colors for these surfaces together: up to the 99th percentile of their distances, rounded up."""
     every = np.concatenate([one.distances_mm for one in measured])
     most = float(every.max())
     if limit_mm is None:
         limit_mm = rounded_up(float(np.percentile(every, 99))) if most > 1e-6 else 1.0
-    return Heat(limit_mm, bool(most > limit_mm * (1 + 1e-6)))
+    return ColorScale(limit_mm, bool(most > limit_mm * (1 + 1e-6)))
 
 
 def rounded_up(value: float) -> float:
@@ -74,79 +63,59 @@ def rounded_up(value: float) -> float:
     return float(f"{next(step * power for step in steps if step * power >= value * (1 - 1e-9)):.6g}")
 
 
-def remember_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write a distance on every vertex of a mesh, which the heat map shows."""
-    attribute = mesh.attributes.get(HEAT) or mesh.attributes.new(HEAT, "FLOAT", "POINT")
-    attribute.data.foreach_set("value", distances_mm.astype(np.float32))
+def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
+    """Write a distance on every vertex of a mesh, which the map shows."""
+    attribute = mesh.attributes.get(DISTANCE) or mesh.attributes.new(DISTANCE, "FLOAT", "POINT")
+    attribute.data.foreach_set("value", np.ascontiguousarray(distances_mm, np.float32))
 
 
-def linear(colour: str) -> tuple[float, float, float, float]:
-    """The linear RGBA of an sRGB colour such as 'fde725' (IEC 61966-2-1)."""
-    parts = [int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)]
+def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
+    """Keep (V,) distances on the mesh, and colors up to the largest; solid view shows them as Attribute."""
+    keep_distances(mesh, distances_mm)
+    colors = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
+    colors.data.foreach_set("color", colors_of(distances_mm).ravel())
+    mesh.color_attributes.active_color_name = COLORS
+
+
+def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, 4) float32 linear RGBA of (n,) distances, from none to the largest of them."""
+    share = distances_mm / (float(distances_mm.max(initial=0.0)) or 1.0)
+    stops = np.array([linear(color) for color in VIRIDIS])
+    along = np.linspace(0.0, 1.0, len(stops))
+    return np.stack([np.interp(share, along, stops[:, channel]) for channel in range(4)], axis=1).astype(np.float32)
+
+
+def linear(color: str) -> tuple[float, float, float, float]:
+    """The linear RGBA of an sRGB color such as 'fde725' (IEC 61966-2-1)."""
+    parts = [int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)]
     red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return red, green, blue, 1.0
 
 
-def heat_material(heat: Heat, glow: float) -> bpy.types.Material:
-    """The colours over the attribute `HEAT`; `glow` is the share that does not depend on light."""
+def distance_material(scale: ColorScale, glow: float) -> bpy.types.Material:
+    """The colors over the attribute `DISTANCE`; `glow` is the share that does not depend on light."""
     material = bpy.data.materials.new("CTMC Distance")
     use_nodes(material)
     tree = material.node_tree
-    shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    shader = principled(material)
     distance = tree.nodes.new("ShaderNodeAttribute")
-    distance.attribute_name = HEAT
+    distance.attribute_name = DISTANCE
     share = tree.nodes.new("ShaderNodeMath")
     share.operation, share.use_clamp = "DIVIDE", True
-    share.inputs[1].default_value = heat.limit_mm
+    share.inputs[1].default_value = scale.limit_mm
     ramp = tree.nodes.new("ShaderNodeValToRGB")
     stops = ramp.color_ramp.elements
-    while len(stops) < len(COLOURS):
+    while len(stops) < len(VIRIDIS):
         stops.new(1.0)
-    for at, colour in enumerate(COLOURS):
-        stops[at].position = at / (len(COLOURS) - 1)
-        stops[at].color = linear(colour)
+    for at, color in enumerate(VIRIDIS):
+        stops[at].position = at / (len(VIRIDIS) - 1)
+        stops[at].color = linear(color)
     light = tree.nodes.new("ShaderNodeEmission")
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    mix.inputs[0].default_value = glow
     shader.inputs["Roughness"].default_value = 0.9
     shader.inputs["Specular IOR Level"].default_value = 0.0
     tree.links.new(distance.outputs["Fac"], share.inputs[0])
     tree.links.new(share.outputs[0], ramp.inputs[0])
     tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
     tree.links.new(ramp.outputs["Color"], light.inputs["Color"])
-    tree.links.new(shader.outputs[0], mix.inputs[1])
-    tree.links.new(light.outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    tree.links.new(mixed(tree, glow, shader.outputs[0], light.outputs[0]), surface_input(material))
     return material
-
-
-def colour_bar(board: Board, heat: Heat, box: Box) -> list[bpy.types.ID]:
-    """A bar of the colours in a box of the page, its title above and its distances below; returns its material."""
-    left, bottom, right, _ = box
-    font = board.font_mm
-    inset = board.width_of(end_of(heat)) / 2
-    left, right = left + inset, right - inset
-    base = bottom + CAP * font + GAP_MM
-    steps = 64
-    across = np.repeat(np.linspace(0.0, right - left, steps + 1), 2)
-    tall = np.tile([0.0, font], steps + 1)
-    corners = np.column_stack([across, tall, np.zeros_like(across)]).astype(np.float32)
-    at = 2 * np.arange(steps, dtype=np.int32)
-    faces = np.concatenate([np.stack([at, at + 2, at + 3], axis=1), np.stack([at, at + 3, at + 1], axis=1)])
-    bar = meshes.new_mesh("CTMC Colours", corners, faces)
-    remember_distances(bar, np.repeat(np.linspace(0.0, heat.limit_mm, steps + 1), 2))
-    material = heat_material(heat, glow=1.0)
-    board.put("CTMC Colours", bar, left, base, material)
-    for share in (0.0, 0.5, 1.0):
-        x = left + share * (right - left)
-        board.rectangle((x - 0.06, base - 0.5, x + 0.06, base), INK)
-        label = end_of(heat) if share == 1.0 else f"{share * heat.limit_mm:g}"
-        board.text(label, x, bottom, "CENTER")
-    board.text(heat.title, (left + right) / 2, base + font + 0.8, "CENTER")
-    return [material]
-
-
-def end_of(heat: Heat) -> str:
-    """The last distance on the bar."""
-    return f"{'≥ ' if heat.beyond else ''}{heat.limit_mm:g}"

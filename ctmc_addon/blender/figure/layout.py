@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ...core import SettingsError
 from .annotations import CAP, LEADING, Board
-from .page import Box, Page
-
-if TYPE_CHECKING:
-    from .compose import Cell, Look
+from .spec import Box, Cell, FigureStyle, Page
 
 MARGIN_MM = 2.5
 GAP_MM = 3.0  # between cells side by side
@@ -40,7 +36,7 @@ class Layout:
     caption_top: float
     caption: tuple[str, ...]
 
-    def centre(self, which: int) -> tuple[float, float]:
+    def center(self, which: int) -> tuple[float, float]:
         """The middle of a cell's picture."""
         left, bottom, right, top = self.pictures[which]
         return (left + right) / 2, (bottom + top) / 2
@@ -51,8 +47,8 @@ class Layout:
         return (left + right) / 2, bottom - self.captions_top - self.cap_mm
 
 
-def laid_out(
-    cells: Sequence[Cell], page: Page, look: Look, extent: tuple[float, float], board: Board, reach_mm: float
+def make_layout(
+    cells: Sequence[Cell], page: Page, style: FigureStyle, extent: tuple[float, float], board: Board, reach_mm: float
 ) -> Layout:
     """Lay out a page.
 
@@ -70,7 +66,7 @@ def laid_out(
     SettingsError
         If the page is too small for its cells.
     """
-    columns = min(look.columns or columns_for(len(cells)), len(cells))
+    columns = min(style.columns or columns_for(len(cells)), len(cells))
     rows = math.ceil(len(cells) / columns)
     inner = page.width_mm - 2 * MARGIN_MM
     width = (inner - (columns - 1) * GAP_MM) / columns
@@ -78,9 +74,9 @@ def laid_out(
     texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
     lines = max(len(text) for text in texts)
     captions = (2.0 + cap + (lines - 1) * LEADING * font + 0.3 * font) if lines else 0.0
-    caption = tuple(board.lines_of(look.caption, inner)) if look.caption else ()
+    caption = tuple(board.lines_of(style.caption, inner)) if style.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
-    footer = footer_mm(cells, look, font, reach_mm)
+    footer = footer_mm(cells, style, font, reach_mm)
     below = (
         MARGIN_MM
         + caption_mm
@@ -126,17 +122,17 @@ def laid_out(
     )
 
 
-def footer_mm(cells: Sequence[Cell], look: Look, font: float, reach_mm: float) -> float:
-    """Height of the footer: scale bar, legend or colour bar, the patient's axes."""
-    named = sum(1 for shown in cells[0].shown if shown.name)
+def footer_mm(cells: Sequence[Cell], style: FigureStyle, font: float, reach_mm: float) -> float:
+    """Height of the footer: scale bar, legend or color bar, the patient's axes."""
+    named = sum(1 for surface in cells[0].surfaces if surface.name)
     heights = [0.0]
-    if look.scale_bar:
+    if style.scale_bar:
         heights.append(1.4 + font)
-    if look.heat is not None:
+    if style.distances is not None:
         heights.append(3.0 * LEADING * font)
     elif named:
         heights.append((named - 1) * LEADING * font + font)
-    if look.orientation:
+    if style.orientation:
         heights.append(2 * reach_mm + font)
     return max(heights)
 

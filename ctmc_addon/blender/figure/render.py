@@ -1,39 +1,38 @@
 """Figures: surfaces on a page as a PNG of a size in millimetres, with the .blend that made it.
 
-Rendered in a scene of its own; the user's scene and settings are left as they are. `render_figure` makes the plain
-picture of one surface in the paper's colours that stands beside a reconstruction.
+Rendered in a scene of its own; the user's scene and settings are left as they are. A large picture is rendered in
+tiles, so that it can be watched and cancelled on its way.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import bpy
 
-from ...core import OutputError, Step, Steps, within
-from ..datablocks import remove_blocks
-from ..materials import RED, YELLOW, edged_material
+from ...core import OutputError, Stages, Step, Steps, finish
 from ..output_files import require_room, written_whole
-from ..studio import AZIMUTH, ELEVATION, SIZE, prepare_scene
-from ..surface.evaluate import evaluated_copy
-from .compose import NAME as STAGE
-from .compose import Cell, Look, Stage, mean_edge, staged
-from .page import Page, finished_png
-from .styles import require_engine
-from .tiles import render_steps
+from .compose import FigureScene, compose
+from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface
+from .styles import EDGE_MM, NAME
 
-LINE_PIXELS = 2.0
-LINE_SHARE = 0.08  # of an edge: finer meshes get finer lines, or nothing red would be left
+TILE_PIXELS = 100_000  # so few that Esc is soon heard; the pixels are those of one go
+PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
+PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
+PICTURE_SAMPLES = 9
 
 
 def figure_steps(
     cells: Sequence[Cell],
     path: str | os.PathLike[str],
     page: Page | None = None,
-    look: Look | None = None,
+    style: FigureStyle | None = None,
     blend: str | os.PathLike[str] | None = None,
     scene: bpy.types.Scene | None = None,
 ) -> Steps[tuple[int, int]]:
@@ -53,63 +52,42 @@ def figure_steps(
     CtmcError
         If there is nothing to show, a file cannot be written, or the engine does not work here.
     """
-    page, look, target = page or Page(), look or Look(), Path(path)
+    page, style, target = page or Page(), style or FigureStyle(), Path(path)
     require_png(target)
     if blend is not None:
         require_own_blend(Path(blend))
-    yield Step(0.0, "Setting up the figure")
-    stage = staged(cells, page, look, scene)
+    stages = Stages({"Setting up the figure": 2, f"Rendering {target.name}": 8})
+    figure = yield from stages.run("Setting up the figure", composed_steps(cells, page, style, scene))
     try:
         with ExitStack() as files:
             if blend is not None:
-                yield Step(0.1, f"Writing {Path(blend).name}")
-                write_stage(stage, files.enter_context(written_whole(Path(blend))))
+                write_scene(figure, files.enter_context(written_whole(Path(blend))))
             beside = files.enter_context(written_whole(target))
-            require_room(beside, 4 * stage.size[0] * stage.size[1] + 10_000)
-            yield from within(render_steps(stage.scene, beside, target.name), 0.2, 1.0)
-            beside.write_bytes(finished_png(beside.read_bytes(), target.name, page.dpi))
+            yield from stages.run(f"Rendering {target.name}", png_steps(figure, beside, target.name, page.dpi))
         yield Step(1.0, f"{target.name} written")
-        return stage.size
+        return figure.size
     finally:
-        stage.take_down()
+        figure.remove()
 
 
-def require_png(path: Path) -> None:
-    """Raise `OutputError` for a path that is no .png."""
-    if path.suffix.lower() != ".png":
-        raise OutputError(f"{path.name} is no .png; figures are written as .png")
-
-
-def require_own_blend(path: Path) -> None:
-    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
-    if path.exists() and path.stat().st_size:
-        try:
-            with bpy.data.libraries.load(str(path)) as (there, _):
-                own = any(name.startswith(STAGE) for name in there.scenes)
-        except (OSError, ValueError):  # no .blend, or the one that is open
-            own = False
-        if not own:
-            raise OutputError(f"{path.name} is there already and is no figure's; move it, or give another name")
-
-
-def write_stage(stage: Stage, path: Path) -> None:
-    """Write the figure's scene to a .blend that is there and empty."""
-    stage.scene.render.filepath = "//"
-    vertices = sum(len(copy.data.vertices) for copies in stage.copies for copy in copies)
-    require_room(path, 500_000 + 120 * vertices)
-    bpy.data.libraries.write(str(path), {stage.scene}, path_remap="RELATIVE_ALL")
+def composed_steps(
+    cells: Sequence[Cell], page: Page, style: FigureStyle, scene: bpy.types.Scene | None
+) -> Steps[FigureScene]:
+    """`compose`, after a step that says so."""
+    yield Step(0.0)
+    return compose(cells, page, style, scene)
 
 
 def render_figure(
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     scene: bpy.types.Scene | None,
     path: str | os.PathLike[str],
-    size: tuple[int, int] = SIZE,
+    size: tuple[int, int] = PICTURE_SIZE,
+    edges: bool = True,
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
-    edges: bool = True,
 ) -> None:
-    """Render the evaluated surface to a PNG, red with yellow triangle edges, on white.
+    """Render the plain picture of a surface that stands beside a reconstruction: red with yellow triangle edges.
 
     Parameters
     ----------
@@ -117,52 +95,129 @@ def render_figure(
         Where the object is evaluated; None takes the first scene that holds it.
     size : (width, height) int
         Pixels.
-    azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
     edges : bool
         False keeps the surface's own material, for small pictures in which edges would be noise.
+    azimuth, elevation : float
+        Where the camera stands, degrees.
 
     Raises
     ------
     OutputError
-        If `path` is no .png or cannot be written to, or this Blender has no Cycles.
+        If `path` is not a .png or cannot be written to, or this Blender has no Cycles.
     """
-    target = Path(path)
-    require_png(target)
-    require_engine("cycles")
-    with written_whole(target) as beside:
-        require_room(beside, 4 * size[0] * size[1] + 10_000)
-        render(thing, scene, beside, size, azimuth, elevation, edges)
-        beside.write_bytes(finished_png(beside.read_bytes(), target.name))
+    dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
+    page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
+    style = FigureStyle(
+        style="paper" if edges else "clinical",
+        azimuth=azimuth,
+        elevation=elevation,
+        scale_bar=False,
+        orientation=False,
+        samples=PICTURE_SAMPLES,
+    )
+    finish(figure_steps([Cell((ShownSurface(obj),))], path, page, style, scene=scene))
 
 
-def render(
-    thing: bpy.types.Object,
-    scene: bpy.types.Scene | None,
-    path: Path,
-    size: tuple[int, int],
-    azimuth: float,
-    elevation: float,
-    edges: bool,
-) -> None:
-    """Stage a copy of the evaluated surface, render it to `path`, and take the stage down."""
-    mesh, evaluated = evaluated_copy(thing, scene)
-    stage = bpy.data.scenes.new("CTMC Figure")
-    copy = bpy.data.objects.new("CTMC Figure", mesh)
-    blocks: list[bpy.types.ID] = [stage, copy, mesh]
+def require_png(path: Path) -> None:
+    """Raise `OutputError` for a path that is not a .png, or a Python without the library that writes it."""
+    if path.suffix.lower() != ".png":
+        raise OutputError(f"{path.name} is not a .png; figures are written as .png")
+    pillow()
+
+
+def pillow() -> Any:
+    """The module `PIL.Image`, or an `OutputError`."""
     try:
-        copy.matrix_world = evaluated.matrix_world
-        stage.collection.objects.link(copy)
-        blocks += prepare_scene(stage, copy, size, azimuth, elevation)
-        if edges:
-            width = min(LINE_PIXELS * stage.camera.data.ortho_scale / max(size), LINE_SHARE * mean_edge(copy))
-            material = edged_material("CTMC Figure", RED, YELLOW, width)
-            blocks.append(material)
-            mesh.materials.clear()
-            mesh.materials.append(material)
-        stage.render.filepath = str(path.resolve())
-        bpy.ops.render.render(write_still=True, scene=stage.name)
+        from PIL import Image
+    except ImportError as error:
+        raise OutputError(f"a figure needs Pillow ({error}); install the Python package pillow") from error
+    return Image
+
+
+def require_own_blend(path: Path) -> None:
+    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
+    if path.exists() and path.stat().st_size:
+        try:
+            with bpy.data.libraries.load(str(path)) as (there, _):
+                own = any(name.startswith(NAME) for name in there.scenes)
+        except (OSError, ValueError):  # not a .blend, or the one that is open
+            own = False
+        if not own:
+            raise OutputError(f"{path.name} is there already and is not a figure's; move it, or give another name")
+
+
+def write_scene(figure: FigureScene, path: Path) -> None:
+    """Write the figure's scene to a .blend that is there and empty."""
+    figure.scene.render.filepath = "//"
+    vertices = sum(len(copy.data.vertices) for copies in figure.copies for copy in copies)
+    require_room(path, 500_000 + 120 * vertices)
+    bpy.data.libraries.write(str(path), {figure.scene}, path_remap="RELATIVE_ALL")
+
+
+def png_steps(figure: FigureScene, path: Path, name: str, dpi: float, tiled: bool = True) -> Steps[None]:
+    """Render a figure to a PNG that is there and empty, and whose name for people is `name`; with Cycles in tiles.
+
+    The PNG knows its resolution and nothing of this machine.
+
+    Raises
+    ------
+    OutputError
+        If Blender cannot.
+    """
+    width, height = figure.size
+    require_room(path, 4 * width * height + 10_000)
+    render = figure.scene.render
+    rows = tile_rows(figure.size) if tiled and render.engine == "CYCLES" else [(0, height)]
+    picture = pillow().new(render.image_settings.color_mode, figure.size)
+    if len(rows) > 1:
+        render.use_border = render.use_crop_to_border = render.use_persistent_data = True
+        render.border_min_x, render.border_max_x = 0.0, 1.0
+    part = path.with_name(f"{path.stem}-tile.png")
+    try:
+        for number, (low, high) in enumerate(rows):
+            yield Step(number / len(rows), f"Rendering {name}, {number / len(rows):.0%}" if number else "")
+            # A quarter of a row up: right whether Blender rounds or cuts.
+            render.border_min_y = (low + 0.25) / height
+            render.border_max_y = min((high + 0.25) / height, 1.0)
+            render_to(figure.scene, part)
+            with opened_png(part, name) as tile:
+                if tile.size != (width, high - low):
+                    raise OutputError(f"Blender rendered {tile.size} of {name} where {high - low} rows were asked for")
+                picture.paste(tile, (0, height - high))
+        picture.save(path, "PNG", dpi=(dpi, dpi))
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def tile_rows(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """First row and row after the last of every tile, from the bottom up.
+
+    Examples
+    --------
+    >>> tile_rows((400, 200)), tile_rows((500, 400))
+    ([(0, 200)], [(0, 200), (200, 400)])
+    """
+    width, height = size
+    count = max(1, math.ceil(width * height / TILE_PIXELS))
+    edges = [round(height * at / count) for at in range(count + 1)]
+    return list(itertools.pairwise(edges))
+
+
+@contextmanager
+def opened_png(path: Path, name: str) -> Iterator[Any]:
+    """A PNG with all of its pixels, or an `OutputError`."""
+    try:
+        with pillow().open(path) as picture:
+            picture.load()
+            yield picture
+    except (OSError, SyntaxError) as error:  # what Pillow raises for a file that ends too early
+        raise OutputError(f"{name} came out incomplete; free some space or choose another disk") from error
+
+
+def render_to(scene: bpy.types.Scene, path: Path) -> None:
+    """Render a scene to a file, or an `OutputError`."""
+    scene.render.filepath = str(path.resolve())
+    try:
+        bpy.ops.render.render(write_still=True, scene=scene.name)
     except RuntimeError as error:  # how Blender's operators report what they could not do
         raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error
-    finally:
-        remove_blocks(*blocks)

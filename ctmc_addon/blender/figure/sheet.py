@@ -14,8 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import bpy
-
 from ...core import (
     Reconstruction,
     ReconstructionSettings,
@@ -27,12 +25,11 @@ from ...core import (
     within,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
-from ..surface.objects import add_reconstruction
+from ..surface.objects import temporary_surfaces
 from .annotations import NO_BREAK
-from .compose import Cell, Look, Shown
-from .distance_map import Measured, heat_of, measured_steps, remember_distances
-from .page import Page
+from .distance_map import Measured, color_scale, keep_distances, measured_steps
 from .render import figure_steps
+from .spec import Cell, FigureStyle, Page, ShownSurface
 
 MOST_CELLS = 26
 SHORT_SECONDS = 1.0
@@ -141,7 +138,7 @@ def sheet_steps(
     comparison: Comparison,
     path: str | os.PathLike[str],
     page: Page,
-    look: Look,
+    style: FigureStyle,
     blend: str | os.PathLike[str] | None = None,
     deviation: bool = False,
     limit_mm: float | None = None,
@@ -152,9 +149,9 @@ def sheet_steps(
     Parameters
     ----------
     deviation : bool
-        Colour every surface by its distance to full resolution.
+        Color every surface by its distance to full resolution.
     limit_mm : float, optional
-        End of the colour bar.
+        End of the color bar.
 
     Raises
     ------
@@ -180,10 +177,10 @@ def sheet_steps(
         if deviation:
             measuring = measured_steps(result.mesh, reference, threads)
             maps.append((yield from within(measuring, low + 2 * width / 3, low + width)))
-    heat = heat_of(maps, limit_mm) if deviation else None
-    look = replace(look, columns=look.columns or comparison.columns, heat=heat)
+    distances = color_scale(maps, limit_mm) if deviation else None
+    style = replace(style, columns=style.columns or comparison.columns, distances=distances)
     shown = [(one.result, one.lines) for one in compared]
-    steps = shown_steps(shown, maps, path, page, look, blend)
+    steps = shown_steps(shown, maps, path, page, style, blend)
     size = yield from within(steps, 0.6, 1.0)
     return size, compared
 
@@ -205,33 +202,33 @@ def deviation_figure_steps(
     result: Reconstruction,
     path: str | os.PathLike[str],
     page: Page,
-    look: Look,
+    style: FigureStyle,
     blend: str | os.PathLike[str] | None = None,
     limit_mm: float | None = None,
     threads: int | None = None,
 ) -> Steps[tuple[int, int]]:
-    """A figure of one surface coloured by its distance to the surface of full resolution."""
+    """A figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
     reference = yield from within(reference_steps(volume, result.settings, False, threads), 0.0, 0.2)
     apart = yield from within(surface_distance_steps(result.mesh, reference, threads), 0.2, 0.3)
     measured = yield from within(measured_steps(result.mesh, reference, threads), 0.3, 0.5)
-    caption = look.caption or (
+    caption = style.caption or (
         f"Distance to the surface of full resolution: mean {apart.mean:.3g}{NO_BREAK}mm, "
         f"at most {apart.largest:.3g}{NO_BREAK}mm; "
         f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
     )
-    look = replace(look, heat=heat_of([measured], limit_mm), caption=caption)
-    return (yield from within(shown_steps([(result, ())], [measured], path, page, look, blend), 0.5, 1.0))
+    style = replace(style, distances=color_scale([measured], limit_mm), caption=caption)
+    return (yield from within(shown_steps([(result, ())], [measured], path, page, style, blend), 0.5, 1.0))
 
 
 def require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
-    """Raise `SettingsError` for a simplifier that works in Blender, or a colour bar that ends nowhere."""
+    """Raise `SettingsError` for a simplifier that works in Blender, or a color bar that ends nowhere."""
     if settings.simplifies and settings.simplifier == "decimate":
         raise SettingsError(
             "distances are measured with the built-in simplifier; choose that one (leave --simplifier decimate out)"
         )
     if limit_mm is not None and not 0 < limit_mm <= 1000:
-        raise SettingsError(f"the colour bar must end between 0 and 1000 mm, not at {limit_mm:g}")
+        raise SettingsError(f"the color bar must end between 0 and 1000 mm, not at {limit_mm:g}")
 
 
 def reference_steps(
@@ -255,24 +252,19 @@ def shown_steps(
     maps: Sequence[Measured],
     path: str | os.PathLike[str],
     page: Page,
-    look: Look,
+    style: FigureStyle,
     blend: str | os.PathLike[str] | None,
 ) -> Steps[tuple[int, int]]:
     """Make an object for every surface, or for its map, in a scene of its own, and render them as cells."""
-    home = bpy.data.scenes.new("CTMC")
-    things: list[bpy.types.Object] = []
-    try:
-        for at, (result, _) in enumerate(results):
-            mesh = maps[at].mesh if maps else result.mesh
-            thing = add_reconstruction(replace(result, mesh=mesh, surface=None), home)
-            things.append(thing)
-            if maps:
-                remember_distances(thing.data, maps[at].distances_mm)
-        cells = [Cell((Shown(thing),), lines) for thing, (_, lines) in zip(things, results, strict=True)]
-        return (yield from figure_steps(cells, path, page, look, blend, home))
-    finally:
-        made = [block for thing in things for block in (*thing.data.materials, thing.data, thing)]
-        bpy.data.batch_remove([*made, home])
+    surfaces = [
+        replace(result, mesh=maps[at].mesh if maps else result.mesh, surface=None)
+        for at, (result, _) in enumerate(results)
+    ]
+    with temporary_surfaces(surfaces) as (scene, objects):
+        for obj, distance_map in zip(objects, maps, strict=False):
+            keep_distances(obj.data, distance_map.distances_mm)
+        cells = [Cell((ShownSurface(obj),), lines) for obj, (_, lines) in zip(objects, results, strict=True)]
+        return (yield from figure_steps(cells, path, page, style, blend, scene))
 
 
 def holds_others(mesh: TriangleMesh, every: Sequence[TriangleMesh]) -> bool:

@@ -1,44 +1,32 @@
-"""How a figure looks: styles, engines, and the materials of its surfaces."""
+"""How a figure looks: its engine, and the materials of its surfaces."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...core import OutputError
-from ..materials import RED, YELLOW, Colour, edged_material, surface_material
-from ..rotation.offscreen import can_draw
+from ..colors import Color
+from ..materials import edged_material, material_color, mixed, surface_input, surface_material
+from ..surface import mesh_data as meshes
+from ..viewport.shaders import can_draw
+from .distance_map import DISTANCE, distance_material
+from .spec import STYLES, FigureStyle, ShownSurface
 
-GREY: Colour = (0.52, 0.52, 0.52)
-INK: Colour = (0.02, 0.02, 0.02)
-ENGINES = ("cycles", "eevee", "workbench")
-SEE_THROUGH_SAMPLES = 36  # a ray that passes or stays by chance needs more of them
-
-
-@dataclass(frozen=True)
-class Style:
-    """A style: the colour of faces (None is the surface's own) and of triangle edges (None draws none)."""
-
-    text: str
-    face: Colour | None
-    edge: Colour | None
+NAME = "CTMC Figure"
+TRANSPARENT_SAMPLES = 36  # a ray that passes or stays by chance needs more of them
+EDGE_MM = 0.12  # on the page
+EDGE_SHARE = 0.08  # of a triangle's side: finer meshes get finer lines, or nothing of the face would be left
 
 
-STYLES: dict[str, Style] = {
-    "paper": Style("red faces, yellow triangle edges", RED, YELLOW),
-    "clinical": Style("every surface smooth in its own colour", None, None),
-    "print": Style("grey faces, dark triangle edges, for black and white", GREY, INK),
-}
-
-
-def require_engine(engine: str, heat: bool = False) -> None:
+def require_engine(engine: str, distances: bool = False) -> None:
     """Raise `OutputError` for an engine that does not work here, before Blender would end the process.
 
-    `heat` asks for one that shows a map of distances.
+    `distances` asks for one that shows a map of distances.
     """
-    if engine == "workbench" and heat:
+    if engine == "workbench" and distances:
         raise OutputError("workbench shows no map of distances; take cycles or eevee")
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
@@ -49,8 +37,8 @@ def require_engine(engine: str, heat: bool = False) -> None:
         raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or take cycles")
 
 
-def set_engine(scene: bpy.types.Scene, engine: str, see_through: bool) -> None:
-    """Give a staged scene its engine; Cycles is already set up."""
+def set_engine(scene: bpy.types.Scene, engine: str, samples: int, transparent: bool) -> None:
+    """Give a figure's scene its engine; Cycles is already set up."""
     if engine == "eevee":
         scene.render.engine = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
         scene.eevee.taa_render_samples = 16
@@ -64,46 +52,61 @@ def set_engine(scene: bpy.types.Scene, engine: str, see_through: bool) -> None:
         shading.background_type = "WORLD"
         scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
         scene.world.color = (1.0, 1.0, 1.0)
-    elif see_through:
-        scene.cycles.samples = SEE_THROUGH_SAMPLES
+    else:
+        scene.cycles.samples = max(samples, TRANSPARENT_SAMPLES) if transparent else samples
 
 
-def flat_material(name: str, colour: Colour) -> bpy.types.Material:
-    """One colour, whatever the light: for letters and bars."""
-    material = surface_material(name, colour)
-    tree = material.node_tree
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
-    glow = tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (*colour, 1.0)
-    tree.links.new(glow.outputs[0], output.inputs["Surface"])
-    return material
+def assign_materials(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle, unit: float) -> list[bpy.types.ID]:
+    """Give a surface its material on a page whose millimetre is `unit` scene units; returns what was made for it."""
+    face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
+    mesh = obj.data
+    mesh.materials.clear()
+    if style.distances is not None and DISTANCE in mesh.attributes:
+        material = distance_material(style.distances, glow=0.45)
+    else:
+        obj.visible_shadow = shown.opacity == 1.0  # or walls that touch would speckle each other
+        width = min(EDGE_MM * unit, EDGE_SHARE * mean_edge(obj)) if line else 0.0
+        if line and style.engine == "cycles":  # the others have geometry for edges
+            material = edged_material(NAME, face, line, width)
+        else:
+            material = surface_material(NAME, face)
+        if shown.opacity < 1.0:
+            make_transparent(material, shown.opacity)
+    mesh.materials.append(material)
+    mesh.update()
+    added: list[bpy.types.ID] = [material]
+    if line and style.engine != "cycles" and style.distances is None:
+        added.append(add_edge_geometry(obj, line, width))
+    return added
 
 
-def figure_material(
-    name: str, face: Colour, edge: Colour | None, width: float, opacity: float, engine: str
-) -> bpy.types.Material:
-    """The material of a surface in a figure; `width` of its edges in scene units."""
-    drawn = edge is not None and engine == "cycles"  # the others have geometry for edges
-    material = edged_material(name, face, edge, width) if edge and drawn else surface_material(name, face)
-    if opacity < 1.0:
-        see_through(material, opacity)
-    return material
+def shown_color(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle) -> Color:
+    """The color a surface is shown in."""
+    return shown.color or STYLES[style.style].face or material_color(obj)
 
 
-def see_through(material: bpy.types.Material, opacity: float) -> None:
+def mean_edge(obj: bpy.types.Object) -> float:
+    """Mean length of the triangles' first edges, scene units."""
+    faces = meshes.read_triangles(obj.data)
+    positions = meshes.read_positions(obj.data)
+    edges = positions[faces[:, 1]] - positions[faces[:, 0]]
+    return float(np.sqrt((edges.astype(np.float64) ** 2).sum(axis=1)).mean()) * scale_in_scene(obj)
+
+
+def scale_in_scene(obj: bpy.types.Object) -> float:
+    """How many times larger an object stands in the scene than its mesh is."""
+    return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
+
+
+def make_transparent(material: bpy.types.Material, opacity: float) -> None:
     """Let the front of a surface be seen through, more where it faces the camera, and its back not be seen at all.
 
     Without the back, the walls of a liver's hollows do not cover the tumours that fill them.
     """
-    tree = material.node_tree
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
-    solid = output.inputs["Surface"].links[0].from_socket
+    tree, surface = material.node_tree, surface_input(material)
     clear = tree.nodes.new("ShaderNodeBsdfTransparent")
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(opacity_socket(tree, opacity), mix.inputs[0])
-    tree.links.new(clear.outputs[0], mix.inputs[1])
-    tree.links.new(solid, mix.inputs[2])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    shown = mixed(tree, opacity_socket(tree, opacity), clear.outputs[0], surface.links[0].from_socket)
+    tree.links.new(shown, surface)
     material.diffuse_color[3] = opacity
     if hasattr(material, "surface_render_method"):
         material.surface_render_method = "BLENDED"
@@ -131,13 +134,13 @@ def opacity_socket(tree: Any, opacity: float) -> Any:
     return both.outputs[0]
 
 
-def edge_geometry(thing: bpy.types.Object, edge: Colour, width: float) -> bpy.types.Material:
+def add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
     """Triangle edges as bars of their own material; returns that.
 
     For Workbench, which has no nodes, and for EEVEE, whose wireframe node leaves dark stains from Blender 5.0 on.
     """
     material = surface_material("CTMC Edges", edge)
-    thing.data.materials.append(material)
-    wire = thing.modifiers.new("CTMC Edges", "WIREFRAME")
+    obj.data.materials.append(material)
+    wire = obj.modifiers.new("CTMC Edges", "WIREFRAME")
     wire.thickness, wire.use_replace, wire.material_offset, wire.use_even_offset = 2 * width, False, 1, False
     return material

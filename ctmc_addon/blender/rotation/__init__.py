@@ -1,7 +1,19 @@
 """The rotation test of Su and Ma, 4.3: how long a surface takes to turn once."""
 
-from .offscreen import can_draw
+from ..viewport.shaders import can_draw
+from .levels import Level, levels_in, show_only, simplified_steps
+from .timing import SIZES, Drawing, LevelTimes, frames_of, rotation_steps, rotation_test_steps
 
 __all__ = [
+    "SIZES",
+    "Drawing",
+    "Level",
+    "LevelTimes",
     "can_draw",
+    "frames_of",
+    "levels_in",
+    "rotation_steps",
+    "rotation_test_steps",
+    "show_only",
+    "simplified_steps",
 ]

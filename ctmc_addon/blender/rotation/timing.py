@@ -12,35 +12,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import bpy
 import numpy as np
 
-from ...core import Step, Steps, TriangleMesh, simplify_steps, within
+from ...core import Stages, Step, Steps, TriangleMesh
 from ..datablocks import remove_blocks
-from ..materials import BONE, surface_material
-from ..studio import AZIMUTH, ELEVATION, frame, prepare_scene, view_axes
+from ..figure.spec import AZIMUTH, ELEVATION
+from ..studio import frame, prepare_scene, swept, view_axes
 from ..surface import mesh_data as meshes
-from ..surface.placement import SCALE, placed_at_center
+from .levels import NAME, Level, levels_in, show_only
+from .offscreen import TriangleDrawing
 
-LEVELS = (0.0, 50.0, 90.0)
 ROUNDS = 5
 STEP_DEGREES = 20.0
 # Pixels of a frame. In larger pictures a renderer without a graphics card measures pixels more than triangles.
 SIZES = {"BLENDER_WORKBENCH": (640, 480), "CYCLES": (160, 120)}
-
-
-@dataclass(frozen=True)
-class Level:
-    """One level of simplification, as an object."""
-
-    percent: float
-    mesh: TriangleMesh
-    thing: bpy.types.Object
 
 
 class Drawing(Protocol):
@@ -54,55 +44,13 @@ class Drawing(Protocol):
 
 
 @dataclass(frozen=True)
-class Turned:
+class LevelTimes:
     """What the test found for one level: seconds of every round, as a whole frame and as drawing alone."""
 
     percent: float
     faces: int
     rounds: tuple[float, ...]
     draw_rounds: tuple[float, ...] = ()
-
-
-def simplified_steps(mesh: TriangleMesh, percents: Sequence[float]) -> Steps[list[tuple[float, TriangleMesh]]]:
-    """The surface with these shares of its triangles removed, per cent."""
-    made = []
-    for at, percent in enumerate(percents):
-        low, high = at / len(percents), (at + 1) / len(percents)
-        yield Step(low, f"Simplifying by {percent:g} %")
-        small = mesh
-        if percent:
-            small = yield from within(simplify_steps(mesh, reduction=percent / 100), low, high)
-        made.append((percent, small))
-    return made
-
-
-@contextmanager
-def levels_in(
-    scene: bpy.types.Scene, simplified: Sequence[tuple[float, TriangleMesh]], scale: float = SCALE
-) -> Iterator[list[Level]]:
-    """Static objects of these meshes (RAS+ mm) in `scene`, about one origin; removed after the block."""
-    placement = placed_at_center(simplified[0][1].vertices, scale)
-    material = surface_material("CTMC Rotation Test", BONE)
-    levels: list[Level] = []
-    try:
-        for percent, mesh in simplified:
-            name = f"CTMC Rotation Test {percent:g} %"
-            plain = meshes.new_mesh(name, placement.to_local(mesh.vertices), mesh.faces)
-            plain.materials.append(material)
-            thing = bpy.data.objects.new(name, plain)
-            thing.location = placement.origin
-            levels.append(Level(percent, mesh, thing))
-            scene.collection.objects.link(thing)
-        yield levels
-    finally:
-        remove_blocks(*(level.thing.data for level in levels))  # and the objects with them
-        remove_blocks(material)
-
-
-def show_only(levels: Sequence[Level], shown: Level) -> None:
-    """Hide every level but one, from renders and viewports."""
-    for level in levels:
-        level.thing.hide_render = level.thing.hide_viewport = level is not shown
 
 
 def frames_of(step_degrees: float) -> int:
@@ -129,12 +77,12 @@ def rotation_steps(
     done = 0
     for turn in range(rounds):
         for level, times in zip(levels, seconds, strict=True):
-            level.thing.rotation_euler.z = 0.0
+            level.obj.rotation_euler.z = 0.0
             drawing.show(level)
             drawing.draw(level)  # warms up
             total = 0.0
             for angle in angles:
-                level.thing.rotation_euler.z = angle
+                level.obj.rotation_euler.z = angle
                 start = time.perf_counter()
                 drawing.draw(level)
                 total += time.perf_counter() - start
@@ -150,7 +98,7 @@ def rotation_test_steps(
     rounds: int = ROUNDS,
     step_degrees: float = STEP_DEGREES,
     size: tuple[int, int] | None = None,
-) -> Steps[list[Turned]]:
+) -> Steps[list[LevelTimes]]:
     """The test with no window, in a scene of its own: whole frames by `engine`, and the triangles alone if it can.
 
     Parameters
@@ -162,40 +110,38 @@ def rotation_test_steps(
     size : (width, height) int, optional
         Of a frame, pixels; by default that of `SIZES`.
     """
-    from .offscreen import TriangleDrawing
-
     size = size or SIZES[engine]
-    home = bpy.data.scenes.new("CTMC Rotation Test")
-    stage: tuple[bpy.types.ID, ...] = ()
+    scene = bpy.data.scenes.new(NAME)
+    blocks: tuple[bpy.types.ID, ...] = ()
+    stages = Stages({"Timing whole frames": 8, "Timing the triangles alone": 2})
     try:
-        with levels_in(home, simplified) as levels:
+        with levels_in(scene, simplified) as levels:
             show_only(levels, levels[0])
-            stage = prepare_scene(home, levels[0].thing, size)
-            frame_turning(home, levels[0], size)
-            whole = RenderDrawing(home, levels, engine)
-            rounds_of = yield from within(rotation_steps(levels, whole, rounds, step_degrees), 0.0, 0.8)
+            blocks = prepare_scene(scene, levels[0].obj, size)
+            frame_turning(scene, levels[0], size)
+            whole = RenderDrawing(scene, levels, engine)
+            rounds_of = yield from stages.run(
+                "Timing whole frames", rotation_steps(levels, whole, rounds, step_degrees)
+            )
             drawn: list[list[float]] = [[] for _ in levels]
             if engine == "BLENDER_WORKBENCH":
-                with TriangleDrawing(home, levels, size) as triangles:
-                    drawn = yield from within(rotation_steps(levels, triangles, rounds, step_degrees), 0.8, 1.0)
+                with TriangleDrawing(scene, levels, size) as triangles:
+                    drawn = yield from stages.run(
+                        "Timing the triangles alone", rotation_steps(levels, triangles, rounds, step_degrees)
+                    )
             return [
-                Turned(level.percent, len(level.mesh.faces), tuple(times), tuple(draws))
+                LevelTimes(level.percent, len(level.mesh.faces), tuple(times), tuple(draws))
                 for level, times, draws in zip(levels, rounds_of, drawn, strict=True)
             ]
     finally:
-        remove_blocks(*stage, home)
+        remove_blocks(*blocks, scene)
 
 
 def frame_turning(scene: bpy.types.Scene, level: Level, size: tuple[int, int]) -> None:
     """Move the camera back until the level stays in the picture however it is turned about its z axis."""
-    origin = np.array(level.thing.location, np.float64)
-    points = meshes.read_positions(level.thing.data).astype(np.float64)
-    reach = float(np.sqrt((points[:, :2] ** 2).sum(axis=1).max()))
-    around = np.radians(np.arange(0, 360, 10))
-    ring = np.stack([reach * np.cos(around), reach * np.sin(around)], axis=1)
-    heights = (points[:, 2].min(), points[:, 2].max())
-    swept = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in heights])
-    frame(scene.camera, swept + origin, view_axes(AZIMUTH, ELEVATION), size)
+    origin = np.array(level.obj.location, np.float64)
+    points = meshes.read_positions(level.obj.data).astype(np.float64) + origin
+    frame(scene.camera, swept(points, origin), view_axes(AZIMUTH, ELEVATION), size)
 
 
 class RenderDrawing:

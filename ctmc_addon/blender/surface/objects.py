@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 
 from ...core import MeshError, Reconstruction, ReconstructionSettings
-from ..materials import Colour, colour_of, surface_material
+from ..colors import Color, color_of
+from ..materials import surface_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions
 from .evaluate import evaluated_copy, evaluated_object
@@ -29,7 +30,7 @@ def add_reconstruction(
     result: Reconstruction,
     scene: bpy.types.Scene,
     scale: float = SCALE,
-    color: Colour | None = None,
+    color: Color | None = None,
     mesh: bpy.types.Mesh | None = None,
     structure: str = "",
     fingerprint: str = "",
@@ -58,7 +59,7 @@ def add_reconstruction(
     mesh = surface_mesh(result, None, scale) if mesh is None else mesh
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
-    mesh.materials.append(surface_material(name, color or colour_of(result.settings.label)))
+    mesh.materials.append(surface_material(name, color or color_of(result.settings.label)))
     obj = bpy.data.objects.new(name, mesh)
     obj.location = placement.origin
     scene.collection.objects.link(obj)

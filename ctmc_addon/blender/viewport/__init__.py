@@ -1,12 +1,14 @@
 """What is drawn over a 3D viewport and stored nowhere."""
 
 from .overlay import Picture, draw_letters, draw_lines
-from .preview_surface import PreviewSurface, forget_shader
+from .preview_surface import PreviewSurface
+from .shaders import can_draw, free_shader
 
 __all__ = [
     "Picture",
     "PreviewSurface",
+    "can_draw",
     "draw_letters",
     "draw_lines",
-    "forget_shader",
+    "free_shader",
 ]

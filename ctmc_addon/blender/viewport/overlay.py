@@ -13,14 +13,14 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-Colour = tuple[float, float, float, float]
+Color = tuple[float, float, float, float]
 FONT = 0
 # Pixels; a letter nearer to the middle than this would say nothing.
 NEAREST_LETTER = 24.0
 FAINT = 0.25  # how much of a line is seen through what hides it
 
 
-# Before Blender 5 a viewport's draw handlers write linear light, since then the colours as they appear.
+# Before Blender 5 a viewport's draw handlers write linear light, since then the colors as they appear.
 FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"
 
 
@@ -29,18 +29,18 @@ class Picture:
 
     Parameters
     ----------
-    colours : (rows, columns, 4) float32
+    colors : (rows, columns, 4) float32
         As they are to appear.
     corners : (4, 3)
         Of row and column 0, the last column, the last column and row, the last row.
     """
 
-    def __init__(self, colours: NDArray[np.float32], corners: NDArray[Any]) -> None:
+    def __init__(self, colors: NDArray[np.float32], corners: NDArray[Any]) -> None:
         import gpu
         from gpu_extras.batch import batch_for_shader
 
-        rows, columns = colours.shape[:2]
-        pixels = gpu.types.Buffer("FLOAT", colours.size, np.ascontiguousarray(colours, np.float32).ravel())
+        rows, columns = colors.shape[:2]
+        pixels = gpu.types.Buffer("FLOAT", colors.size, np.ascontiguousarray(colors, np.float32).ravel())
         self.texture = gpu.types.GPUTexture((columns, rows), format=FORMAT, data=pixels)
         self.shader = gpu.shader.from_builtin("IMAGE")
         places = {
@@ -63,7 +63,7 @@ class Picture:
 
 
 def draw_lines(
-    points: NDArray[Any], pairs: Iterable[tuple[int, int]], colour: Colour, size: tuple[float, float], width: float
+    points: NDArray[Any], pairs: Iterable[tuple[int, int]], color: Color, size: tuple[float, float], width: float
 ) -> None:
     """Lines between (n, 3) points, `width` pixels wide, in a viewport of `size` pixels; faint where hidden."""
     import gpu
@@ -78,7 +78,7 @@ def draw_lines(
     shader.uniform_float("lineWidth", width)
     for test, share in (("LESS_EQUAL", 1.0), ("GREATER", FAINT)):
         gpu.state.depth_test_set(test)
-        shader.uniform_float("color", (*colour[:3], colour[3] * share))
+        shader.uniform_float("color", (*color[:3], color[3] * share))
         batch.draw(shader)
     gpu.state.blend_set("NONE")
     gpu.state.depth_test_set("NONE")
@@ -99,7 +99,7 @@ def draw_letters(
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
-    centre = location_3d_to_region_2d(region, view, Vector(middle))
+    center = location_3d_to_region_2d(region, view, Vector(middle))
     blf.size(FONT, size)
     blf.enable(FONT, blf.SHADOW)
     blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
@@ -107,7 +107,7 @@ def draw_letters(
     blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
     for letter, place in letters.items():
         at = location_3d_to_region_2d(region, view, Vector(place))
-        if at is None or (centre is not None and (at - centre).length < NEAREST_LETTER):
+        if at is None or (center is not None and (at - center).length < NEAREST_LETTER):
             continue
         width, height = blf.dimensions(FONT, letter)
         blf.position(FONT, at.x - width / 2, at.y - height / 2, 0.0)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ...blender.figure.spec import ENGINES, STYLES
 from ...core import (
     OutputError,
     Reconstruction,
@@ -25,9 +26,6 @@ from ..arguments import add_input, add_settings, given_settings, overridden
 from ..blender_host import blender_at_work, load_scene
 from ..commands.reconstruct import Work, volume_steps
 from ..terminal import Progress, by, listing
-
-STYLES = ("paper", "clinical", "print")
-ENGINES = ("cycles", "eevee", "workbench")
 
 
 def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dpi: float) -> None:

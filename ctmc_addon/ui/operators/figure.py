@@ -15,11 +15,14 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
-from ... import blender as scenes
-from ...blender.figure.compose import material_colour
-from ...blender.figure.page import PAGES
+from ...blender.figure.render import figure_steps, require_png
+from ...blender.figure.sheet import Comparison, deviation_figure_steps, holds_others, sheet_steps
+from ...blender.figure.spec import PAGES, Cell, FigureStyle, ShownSurface, Turn
+from ...blender.figure.styles import require_engine
+from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
+from ...blender.materials import material_color
 from ...blender.studio import angles_of
-from ...blender.surface import as_shown, settings_of
+from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
 from ...reporting.captions import figure_caption, parsed_numbers, parsed_sides
 from .. import jobs
@@ -86,7 +89,7 @@ def subject(context: bpy.types.Context) -> str:
 
 def look_of(chosen: Any, caption: str = "") -> Any:
     """The look that was asked for; `caption` where none was typed."""
-    return scenes.Look(
+    return FigureStyle(
         style=chosen.style,
         engine=chosen.engine,
         azimuth=as_written(chosen.azimuth),
@@ -108,37 +111,37 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
-def shown_of(things: Sequence[bpy.types.Object], meshes: Sequence[Any], chosen: Any) -> tuple[scenes.Shown, ...]:
+def shown_of(things: Sequence[bpy.types.Object], meshes: Sequence[Any], chosen: Any) -> tuple[ShownSurface, ...]:
     """One surface in its style's colours; of several each in its own, and the outermost seen through."""
     if len(things) == 1:
-        return (scenes.Shown(things[0]),)
+        return (ShownSurface(things[0]),)
     own = chosen.style != "print"
     return tuple(
-        scenes.Shown(
+        ShownSurface(
             thing,
             thing.name,
-            material_colour(thing) if own else None,
-            as_written(chosen.opacity) if scenes.holds_others(mesh, meshes) else 1.0,
+            material_color(thing) if own else None,
+            as_written(chosen.opacity) if holds_others(mesh, meshes) else 1.0,
         )
         for thing, mesh in zip(things, meshes, strict=True)
     )
 
 
-def cell_of(context: bpy.types.Context) -> tuple[scenes.Cell, str]:
+def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     """The selected surfaces as one cell, and a caption."""
     things = shown_surfaces(context)
     if not things:
         raise MeshError("no reconstructed surface is selected; choose one or several first")
-    seen = [scenes.evaluated_triangles(thing, context.scene) for thing in things]
+    seen = [evaluated_triangles(thing, context.scene) for thing in things]
     for thing, mesh in zip(things, seen, strict=True):
         if not len(mesh.faces):
             raise MeshError(f"{thing.name} has no triangles to show; choose another surface")
     caption = figure_caption(
         [settings_of(thing) for thing in things],
-        scenes.remembered(things[0])["threshold"],
+        require_provenance(things[0]).threshold,
         sum(len(mesh.faces) for mesh in seen),
     )
-    return scenes.Cell(shown_of(things, seen, context.scene.ctmc_figure)), caption
+    return Cell(shown_of(things, seen, context.scene.ctmc_figure)), caption
 
 
 def told(work: Steps[Any], scene: int, target: Path) -> Steps[jobs.Conclusion]:
@@ -186,7 +189,7 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
         cell, caption = cell_of(context)
         page, look = self.page(chosen), look_of(chosen, caption)
-        work = scenes.figure_steps([cell], target, page, look, blend_of(chosen, target), scene)
+        work = figure_steps([cell], target, page, look, blend_of(chosen, target), scene)
         return told(work, scene.session_uid, target)
 
 
@@ -212,9 +215,9 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         volume, settings = volumes.require_loaded(scene).volume, scene.ctmc.all_settings()[0]
         comparison = comparison_of(chosen)
         comparison.variants(settings)  # checks the limits of all before the work
-        scenes.require_png(target)
-        scenes.require_engine(chosen.engine, chosen.sheet_deviation)
-        work = scenes.sheet_steps(
+        require_png(target)
+        require_engine(chosen.engine, chosen.sheet_deviation)
+        work = sheet_steps(
             volume,
             settings,
             comparison,
@@ -231,7 +234,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
 
 def comparison_of(chosen: Any) -> Any:
     """What a sheet compares, as it was typed."""
-    return scenes.Comparison(
+    return Comparison(
         parsed_sides(chosen.strides) if chosen.use_strides else (),
         parsed_numbers(chosen.alphas, "alphas", "0 0.5 1") if chosen.use_alphas else (),
         parsed_numbers(chosen.levels, "levels", "0 50 90") if chosen.use_levels else (),
@@ -268,10 +271,10 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """The active surface, as it is shown."""
         scene, chosen, target = context.scene, context.scene.ctmc_figure, self.target()
-        scenes.require_png(target)
-        scenes.require_engine(chosen.engine, heat=True)
+        require_png(target)
+        require_engine(chosen.engine, distances=True)
         volume, thing = volumes.require_loaded(scene).volume, context.view_layer.objects.active
-        work = scenes.deviation_figure_steps(
+        work = deviation_figure_steps(
             volume,
             as_shown(thing, scene),
             target,
@@ -317,11 +320,11 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         """All selected surfaces on one table."""
         scene, chosen = context.scene, context.scene.ctmc_figure
         target, page = self.target(suffix_of(chosen)), self.page(chosen)
-        turn = scenes.Turn(as_written(chosen.seconds), chosen.fps, chosen.revolutions)
-        scenes.require_turntable(target, page, resume=True, overwrite=self.overwrite)
+        turn = Turn(as_written(chosen.seconds), chosen.fps, chosen.revolutions)
+        require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell, _ = cell_of(context)
-        beside = target if scenes.is_film(target) else target.with_name(target.name + ".blend")
-        work = scenes.turntable_steps(
+        beside = target if is_video(target) else target.with_name(target.name + ".blend")
+        work = turntable_steps(
             cell,
             target,
             page,

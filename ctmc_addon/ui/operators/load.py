@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
 
 from ... import readers
-from ...blender.materials import colour_of
+from ...blender.colors import color_of
 from ...core import ReadError, Stages, Steps
 from ...core.volume import volume_statistics_steps
 from ...readers import KNOWN_SUFFIXES
@@ -138,7 +138,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     stored.series = str(reading["series"] or "")
     if other:
         names = loaded.volume.label_names
-        stored.show_labels([(value, names.get(value, ""), colour_of(value)) for value, _ in loaded.survey.labels])
+        stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.survey.labels])
     if loaded.volume.kind == "label" and loaded.survey.labels and not (stored.use_threshold or stored.use_label):
         stored.label = loaded.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
     known = session.of(scene)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ...blender.figure.colour_map import paint_deviation
+from ...blender.figure.distance_map import paint_distances
 from ...blender.surface import (
     evaluated_triangles,
     own_mesh,
@@ -100,7 +100,7 @@ def deviation_steps(
         if obj is None or len(obj.data.vertices) != len(deviation):
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
         require_editable(obj)
-        paint_deviation(obj.data, deviation)
+        paint_distances(obj.data, deviation)
         if measurement is None or measurement.distance is None:
             return translate("{name}: deviation map written").format(name=obj.name)
         message = translate("{name}: at most {most} mm from the full surface")

@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ...blender import rotation as turntable
 from ...blender.rotation import can_draw
-from ...blender.rotation import timing as turntable
 from ...blender.surface import SCALE, evaluated_triangles, placement_of
 from ...core import CtmcError, MeshError, SettingsError, Stages, Steps, TriangleMesh
 from ...reporting.atomic_write import write_text
@@ -173,8 +173,8 @@ class Viewport:
     def draw(self, level: turntable.Level) -> None:
         """Draw the window and wait for it."""
         if self.motion != "rotate":
-            share = math.sin(level.thing.rotation_euler.z / 2)  # out and back in a round
-            level.thing.rotation_euler.z = 0.0
+            share = math.sin(level.obj.rotation_euler.z / 2)  # out and back in a round
+            level.obj.rotation_euler.z = 0.0
             if self.motion == "zoom":
                 self.eye.view_distance = self.distance * (1.0 - 0.5 * share)
             else:

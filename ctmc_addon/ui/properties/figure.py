@@ -14,11 +14,6 @@ from bpy.utils import register_class, unregister_class
 from .settings import CONTEXT
 
 FRAMES = "frames"  # in place of a film's suffix
-ENGINES = {
-    "cycles": ("Cycles", "On the processor, which works on any machine"),
-    "eevee": ("EEVEE", "Needs a graphics card, or time"),
-    "workbench": ("Workbench", "The viewport's solid look, quickly; shows no map of distances"),
-}
 
 
 def all_properties() -> dict[str, Any]:
@@ -28,7 +23,7 @@ def all_properties() -> dict[str, Any]:
 
 def page_properties() -> dict[str, Any]:
     """Kind, and the page of each."""
-    from ...blender.figure.page import DPIS, PAGES, WIDTHS_MM
+    from ...blender.figure.spec import DPIS, PAGES, WIDTHS_MM
 
     found: dict[str, Any] = {
         "kind": EnumProperty(
@@ -76,10 +71,9 @@ def page_properties() -> dict[str, Any]:
 
 def look_properties() -> dict[str, Any]:
     """How a figure is seen, and what is written on it."""
-    from ...blender.figure.compose import ELEVATIONS, OPACITIES, OPACITY, Look
-    from ...blender.figure.styles import STYLES
+    from ...blender.figure.spec import ELEVATIONS, ENGINES, OPACITIES, OPACITY, STYLES, FigureStyle
 
-    look = Look()
+    look = FigureStyle()
     angle = {**CONTEXT, "precision": 1, "step": 500}
     return {
         "style": EnumProperty(
@@ -93,7 +87,7 @@ def look_properties() -> dict[str, Any]:
             **CONTEXT,
             name="Engine",
             description="What renders the figure",
-            items=[(name, *ENGINES[name]) for name in ENGINES],
+            items=[(name, engine.label, engine.text) for name, engine in ENGINES.items()],
             default=look.engine,
         ),
         "azimuth": FloatProperty(
@@ -173,8 +167,7 @@ def sheet_properties() -> dict[str, Any]:
 
 def turntable_properties() -> dict[str, Any]:
     """Format, length and speed of a turntable."""
-    from ...blender.figure.turntable import FPS, REVOLUTIONS, SECONDS, Turn
-    from ...blender.figure.video import FILMS
+    from ...blender.figure.spec import FPS, REVOLUTIONS, SECONDS, VIDEO_FORMATS, Turn
 
     turn = Turn()
     frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")
@@ -183,7 +176,7 @@ def turntable_properties() -> dict[str, Any]:
             **CONTEXT,
             name="Format",
             description="What a turntable is written as, where its name has no suffix",
-            items=[*((suffix, suffix[1:].upper(), "A film") for suffix in FILMS), frames],
+            items=[*((suffix, suffix[1:].upper(), "A film") for suffix in VIDEO_FORMATS), frames],
         ),
         "seconds": FloatProperty(
             **CONTEXT,

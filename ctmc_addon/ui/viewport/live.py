@@ -13,7 +13,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.viewport import forget_shader
+from ...blender.viewport import free_shader
 from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
 from ..properties.preferences import machine
@@ -192,4 +192,4 @@ def unregister() -> None:
         getattr(bpy.app.handlers, name).remove(handler)
     while _drawing:
         bpy.types.SpaceView3D.draw_handler_remove(_drawing.pop(), "WINDOW")
-    forget_shader()
+    free_shader()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...blender.materials import BONE, colour_of
+from ...blender.colors import BONE, color_of
 from ...blender.viewport import PreviewSurface
 from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps
 from ..properties.preferences import machine
@@ -68,7 +68,7 @@ def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
         label = settings.label if settings.use_label else None
-        state.color = settings.color_of(label) or colour_of(label)
+        state.color = settings.color_of(label) or color_of(label)
     session.redraw_viewports()
 
 

@@ -8,8 +8,14 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender import Comparison, Look, Page, deviation_figure_steps, holds_others, sheet_steps
-from ctmc_addon.blender.figure.distance_map import heat_of, linear, measured_steps, rounded_up
+from ctmc_addon.blender.figure.distance_map import (
+    color_scale,
+    linear,
+    measured_steps,
+    rounded_up,
+)
+from ctmc_addon.blender.figure.sheet import Comparison, deviation_figure_steps, holds_others, sheet_steps
+from ctmc_addon.blender.figure.spec import FigureStyle, Page
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish
 from ctmc_addon.core.errors import OutputError, SettingsError
 from ctmc_addon.core.mesh import ReferenceSurface
@@ -24,10 +30,10 @@ def volume():
     return Volume((100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32), np.eye(4), name="ball")
 
 
-def sheet(volume, path, settings=SETTINGS, page=None, look=None, **rest):
+def sheet(volume, path, settings=SETTINGS, page=None, style=None, **rest):
     comparison = Comparison(**{name: rest.pop(name) for name in ("strides", "alphas", "levels") if name in rest})
     page = page or Page(150.0, 40.0)
-    return finish(sheet_steps(volume, settings, comparison, path, page, look or Look(), **rest))
+    return finish(sheet_steps(volume, settings, comparison, path, page, style or FigureStyle(), **rest))
 
 
 def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path):
@@ -98,17 +104,17 @@ def test_the_inside_of_a_large_triangle_is_measured_too(ball):
 
 def test_the_colour_bar_ends_where_nearly_all_is_within(ball):
     measured = finish(measured_steps(ball(stride=(3, 3, 3)).mesh, ReferenceSurface(ball().mesh)))
-    heat = heat_of([measured])
+    heat = color_scale([measured])
     assert np.percentile(measured.distances_mm, 99) <= heat.limit_mm <= 1.3 * np.percentile(measured.distances_mm, 99)
     assert heat.beyond == (measured.distances_mm.max() > heat.limit_mm)
-    assert heat_of([measured], 0.01).beyond
+    assert color_scale([measured], 0.01).beyond
     assert [rounded_up(value) for value in (0.011, 1.0, 9.0)] == [0.012, 1.0, 10.0]
 
 
 def test_colours_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
     result = sheet(volume, tmp_path / "s.png", strides=[(3, 3)])[1][0].result
     path = tmp_path / "a.png"
-    finish(deviation_figure_steps(volume, result, path, Page(60.0, 80.0), Look()))
+    finish(deviation_figure_steps(volume, result, path, Page(60.0, 80.0), FigureStyle()))
     with Image.open(path) as image:
         picture = np.asarray(image, np.float64) / 255
     assert linear("ffffff") == (1.0, 1.0, 1.0, 1.0)
@@ -125,7 +131,7 @@ def test_the_same_surface_has_no_distance(scene, volume, tmp_path):
 
 def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
     with pytest.raises(OutputError, match="workbench shows no map"):
-        sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, look=Look(engine="workbench"))
+        sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, style=FigureStyle(engine="workbench"))
     with pytest.raises(SettingsError, match="must end between"):
         sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, limit_mm=0.0)
     decimating = ReconstructionSettings(threshold=60.0, simplifier="decimate", reduction=0.5)

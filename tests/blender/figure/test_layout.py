@@ -10,12 +10,13 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender import Cell, Look, Page, Shown, add_reconstruction, figure_steps
-from ctmc_addon.blender.figure import tiles as bands
+from ctmc_addon.blender.figure import render as figure_render
 from ctmc_addon.blender.figure.annotations import round_length
-from ctmc_addon.blender.figure.compose import staged
-from ctmc_addon.blender.figure.page import finished_png
-from ctmc_addon.blender.rotation import offscreen as gpu_drawing
+from ctmc_addon.blender.figure.compose import compose
+from ctmc_addon.blender.figure.render import figure_steps, opened_png
+from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
+from ctmc_addon.blender.surface import add_reconstruction
+from ctmc_addon.blender.viewport import shaders
 from ctmc_addon.core import finish
 from ctmc_addon.core.errors import OutputError, SettingsError
 
@@ -38,9 +39,9 @@ def counts():
     return {name: len(getattr(bpy.data, name)) for name in BLOCKS}
 
 
-def render(things, path, page=SMALL, blend=None, lines=(), **look):
-    cells = [Cell((Shown(one),), lines) for one in things]
-    return finish(figure_steps(cells, path, page, Look(**look), blend))
+def render(things, path, page=SMALL, blend=None, lines=(), **style):
+    cells = [Cell((ShownSurface(one),), lines) for one in things]
+    return finish(figure_steps(cells, path, page, FigureStyle(**style), blend))
 
 
 @pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
@@ -61,11 +62,11 @@ def test_a_png_has_the_asked_size_in_millimetres(thing, tmp_path, width_mm, dpi)
 
 def test_the_scale_bar_is_as_long_as_it_says(thing, tmp_path):
     page = Page(40.0, 203.2)
-    stage = staged([Cell((Shown(thing),))], page, Look())
-    text = next(one.data.body for one in stage.scene.objects if one.type == "FONT" and "mm" in one.data.body)
-    bar = next(one for one in stage.scene.objects if one.name.startswith("CTMC Bar"))
-    units, pixels_per_unit = bar.dimensions.x, max(stage.size) / stage.scene.camera.data.ortho_scale
-    stage.take_down()
+    figure = compose([Cell((ShownSurface(thing),))], page, FigureStyle())
+    text = next(one.data.body for one in figure.scene.objects if one.type == "FONT" and "mm" in one.data.body)
+    bar = next(one for one in figure.scene.objects if one.name.startswith("CTMC Bar"))
+    units, pixels_per_unit = bar.dimensions.x, max(figure.size) / figure.scene.camera.data.ortho_scale
+    figure.remove()
     length_mm = float(text.split()[0])
     assert units == pytest.approx(length_mm * 0.01, rel=1e-5)  # 1 mm = 0.01 units
     render([thing], tmp_path / "a.png", page)
@@ -80,11 +81,11 @@ def test_a_scaled_object_gets_a_true_scale_bar(thing):
     for scale in (1.0, 3.0):
         thing.scale = (scale,) * 3
         bpy.context.view_layer.update()
-        stage = staged([Cell((Shown(thing),))], SMALL, Look())
-        bar = next(one for one in stage.scene.objects if one.name.startswith("CTMC Bar"))
-        body = next(one.data.body for one in stage.scene.objects if one.type == "FONT" and "mm" in one.data.body)
+        figure = compose([Cell((ShownSurface(thing),))], SMALL, FigureStyle())
+        bar = next(one for one in figure.scene.objects if one.name.startswith("CTMC Bar"))
+        body = next(one.data.body for one in figure.scene.objects if one.type == "FONT" and "mm" in one.data.body)
         lengths.append((body, bar.dimensions.x / scale))
-        stage.take_down()
+        figure.remove()
     assert lengths[0][0] == lengths[1][0]
     assert lengths[0][1] == pytest.approx(lengths[1][1], rel=1e-5)
 
@@ -93,21 +94,21 @@ def test_a_scaled_object_gets_a_true_scale_bar(thing):
 def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
     page = Page(40.0 + 45.0 * min(count, 3), 72.0)
     lines = ("(a) voxel sides 2 × 2 px", "12,345 triangles, 0.31 s", "error 0.042 mm, at most 0.51 mm")
-    look = Look(
+    look = FigureStyle(
         caption="A caption that is long enough to be broken into several lines, or else nothing is tested here."
     )
-    stage = staged([Cell((Shown(thing),), lines)] * count, page, look)
-    layout = stage.layout
-    eye = np.array(stage.scene.camera.matrix_world.inverted())
-    stage.scene.view_layers[0].update()
+    figure = compose([Cell((ShownSurface(thing),), lines)] * count, page, look)
+    layout = figure.layout
+    eye = np.array(figure.scene.camera.matrix_world.inverted())
+    figure.scene.view_layers[0].update()
     boxes = []
-    for one in stage.scene.objects:
+    for one in figure.scene.objects:
         if one.type == "FONT":
             corners = np.array([[*(one.matrix_world @ bpy_vector(corner)), 1.0] for corner in one.bound_box]) @ eye.T
-            on_page = corners[:, :2] / stage.unit + [page.width_mm / 2, layout.height_mm / 2]
+            on_page = corners[:, :2] / figure.unit + [page.width_mm / 2, layout.height_mm / 2]
             boxes.append((*on_page.min(axis=0), *on_page.max(axis=0)))
     pictures = layout.pictures
-    stage.take_down()
+    figure.remove()
     assert len(boxes) == 3 * count + 1 + len(layout.caption) + 6
     assert len(layout.caption) >= 1
     for left, bottom, right, top in boxes:
@@ -121,20 +122,22 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
 
 
 def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
-    stage = staged(
-        [Cell((Shown(thing),), ("(a) voxel sides 2 × 2 px, 50 % simplified",))] * 3, Page(90.0, 72.0), Look()
+    figure = compose(
+        [Cell((ShownSurface(thing),), ("(a) voxel sides 2 × 2 px, 50 % simplified",))] * 3,
+        Page(90.0, 72.0),
+        FigureStyle(),
     )
-    texts = stage.layout.texts
-    stage.take_down()
+    texts = figure.layout.texts
+    figure.remove()
     assert texts == (("(a) voxel sides 2 × 2", "px, 50 % simplified"),) * 3
 
 
 def test_a_tall_sheet_ends_with_the_page(thing):
     thing.rotation_euler = (np.pi / 2, 0.0, 0.0)
     bpy.context.view_layer.update()
-    stage = staged([Cell((Shown(thing),))] * 9, Page(170.0, 72.0), Look(columns=2))
-    height = stage.layout.height_mm
-    stage.take_down()
+    figure = compose([Cell((ShownSurface(thing),))] * 9, Page(170.0, 72.0), FigureStyle(columns=2))
+    height = figure.layout.height_mm
+    figure.remove()
     assert height == pytest.approx(230.0)
 
 
@@ -148,10 +151,12 @@ def test_every_cell_is_seen_by_the_same_camera(scene, torus, tmp_path):
     things = [add_reconstruction(torus(rings=16, sides=8), scene) for _ in range(4)]
     page = Page(101.6, 50.0)
     render(things, tmp_path / "a.png", page, style="clinical", orientation=False, scale_bar=False)
-    stage = staged([Cell((Shown(one),)) for one in things], page, Look(orientation=False, scale_bar=False))
-    middles = [stage.layout.centre(which) for which in range(4)]
-    height = stage.layout.height_mm
-    stage.take_down()
+    figure = compose(
+        [Cell((ShownSurface(one),)) for one in things], page, FigureStyle(orientation=False, scale_bar=False)
+    )
+    middles = [figure.layout.center(which) for which in range(4)]
+    height = figure.layout.height_mm
+    figure.remove()
     shown = (pixels(tmp_path / "a.png") < 0.97).any(axis=2)
     masks = []
     for x, y in middles:
@@ -186,7 +191,7 @@ def test_a_figure_leaves_nothing_behind_and_changes_nothing(thing, scene, tmp_pa
 
 def test_a_cancelled_or_failed_figure_leaves_nothing(thing, tmp_path):
     before = counts()
-    steps = figure_steps([Cell((Shown(thing),))], tmp_path / "a.png", SMALL, blend=tmp_path / "a.blend")
+    steps = figure_steps([Cell((ShownSurface(thing),))], tmp_path / "a.png", SMALL, blend=tmp_path / "a.blend")
     next(steps), next(steps)
     steps.close()
     with pytest.raises(SettingsError, match="do not fit"):
@@ -217,7 +222,7 @@ def test_somebody_elses_blend_is_not_replaced(thing, tmp_path):
 
     export(thing, tmp_path / "a.blend")
     kept = (tmp_path / "a.blend").read_bytes()
-    with pytest.raises(OutputError, match="is no figure's"):
+    with pytest.raises(OutputError, match="is not a figure's"):
         render([thing], tmp_path / "a.png", blend=tmp_path / "a.blend")
     assert (tmp_path / "a.blend").read_bytes() == kept
     assert not (tmp_path / "a.png").exists()
@@ -251,8 +256,10 @@ def test_a_solid_surface_hides_what_a_clear_one_shows(scene, torus, ball, tmp_pa
     bpy.context.view_layer.update()
     found = []
     for opacity in (1.0, 0.3):
-        cell = Cell((Shown(outer, "outer", (0.1, 0.1, 0.8), opacity), Shown(inner, "inner", (0.8, 0.02, 0.02))))
-        finish(figure_steps([cell], tmp_path / "a.png", Page(40.0, 72.0), Look(style="clinical")))
+        cell = Cell(
+            (ShownSurface(outer, "outer", (0.1, 0.1, 0.8), opacity), ShownSurface(inner, "inner", (0.8, 0.02, 0.02)))
+        )
+        finish(figure_steps([cell], tmp_path / "a.png", Page(40.0, 72.0), FigureStyle(style="clinical")))
         red, green, blue = np.moveaxis(pixels(tmp_path / "a.png"), 2, 0)
         # The legend's swatch is always there.
         found.append(int(((red > 0.5) & (red > 1.4 * blue) & (red > 1.4 * green))[: red.shape[0] // 2 + 5].sum()))
@@ -265,17 +272,17 @@ def test_axes_follow_a_turned_patient(thing):
     for angle in (0.0, np.pi / 2):
         thing.rotation_euler = (0.0, 0.0, angle)
         bpy.context.view_layer.update()
-        stage = staged([Cell((Shown(thing),))], SMALL, Look())
-        stage.scene.view_layers[0].update()
-        letters = {one.data.body: one.matrix_world.translation for one in stage.scene.objects if one.type == "FONT"}
+        figure = compose([Cell((ShownSurface(thing),))], SMALL, FigureStyle())
+        figure.scene.view_layers[0].update()
+        letters = {one.data.body: one.matrix_world.translation for one in figure.scene.objects if one.type == "FONT"}
         directions.append(np.array(letters["R"] - letters["L"]))
-        stage.take_down()
+        figure.remove()
     assert abs(directions[0][1]) < 1e-5 < directions[0][0]
     assert abs(directions[1][0]) < 1e-5 < directions[1][1]
 
 
 def test_engines_without_a_display_are_refused_before_blender_aborts(thing, tmp_path, monkeypatch):
-    monkeypatch.setattr(gpu_drawing, "find_library", lambda name: None)
+    monkeypatch.setattr(shaders, "find_library", lambda name: None)
     monkeypatch.setattr("sys.platform", "linux")
     for engine in ("eevee", "workbench"):
         with pytest.raises(OutputError, match=f"{engine} needs EGL"):
@@ -284,7 +291,7 @@ def test_engines_without_a_display_are_refused_before_blender_aborts(thing, tmp_
 
 @pytest.mark.parametrize("engine", ["workbench", "eevee"])
 def test_other_engines_draw_edges_too(thing, tmp_path, engine):
-    if not gpu_drawing.can_draw():
+    if not shaders.can_draw():
         pytest.skip("there is no EGL to draw with")
     render([thing], tmp_path / "a.png", Page(60.0, 100.0), engine=engine)
     red, green, blue = np.moveaxis(pixels(tmp_path / "a.png"), 2, 0)
@@ -299,15 +306,15 @@ def test_the_background_is_white_to_the_last_pixel(thing, tmp_path):
 
 
 @pytest.mark.parametrize("transparent", [False, True])
-def test_a_picture_in_bands_is_the_picture(thing, tmp_path, monkeypatch, transparent):
+def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transparent):
     page = Page(40.0, 72.0, transparent=transparent)
     render([thing], tmp_path / "whole.png", page)
-    monkeypatch.setattr(bands, "BAND_PIXELS", 1500)
+    monkeypatch.setattr(figure_render, "TILE_PIXELS", 1500)
     messages = []
-    steps = figure_steps([Cell((Shown(thing),))], tmp_path / "bands.png", page)
+    steps = figure_steps([Cell((ShownSurface(thing),))], tmp_path / "tiles.png", page)
     finish(steps, lambda step: messages.append(step.message))
     assert sum(message.startswith("Rendering") for message in messages) > 4
-    assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "bands.png")).max() <= 1 / 255
+    assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "tiles.png")).max() <= 1 / 255
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -330,9 +337,11 @@ def test_more_pixels_than_a_machine_holds_are_refused():
         Page(400.0, 600.0).pixels(400.0)
 
 
-def test_a_cut_png_is_refused():
-    with pytest.raises(OutputError, match="incomplete"):
-        finished_png(b"\x89PNG\r\n\x1a\n" + b"\0\0\0\x0dIHDR", "a.png")
+def test_a_cut_png_is_refused(thing, tmp_path):
+    render([thing], tmp_path / "a.png")
+    (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:-500])
+    with pytest.raises(OutputError, match="incomplete"), opened_png(tmp_path / "a.png", "a.png"):
+        pass
 
 
 def test_scale_bars_have_round_lengths():

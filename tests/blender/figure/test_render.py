@@ -10,7 +10,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender import add_reconstruction, render_figure
+from ctmc_addon.blender.figure.render import render_figure
+from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core.errors import OutputError
 
 SIZE = (160, 120)
@@ -86,7 +87,7 @@ def test_a_figure_leaves_the_scene_as_it_was(thing, scene, tmp_path):
 
 
 def test_a_figure_that_cannot_be_written_leaves_nothing(thing, tmp_path):
-    with pytest.raises(OutputError, match=r"a\.jpg is no \.png"):
+    with pytest.raises(OutputError, match=r"a\.jpg is not a \.png"):
         render_figure(thing, None, tmp_path / "a.jpg", SIZE)
     with pytest.raises(OutputError, match="does not exist"):
         render_figure(thing, None, tmp_path / "nowhere" / "a.png", SIZE)

@@ -10,14 +10,14 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender import Cell, Look, Page, Shown, Turn, add_reconstruction, turntable_steps
-from ctmc_addon.blender.figure import video as encode
-from ctmc_addon.blender.figure.turntable import FRAME
+from ctmc_addon.blender.figure.spec import VIDEO_FORMATS, Cell, FigureStyle, Page, ShownSurface, Turn
+from ctmc_addon.blender.figure.turntable import FRAME, turntable_steps
+from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import finish
 from ctmc_addon.core.errors import OutputError, SettingsError
 
 PAGE = Page(40.0, 40.0)
-LOOK = Look(style="clinical", orientation=False, scale_bar=False)
+STYLE = FigureStyle(style="clinical", orientation=False, scale_bar=False)
 TURN = Turn(1.0, 4, 1)
 
 
@@ -30,7 +30,7 @@ def thing(scene, torus):
 
 
 def turntable(thing, path, page=PAGE, turn=TURN, **rest):
-    return finish(turntable_steps(Cell((Shown(thing),)), path, page, LOOK, turn, **rest))
+    return finish(turntable_steps(Cell((ShownSurface(thing),)), path, page, STYLE, turn, **rest))
 
 
 def picture(path):
@@ -82,7 +82,7 @@ def test_frames_turn_the_surface_and_keep_it_in_the_picture(thing, tmp_path):
 def test_work_that_was_stopped_goes_on(thing, tmp_path):
     folder = tmp_path / "loop"
     messages = []
-    steps = turntable_steps(Cell((Shown(thing),)), folder, PAGE, LOOK, TURN)
+    steps = turntable_steps(Cell((ShownSurface(thing),)), folder, PAGE, STYLE, TURN)
     for step in steps:
         messages.append(step.message)
         if step.message.startswith("Rendering frame 3"):
@@ -127,11 +127,11 @@ def test_a_film_has_as_many_frames_as_the_loop(thing, tmp_path, suffix):
 
 
 def test_a_film_that_cannot_be_written_is_refused_before_the_work(thing, tmp_path, monkeypatch):
-    with pytest.raises(OutputError, match=r"\.gif is no film"):
+    with pytest.raises(OutputError, match=r"\.gif is not a video"):
         turntable(thing, tmp_path / "a.gif")
-    with pytest.raises(OutputError, match="a film has a background"):
+    with pytest.raises(OutputError, match="a video has a background"):
         turntable(thing, tmp_path / "a.mp4", Page(40.0, 40.0, transparent=True))
-    monkeypatch.setitem(encode.FILMS, ".mp4", ("NOTHING", "H264"))
+    monkeypatch.setitem(VIDEO_FORMATS, ".mp4", ("NOTHING", "H264"))
     with pytest.raises(OutputError, match=r"built without \.mp4"):
         turntable(thing, tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())

@@ -3,16 +3,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender import can_draw, export, read_mesh
+from ctmc_addon.blender.export import export
+from ctmc_addon.blender.import_mesh import read_mesh
+from ctmc_addon.blender.rotation import can_draw, levels_in, show_only, simplified_steps
 from ctmc_addon.blender.rotation.timing import (
     RenderDrawing,
     frame_turning,
     frames_of,
-    levels_in,
     rotation_steps,
     rotation_test_steps,
-    show_only,
-    simplified_steps,
 )
 from ctmc_addon.blender.studio import prepare_scene
 from ctmc_addon.blender.surface.objects import add_reconstruction
@@ -37,7 +36,7 @@ class Noted:
         self.shown.append(level.percent)
 
     def draw(self, level):
-        self.drawn.append((level.percent, round(np.degrees(level.thing.rotation_euler.z), 3)))
+        self.drawn.append((level.percent, round(np.degrees(level.obj.rotation_euler.z), 3)))
 
 
 @pytest.fixture
@@ -55,10 +54,10 @@ def test_levels_are_static_meshes_without_modifier_or_key_and_vanish_after_the_b
     before = counts()
     with levels_in(scene, simplified) as levels:
         for level, (_, mesh) in zip(levels, simplified, strict=True):
-            assert level.thing.data.shape_keys is None
-            assert len(level.thing.modifiers) == 0
-            assert len(level.thing.data.polygons) == len(mesh.faces)
-        assert len({tuple(level.thing.location) for level in levels}) == 1
+            assert level.obj.data.shape_keys is None
+            assert len(level.obj.modifiers) == 0
+            assert len(level.obj.data.polygons) == len(mesh.faces)
+        assert len({tuple(level.obj.location) for level in levels}) == 1
     assert counts() == before
 
 
@@ -110,12 +109,12 @@ def test_the_camera_sees_the_whole_surface_however_it_is_turned(scene, simplifie
     from bpy_extras.object_utils import world_to_camera_view
 
     with levels_in(scene, simplified[:1]) as (level,):
-        prepare_scene(scene, level.thing, (160, 120))
+        prepare_scene(scene, level.obj, (160, 120))
         frame_turning(scene, level, (160, 120))
         for angle in np.radians(range(0, 360, 20)):
-            level.thing.rotation_euler.z = angle
+            level.obj.rotation_euler.z = angle
             scene.view_layers[0].update()
-            corners = [level.thing.matrix_world @ vertex.co for vertex in list(level.thing.data.vertices)[::7]]
+            corners = [level.obj.matrix_world @ vertex.co for vertex in list(level.obj.data.vertices)[::7]]
             seen = np.array([world_to_camera_view(scene, scene.camera, corner) for corner in corners])
             assert seen[:, :2].min() > 0
             assert seen[:, :2].max() < 1
@@ -130,9 +129,9 @@ def test_both_ways_of_drawing_draw_the_same_outline(scene, simplified, tmp_path)
     size = (160, 120)
     with levels_in(scene, simplified) as levels:
         level = levels[1]
-        prepare_scene(scene, level.thing, size)
+        prepare_scene(scene, level.obj, size)
         frame_turning(scene, level, size)
-        level.thing.rotation_euler.z = 0.9
+        level.obj.rotation_euler.z = 0.9
         whole = RenderDrawing(scene, levels, "BLENDER_WORKBENCH")
         scene.render.film_transparent = True
         scene.render.image_settings.color_mode = "RGBA"
@@ -163,8 +162,8 @@ def test_the_test_without_a_window_times_every_level_both_ways_and_cleans_up(sce
 def test_show_only_hides_the_others_everywhere(scene, simplified):
     with levels_in(scene, simplified) as levels:
         show_only(levels, levels[1])
-        assert [level.thing.hide_render for level in levels] == [True, False, True]
-        assert [level.thing.hide_viewport for level in levels] == [True, False, True]
+        assert [level.obj.hide_render for level in levels] == [True, False, True]
+        assert [level.obj.hide_viewport for level in levels] == [True, False, True]
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb", ".blend"])

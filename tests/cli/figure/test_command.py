@@ -71,7 +71,7 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("figure", "-o", "a.jpg"), "a.jpg is no .png"),
+        (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--dpi", 1200), "from 36 to 600 dpi, not 1200"),
         (("figure", "-o", "a.png", "--width-mm", 0), "width must be from 20 to 400 mm"),
         (("figure", "-o", "a.png", "--elevation", 100), "from -90 to 90 degrees"),
@@ -88,9 +88,9 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
         (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "columns must be 1 or more"),
         (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
         (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
-        (("figure", "turntable", "-o", "a.gif"), ".gif is no film"),
-        (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120 frames"),
-        (("figure", "turntable", "-o", ".", "--overwrite"), "and no turntable"),
+        (("figure", "turntable", "-o", "a.gif"), ".gif is not a video"),
+        (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120"),
+        (("figure", "turntable", "-o", ".", "--overwrite"), "and not a turntable"),
     ],
 )
 def test_what_makes_no_figure_is_refused_in_a_sentence(refused, ct, tmp_path, monkeypatch, words, said):

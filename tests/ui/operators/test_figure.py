@@ -10,10 +10,22 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon import blender as scenes
-from ctmc_addon.blender.figure.compose import OPACITY
-from ctmc_addon.blender.figure.page import DPIS, PAGES, WIDTHS_MM
-from ctmc_addon.blender.figure.turntable import FPS, REVOLUTIONS
+from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.spec import (
+    DPIS,
+    ENGINES,
+    FPS,
+    OPACITY,
+    PAGES,
+    REVOLUTIONS,
+    STYLES,
+    WIDTHS_MM,
+    Cell,
+    FigureStyle,
+    Page,
+    ShownSurface,
+    Turn,
+)
 from ctmc_addon.cli.figure.common import page_of
 from ctmc_addon.cli.main import parser
 from ctmc_addon.core.errors import SettingsError
@@ -105,11 +117,11 @@ def test_a_figure_is_written_with_its_blend_and_the_file_stays_as_it_was(surface
 def test_the_panel_and_the_scripts_make_the_same_picture(loaded, surface, tmp_path):
     loaded.ctmc_figure.caption = "A ball"
     bpy.ops.ctmc.figure(filepath=str(tmp_path / "a.png"))
-    look = scenes.Look(caption="A ball")
+    look = FigureStyle(caption="A ball")
     from ctmc_addon.core import finish
 
-    cell = scenes.Cell((scenes.Shown(surface),))
-    finish(scenes.figure_steps([cell], tmp_path / "b.png", scenes.Page(40.0, 50.0), look))
+    cell = Cell((ShownSurface(surface),))
+    finish(figure_steps([cell], tmp_path / "b.png", Page(40.0, 50.0), look))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -124,7 +136,7 @@ def test_several_surfaces_stand_in_one_figure_each_in_its_colour(loaded, surface
     cell, caption = figure.cell_of(bpy.context)
     faces = [len(thing.data.polygons) for thing in (surface, inner)]
     assert caption == f"Voxel sides 1 × 1 × 1 px, alpha 1, {sum(faces):,} triangles"
-    by_name = {shown.name: shown for shown in cell.shown}
+    by_name = {shown.name: shown for shown in cell.surfaces}
     assert by_name[surface.name].opacity == 0.3
     assert by_name[inner.name].opacity == 1.0
     before = file_state()
@@ -195,7 +207,7 @@ def test_a_turntable_is_a_film_or_frames_by_the_format_and_goes_on_where_it_was(
 
 
 @pytest.mark.parametrize(
-    ("name", "steps"), [("figure", 3), ("figure", 2), ("figure", 1), ("figure_sheet", 20), ("figure_deviation", 8)]
+    ("name", "steps"), [("figure", 2), ("figure", 1), ("figure_sheet", 20), ("figure_deviation", 8)]
 )
 def test_work_that_is_stopped_leaves_nothing(surface, tmp_path, name, steps):
     before = file_state()
@@ -243,11 +255,11 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
         assert names(tmp_path) == []
 
     refused("figure", "no file was chosen", filepath="")
-    refused("figure", r"a\.jpg is no \.png", filepath=str(tmp_path / "a.jpg"))
+    refused("figure", r"a\.jpg is not a \.png", filepath=str(tmp_path / "a.jpg"))
     refused("figure", "the folder does not exist", filepath=str(tmp_path / "deep" / "a.png"))
-    refused("figure_turntable", "is no film Blender writes", filepath=str(tmp_path / "a.gif"))
+    refused("figure_turntable", "is not a video", filepath=str(tmp_path / "a.gif"))
     chosen.transparent = True
-    refused("figure_turntable", "a film has a background", filepath=str(tmp_path / "a.mp4"))
+    refused("figure_turntable", "a video has a background", filepath=str(tmp_path / "a.mp4"))
     chosen.transparent = False
     chosen.revolutions = 0
     refused("figure_turntable", "revolutions must be from 1 to 100", filepath=str(tmp_path / "a.mp4"))
@@ -267,7 +279,7 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
 def test_a_users_blend_of_that_name_is_not_replaced(surface, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
     size = (tmp_path / "day.blend").stat().st_size
-    with pytest.raises(RuntimeError, match="is there already and is no figure's"):
+    with pytest.raises(RuntimeError, match="is there already and is not a figure's"):
         bpy.ops.ctmc.figure(filepath=str(tmp_path / "day.png"))
     assert (tmp_path / "day.blend").stat().st_size == size
     assert not (tmp_path / "day.png").exists()
@@ -303,11 +315,11 @@ def test_limits_and_defaults_are_those_of_the_scene_room(scene):
         assert (dpi.default, dpi.hard_min, dpi.hard_max) == (page.dpi, *DPIS)
     assert (known["fps"].hard_min, known["fps"].hard_max) == FPS
     assert known["revolutions"].hard_max == REVOLUTIONS
-    assert {one.identifier for one in known["engine"].enum_items} == set(scenes.ENGINES)
-    assert {one.identifier for one in known["style"].enum_items} == set(scenes.STYLES)
-    assert figure.look_of(chosen) == scenes.Look()
+    assert {one.identifier for one in known["engine"].enum_items} == set(ENGINES)
+    assert {one.identifier for one in known["style"].enum_items} == set(STYLES)
+    assert figure.look_of(chosen) == FigureStyle()
     with pytest.raises(SettingsError, match="elevation"):
-        scenes.Look(elevation=91.0)
+        FigureStyle(elevation=91.0)
 
 
 def test_the_command_line_starts_from_the_same_pages():
@@ -315,7 +327,7 @@ def test_the_command_line_starts_from_the_same_pages():
         chosen = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
         assert page_of(chosen) == PAGES[kind]
         assert getattr(chosen, "opacity", OPACITY) == OPACITY
-    assert scenes.Turn(chosen.seconds, chosen.fps, chosen.revolutions) == scenes.Turn()
+    assert Turn(chosen.seconds, chosen.fps, chosen.revolutions) == Turn()
 
 
 def test_the_panel_shows_what_each_kind_asks_for(surface):

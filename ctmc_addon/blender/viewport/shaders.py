@@ -1,0 +1,88 @@
+"""The one shader of ours: triangles of one color, lit from the eye, on the graphics card or its software stand-in.
+
+`gpu` exists only where Blender draws, so it is imported where something is drawn.
+"""
+
+from __future__ import annotations
+
+import sys
+from ctypes.util import find_library
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+VERTEX = "void main() { shade = view_rotation * normal; gl_Position = projection * vec4(position, 1.0); }"
+# Lit on both sides: a surface cut off at the border shows its inside.
+FRAGMENT = "void main() { shown = vec4(color.rgb * (0.18 + 0.72 * abs(normalize(shade).z)), 1.0); }"
+_shader: list[Any] = []
+
+
+def can_draw() -> bool:
+    """Whether Blender can draw here. On Linux without EGL the attempt would end the process, so it is not made."""
+    return not sys.platform.startswith("linux") or not bpy.app.background or find_library("EGL") is not None
+
+
+def new_batch(positions: NDArray[np.float32], normals: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
+    """Vertices (V, 3), normals (V, 3) and triangles (F, 3) on the graphics card."""
+    import gpu
+
+    layout = gpu.types.GPUVertFormat()
+    for name in ("position", "normal"):
+        layout.attr_add(id=name, comp_type="F32", len=3, fetch_mode="FLOAT")
+    vertices = gpu.types.GPUVertBuf(layout, len(positions))
+    vertices.attr_fill("position", np.ascontiguousarray(positions, np.float32))
+    vertices.attr_fill("normal", np.ascontiguousarray(normals, np.float32))
+    triangles = gpu.types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(faces, np.int32))
+    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=triangles)
+
+
+def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[float, float, float]) -> None:
+    """Draw a batch among what is there already: what is nearer hides it.
+
+    Parameters
+    ----------
+    projection : Matrix
+        4 x 4, from the batch's space to the picture.
+    view_rotation : Matrix
+        3 x 3, from the normals' space to the eye's.
+    """
+    import gpu
+
+    shader = surface_shader()
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    shader.bind()
+    shader.uniform_float("projection", projection)
+    shader.uniform_float("view_rotation", view_rotation)
+    shader.uniform_float("color", (*color, 1.0))
+    batch.draw(shader)
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+
+
+def surface_shader() -> Any:
+    """The shader, made once while Blender draws."""
+    if not _shader:
+        import gpu
+
+        between = gpu.types.GPUStageInterfaceInfo("ctmc_surface")
+        between.smooth("VEC3", "shade")
+        info = gpu.types.GPUShaderCreateInfo()
+        info.push_constant("MAT4", "projection")
+        info.push_constant("MAT3", "view_rotation")
+        info.push_constant("VEC4", "color")
+        info.vertex_in(0, "VEC3", "position")
+        info.vertex_in(1, "VEC3", "normal")
+        info.vertex_out(between)
+        info.fragment_out(0, "VEC4", "shown")
+        info.vertex_source(VERTEX)
+        info.fragment_source(FRAGMENT)
+        _shader.append(gpu.shader.create_from_info(info))
+    return _shader[0]
+
+
+def free_shader() -> None:
+    """Free it."""
+    _shader.clear()
