@@ -279,12 +279,7 @@ def idle(operator: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
-HANDLERS = {
-    "load_pre": stop_running,
-    "undo_pre": stop_locked,
-    "redo_pre": stop_locked,
-    "save_pre": stop_locked,
-}
+HANDLERS = {"load_pre": stop_running, "undo_pre": stop_locked, "redo_pre": stop_locked, "save_pre": stop_locked}
 
 
 def register() -> None:

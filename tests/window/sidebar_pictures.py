@@ -21,7 +21,7 @@ VIEW = 560  # pixels of the viewport beside the sidebar
 DISTANCE = 9.0  # of the eye
 MOST_BYTES = 150_000
 IDLE = "ours('ui.jobs').running() is None"
-COUNTED = "isinstance(ours('ui.session').of(bpy.context.scene).price, ours('ui.live').Bill)"
+COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
@@ -41,7 +41,7 @@ about.view_rotation = Euler((1.15, 0, 2.75)).to_quaternion()
 about.view_location = (0.0, 0.0, 0.0)
 about.update()
 right, up = (about.view_rotation @ Vector(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-middle = sum(ours("core.boxes").volume_box(ours("ui.volumes").current(bpy.context.scene))) / 8 * 0.01
+middle = sum(ours("core.volume").volume_box(ours("ui.state.volumes").current(bpy.context.scene))) / 8 * 0.01
 (x, y), (u, _) = on_screen(middle), on_screen(middle + right)
 about.view_location = right * ((x - {x}) / (u - x)) + up * (({y} - y) / (u - x))
 """
@@ -57,7 +57,7 @@ go_on = job.advance
 job.advance = lambda: None if job.step.fraction > 0.6 else go_on()
 """
 PROGRESS = "(lambda job: None if job is None else job.step.fraction)(ours('ui.jobs').running())"
-TABLE = "ours('ui.session').of(bpy.context.scene).rotation"
+TABLE = "ours('ui.state.session').of(bpy.context.scene).rotation"
 
 
 def main() -> int:

@@ -29,12 +29,12 @@ answer = {
 JOB = "(lambda job: None if job is None else job.step.fraction)(ours('ui.jobs').running())"
 IDLE = "ours('ui.jobs').running() is None"
 BEFORE = 7  # a frame that is the present one only from the step before the first surface
-TABLE = "ours('ui.session').of(bpy.context.scene).rotation"
+TABLE = "ours('ui.state.session').of(bpy.context.scene).rotation"
 # The middle of the volume fills the viewport, seen from the head, the patient's front up.
 FROM_ABOVE = """
 from mathutils import Quaternion, Vector
 view = viewport()
-corners = ours("core.boxes").volume_box(ours("ui.volumes").current(bpy.context.scene)) * 0.01
+corners = ours("core.volume").volume_box(ours("ui.state.volumes").current(bpy.context.scene)) * 0.01
 about = view.space.region_3d
 about.view_perspective = "ORTHO"
 about.view_rotation = Quaternion((1, 0, 0, 0))
@@ -49,10 +49,10 @@ about.view_perspective = "PERSP"
 about.view_rotation = Euler((1.05, 0, 2.6)).to_quaternion()
 about.view_distance = 7.5
 """
-# Grey and tinted patches of the slice: where they are on the screen, and the colours they must have.
+# Gray and tinted patches of the slice: where they are on the screen, and the colours they must have.
 PATCHES = """
 import numpy as np
-slicing, volume = ours("core.slicing"), ours("ui.volumes").current(bpy.context.scene)
+slicing, volume = ours("core.volume"), ours("ui.state.volumes").current(bpy.context.scene)
 view, settings = bpy.context.scene.ctmc_view, bpy.context.scene.ctmc
 place = slicing.slice_place(volume, view.plane, view.position)
 colours = slicing.picture(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
@@ -61,7 +61,7 @@ for row in range(136, 400, 24):
     for column in range(76, 436, 24):
         around = colours[row - 4 : row + 5, column - 4 : column + 5, :3]
         if around.std(axis=(0, 1)).max() < 0.12:
-            at = ours("core.volume").transform_points(volume.affine, np.array([[column, row, place.index]]))[0] * 0.01
+            at = slicing.transform_points(volume.affine, np.array([[column, row, place.index]]))[0] * 0.01
             answer.append((*on_screen(at), *(255 * around.mean(axis=(0, 1))).tolist()))
 """
 
@@ -96,7 +96,7 @@ def test_a_ct_loads_and_its_slice_can_be_moved(desk):
     desk.ask("bpy.context.scene.ctmc.threshold = 200; bpy.context.scene.ctmc.preview = False")
     desk.ask(FROM_ABOVE)
     desk.look("02-loaded")
-    assert desk.ask("answer = ours('ui.volumes').current(bpy.context.scene).size") == [512, 512, 29]
+    assert desk.ask("answer = ours('ui.state.volumes').current(bpy.context.scene).size") == [512, 512, 29]
     assert desk.find(POSITION)
 
 
@@ -139,7 +139,7 @@ def test_a_handle_moves_one_face_of_the_region(desk):
     before = desk.look("06-region") and desk.ask("answer = list(bpy.context.scene.ctmc.region)")
     # The head of the arrow on the side of the lowest x, which is the patient's right.
     x, y = desk.ask("""
-side = ours("ui.region").current_face(0)
+side = ours("ui.viewport.region").current_face(0)
 middle = side.base + side.direction * side.offset()
 (x, y), (u, v) = on_screen(middle), on_screen(middle + side.direction)
 length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
@@ -177,7 +177,7 @@ def test_a_finished_surface_is_one_step_to_undo_and_to_redo(desk):
     desk.key("ctrl+shift+z")
     desk.look("10-redone")
     assert desk.ask(STATE) == state
-    assert desk.ask("answer = ours('ui.volumes').current(bpy.context.scene) is not None"), "the CT is still there"
+    assert desk.ask("answer = ours('ui.state.volumes').current(bpy.context.scene) is not None"), "the CT is still there"
 
 
 def test_esc_half_way_leaves_the_scene_as_it_was(desk):

@@ -300,9 +300,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     kind = named = "turntable"
 
     overwrite: BoolProperty(
-        name="Overwrite",
-        description="Begin anew where frames of a turntable are there already",
-        options={"SKIP_SAVE"},
+        name="Overwrite", description="Begin anew where frames of a turntable are there already", options={"SKIP_SAVE"}
     )
 
     @classmethod
@@ -392,11 +390,5 @@ class CTMC_OT_figure_view(bpy.types.Operator):
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (
-        CTMC_OT_figure,
-        CTMC_OT_figure_sheet,
-        CTMC_OT_figure_deviation,
-        CTMC_OT_figure_turntable,
-        CTMC_OT_figure_view,
-    )
+    (CTMC_OT_figure, CTMC_OT_figure_sheet, CTMC_OT_figure_deviation, CTMC_OT_figure_turntable, CTMC_OT_figure_view)
 )

@@ -10,13 +10,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...blender.surface import (
-    add_reconstruction,
-    edges_steps,
-    require_editable,
-    surface_mesh,
-    update_reconstruction,
-)
+from ...blender.surface import add_reconstruction, edges_steps, require_editable, surface_mesh, update_reconstruction
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
 from ..properties.preferences import machine
 from ..state import measurements, session

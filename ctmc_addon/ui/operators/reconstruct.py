@@ -97,10 +97,7 @@ def require_labels(loaded: volumes.Loaded, label: int | None) -> None:
 
 
 def surfaces_steps(
-    volume: Volume | None,
-    requests: Sequence[SurfaceRequest],
-    scene_uid: int,
-    full: Reconstruction | None = None,
+    volume: Volume | None, requests: Sequence[SurfaceRequest], scene_uid: int, full: Reconstruction | None = None
 ) -> Steps[jobs.Conclusion]:
     """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
     stages = Stages(JOB_STAGES)

@@ -7,12 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...blender.figure.distance_map import paint_distances
-from ...blender.surface import (
-    evaluated_triangles,
-    own_mesh,
-    require_editable,
-    settings_of,
-)
+from ...blender.surface import evaluated_triangles, own_mesh, require_editable, settings_of
 from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, vertex_distances_steps
 from ...reporting.command_line import command_line

@@ -9,18 +9,16 @@ from bl_operators.presets import AddPresetBase  # type: ignore[import-not-found]
 from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
 from ...core import described
-from ..properties.settings import optional, switch
+from ..properties.settings import OF_ONE_VOLUME, optional, switch
 from .layout import SidePanel
 
 SHIPPED = Path(__file__).parents[1]  # Blender looks below it for presets/ctmc
 SUBFOLDER = "ctmc"
-# A box belongs to one volume, and so does what NaN is read as.
-LEFT_OUT = {"region", "region_unit", "nan_as"}
 
 
 def preset_values() -> list[str]:
     """What a preset keeps: first the values, which switch themselves on, then the switches."""
-    names = [name for name in described() if name not in LEFT_OUT]
+    names = [name for name in described() if name not in OF_ONE_VOLUME]
     return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
 
 

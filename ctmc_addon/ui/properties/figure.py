@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from .settings import CONTEXT
+from .kinds import boolean, choice, decimal, integer, text
 
 FRAMES = "frames"  # in place of a film's suffix
 
@@ -26,10 +26,9 @@ def page_properties() -> dict[str, Any]:
     from ...blender.figure.spec import DPIS, PAGES, WIDTHS_MM
 
     found: dict[str, Any] = {
-        "kind": EnumProperty(
-            **CONTEXT,
-            name="Kind",
-            description="What is made",
+        "kind": choice(
+            "Kind",
+            "What is made",
             items=[
                 ("figure", "Figure", "The selected surfaces on a page, a PNG"),
                 ("sheet", "Sheet", "The CT with several settings, side by side, a PNG"),
@@ -39,32 +38,25 @@ def page_properties() -> dict[str, Any]:
         )
     }
     for kind, page in PAGES.items():
-        found[f"{kind}_width_mm"] = FloatProperty(
-            **CONTEXT,
-            name="Width [mm]",
-            description="Width as printed [mm]. A column of most journals is 85, two are 170",
+        found[f"{kind}_width_mm"] = decimal(
+            "Width [mm]",
+            "Width as printed [mm]. A column of most journals is 85, two are 170",
             default=page.width_mm,
             min=WIDTHS_MM[0],
             max=WIDTHS_MM[1],
             precision=1,
         )
-        found[f"{kind}_dpi"] = FloatProperty(
-            **CONTEXT,
-            name="Resolution [dpi]",
-            description="Pixels to the inch [dpi]. Larger = sharper, and longer to render",
+        found[f"{kind}_dpi"] = decimal(
+            "Resolution [dpi]",
+            "Pixels to the inch [dpi]. Larger = sharper, and longer to render",
             default=page.dpi,
             min=DPIS[0],
             max=DPIS[1],
             precision=0,
         )
-    found["transparent"] = BoolProperty(
-        **CONTEXT, name="Transparent", description="No background instead of a white one; films always have one"
-    )
-    found["write_blend"] = BoolProperty(
-        **CONTEXT,
-        name="Write .blend",
-        description="Write the figure's own scene beside it, to be changed and rendered again",
-        default=True,
+    found["transparent"] = boolean("Transparent", "No background instead of a white one; films always have one")
+    found["write_blend"] = boolean(
+        "Write .blend", "Write the figure's own scene beside it, to be changed and rendered again", default=True
     )
     return found
 
@@ -74,90 +66,76 @@ def look_properties() -> dict[str, Any]:
     from ...blender.figure.spec import ELEVATIONS, ENGINES, OPACITIES, OPACITY, STYLES, FigureStyle
 
     look = FigureStyle()
-    angle = {**CONTEXT, "precision": 1, "step": 500}
+    angle = {"precision": 1, "step": 500}
     return {
-        "style": EnumProperty(
-            **CONTEXT,
-            name="Style",
-            description="How surfaces look. Several at once keep their own colours; print makes all of them grey",
+        "style": choice(
+            "Style",
+            "How surfaces look. Several at once keep their own colours; print makes all of them grey",
             items=[(name, name.title(), style.text[0].upper() + style.text[1:]) for name, style in STYLES.items()],
             default=look.style,
         ),
-        "engine": EnumProperty(
-            **CONTEXT,
-            name="Engine",
-            description="What renders the figure",
+        "engine": choice(
+            "Engine",
+            "What renders the figure",
             items=[(name, engine.label, engine.text) for name, engine in ENGINES.items()],
             default=look.engine,
         ),
-        "azimuth": FloatProperty(
+        "azimuth": decimal(
+            "Azimuth",
+            "Where the camera stands [degrees]: 0 = before the patient, 90 = at the left, 180 = behind",
             **angle,
-            name="Azimuth",
-            description="Where the camera stands [degrees]: 0 = before the patient, 90 = at the left, 180 = behind",
             default=look.azimuth,
             min=-360.0,
             max=360.0,
         ),
-        "elevation": FloatProperty(
+        "elevation": decimal(
+            "Elevation",
+            "How high the camera stands [degrees]: 90 = above the head, -90 = below the feet",
             **angle,
-            name="Elevation",
-            description="How high the camera stands [degrees]: 90 = above the head, -90 = below the feet",
             default=look.elevation,
             min=ELEVATIONS[0],
             max=ELEVATIONS[1],
         ),
-        "opacity": FloatProperty(
-            **CONTEXT,
-            name="Opacity",
-            description="Of a surface that holds all the others, so that they are seen in it. Smaller = clearer",
+        "opacity": decimal(
+            "Opacity",
+            "Of a surface that holds all the others, so that they are seen in it. Smaller = clearer",
             subtype="FACTOR",
             default=OPACITY,
             min=OPACITIES[0],
             max=OPACITIES[1],
             precision=2,
         ),
-        "scale_bar": BoolProperty(
-            **CONTEXT, name="Scale Bar", description="A bar of round length in mm", default=look.scale_bar
-        ),
-        "orientation": BoolProperty(
-            **CONTEXT,
-            name="Orientation",
-            description="The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
+        "scale_bar": boolean("Scale Bar", "A bar of round length in mm", default=look.scale_bar),
+        "orientation": boolean(
+            "Orientation",
+            "The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
             default=look.orientation,
         ),
-        "use_caption": BoolProperty(
-            **CONTEXT, name="Use Caption", description="Write a caption under the figure", default=True
-        ),
-        "caption": StringProperty(
-            **CONTEXT, name="Caption", description="Written under the figure. Empty = what it shows"
-        ),
+        "use_caption": boolean("Use Caption", "Write a caption under the figure", default=True),
+        "caption": text("Caption", "Written under the figure. Empty = what it shows"),
     }
 
 
 def sheet_properties() -> dict[str, Any]:
     """What a sheet compares, and the colours of distances."""
     found: dict[str, Any] = {}
-    for name, label, text, default in (
+    for name, label, tip, default in (
         ("strides", "Voxel Sides", "Voxel sides to compare [px]: 1 2 3, or 2x1 for x and y apart", "1 2 3"),
         ("alphas", "Alpha", "Alphas to compare, from 0 to 1", "0 0.25 0.75 1"),
         ("levels", "Levels", "Shares of triangles to remove that are compared [%]", "0 50 90"),
     ):
-        found[f"use_{name}"] = BoolProperty(
-            **CONTEXT,
-            name=f"Compare {label}",
-            description="Compare these; where two are compared, the first goes down and the second across",
+        found[f"use_{name}"] = boolean(
+            f"Compare {label}",
+            "Compare these; where two are compared, the first goes down and the second across",
             default=name == "strides",
         )
-        found[name] = StringProperty(**CONTEXT, name=label, description=text, default=default)
-    found["sheet_deviation"] = BoolProperty(
-        **CONTEXT,
-        name="Distances",
-        description="Colour every surface by its distance to full resolution, with a colour bar",
+        found[name] = text(label, tip, default=default)
+    found["sheet_deviation"] = boolean(
+        "Distances", "Colour every surface by its distance to full resolution, with a colour bar"
     )
-    found["limit_mm"] = FloatProperty(
-        **CONTEXT,
-        name="Bar Ends At",
-        description="Distance at the end of the colour bar [mm]. 0 = where 99 % of the points are within",
+    found["limit_mm"] = decimal(
+        "Bar Ends At",
+        "Distance at the end of the colour bar [mm]. 0 = where 99 % of the points are within",
         min=0.0,
         max=1000.0,
         precision=2,
@@ -172,34 +150,30 @@ def turntable_properties() -> dict[str, Any]:
     turn = Turn()
     frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")
     return {
-        "film": EnumProperty(
-            **CONTEXT,
-            name="Format",
-            description="What a turntable is written as, where its name has no suffix",
+        "film": choice(
+            "Format",
+            "What a turntable is written as, where its name has no suffix",
             items=[*((suffix, suffix[1:].upper(), "A film") for suffix in VIDEO_FORMATS), frames],
         ),
-        "seconds": FloatProperty(
-            **CONTEXT,
-            name="Length [s]",
-            description="Length of the loop [s]. Larger = slower, and longer to render",
+        "seconds": decimal(
+            "Length [s]",
+            "Length of the loop [s]. Larger = slower, and longer to render",
             default=turn.seconds,
             min=0.1,
             max=SECONDS,
             soft_max=60.0,
             precision=1,
         ),
-        "fps": IntProperty(
-            **CONTEXT,
-            name="Frames a Second",
-            description="Pictures in a second. Larger = smoother, and longer to render",
+        "fps": integer(
+            "Frames a Second",
+            "Pictures in a second. Larger = smoother, and longer to render",
             default=turn.fps,
             min=FPS[0],
             max=FPS[1],
         ),
-        "revolutions": IntProperty(
-            **CONTEXT,
-            name="Revolutions",
-            description="Whole turns in the loop. Below 0 = the other way round",
+        "revolutions": integer(
+            "Revolutions",
+            "Whole turns in the loop. Below 0 = the other way round",
             default=turn.revolutions,
             min=-REVOLUTIONS,
             max=REVOLUTIONS,

@@ -9,32 +9,23 @@ functions can see, and a Python whose bpy module stays alive crashes at exit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from bpy.props import (
-    BoolProperty,
-    CollectionProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    IntProperty,
-    IntVectorProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import EXCLUSIVE, ReconstructionSettings, Setting, described
 from ..state.change_events import notify
-from ..translations import OURS
+from .kinds import boolean, choice, collection, decimal, decimals, integer, integers, text
 
 CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 DEFAULTS = ReconstructionSettings()
-CONTEXT: dict[str, Any] = {"translation_context": OURS}
+OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
+"""Settings that mean nothing for another CT, which presets leave alone."""
 
 
 class SettingsMethods:
@@ -68,20 +59,24 @@ class SettingsMethods:
         return [replace(settings, label=label) for label in ticked or [settings.label]]
 
     def color_of(self, label: int | None) -> tuple[float, float, float] | None:
-        """The colour chosen in the list for a label; None for one that is not in it."""
+        """The color chosen in the list for a label; None for one that is not in it."""
         return next((tuple(item.color) for item in self.labels if item.value == label), None)
 
     def show_labels(self, labels: list[tuple[int, str, tuple[float, float, float]]]) -> None:
-        """Fill the list of labels: value, name and colour of each."""
+        """Fill the list of labels: value, name and color of each."""
         self.labels.clear()
         for value, name, color in labels:
             item = self.labels.add()
             item.value, item.name, item.color = value, name, color
         tick_only(self, self.label if self.use_label else None)
 
-    def from_settings(self, settings: ReconstructionSettings) -> None:
-        """Show these settings."""
-        for name in described():
+    def show_preset(self, **values: Any) -> None:
+        """Show these values and the defaults of all other settings, but of those that belong to one volume."""
+        self.from_settings(ReconstructionSettings(**values), but=OF_ONE_VOLUME)
+
+    def from_settings(self, settings: ReconstructionSettings, but: Set[str] = frozenset()) -> None:
+        """Show these settings, `but` for a few names."""
+        for name in (name for name in described() if name not in but):
             value = getattr(settings, name)
             if value is not None:
                 setattr(self, name, value)
@@ -109,31 +104,25 @@ def as_typed(value: Any, about: Setting) -> Any:
 
 def property_of(name: str, about: Setting) -> Any:
     """The Blender property of one setting."""
-    default = about.start if optional(name) else getattr(DEFAULTS, name)
-    common = {
-        "name": about.label,
-        "description": tooltip(about),
-        "default": default,
-        "translation_context": OURS,
+    options: dict[str, Any] = {
+        "default": about.start if optional(name) else getattr(DEFAULTS, name),
+        "update": on_change(name),
     }
-    common["update"] = on_change(name)
     if about.type is bool:
-        return BoolProperty(**common)
+        return boolean(about.label, tooltip(about), **options)
     if about.type is str:
-        return EnumProperty(
-            items=[(choice, CHOICES.get(choice, choice.title()), "") for choice in about.choices], **common
-        )
-    if about.size > 1:
-        common["size"] = about.size
+        items = [(word, CHOICES.get(word, word.title()), "") for word in about.choices]
+        return choice(about.label, tooltip(about), items=items, **options)
     whole = about.type is int
     if about.low is not None:
-        common["min"] = int(about.low) if whole else lowest(about)
+        options["min"] = int(about.low) if whole else lowest(about)
     if about.high is not None:
-        common["max"] = int(about.high) if whole else highest(about)
-    if whole:
-        return IntVectorProperty(**common) if about.size > 1 else IntProperty(**common)
-    common["precision"] = 3
-    return FloatVectorProperty(**common) if about.size > 1 else FloatProperty(**common)
+        options["max"] = int(about.high) if whole else highest(about)
+    if not whole:
+        options["precision"] = 3
+    if about.size > 1:
+        return (integers if whole else decimals)(about.label, tooltip(about), size=about.size, **options)
+    return (integer if whole else decimal)(about.label, tooltip(about), **options)
 
 
 def tooltip(about: Setting) -> str:
@@ -189,15 +178,6 @@ def on_switch(name: str) -> Callable[[Any, Any], None]:
     return update
 
 
-def marker(name: str) -> Callable[[Any, Any], None]:
-    """Say that a property of the panel's own has changed."""
-
-    def update(properties: Any, _context: Any) -> None:
-        notify(properties, name)
-
-    return update
-
-
 _ticking: list[bool] = []  # not empty while ticks are set by code
 
 
@@ -228,13 +208,11 @@ def on_tick(item: Any, _context: Any) -> None:
 
 
 class CTMCLabel(PropertyGroup):
-    """A label of the volume: its value, its name as `name`, its colour, and whether it is wanted."""
+    """A label of the volume: its value, its name as `name`, its color, and whether it is wanted."""
 
-    value: IntProperty(**CONTEXT, name="Value", description="Value of the label in the volume")
-    chosen: BoolProperty(**CONTEXT, name="Reconstruct", description="Make a surface of this label", update=on_tick)
-    color: FloatVectorProperty(
-        **CONTEXT, name="Color", description="Colour of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0
-    )
+    value: integer("Value", "Value of the label in the volume")
+    chosen: boolean("Reconstruct", "Make a surface of this label", update=on_tick)
+    color: decimals("Color", "Color of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0)
 
 
 def all_properties() -> dict[str, Any]:
@@ -242,9 +220,7 @@ def all_properties() -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, about in described().items():
         if optional(name):
-            found[switch(name)] = BoolProperty(
-                **CONTEXT, name=f"Use {about.label}", description=tooltip(about), update=on_switch(name)
-            )
+            found[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=on_switch(name))
         found[name] = property_of(name, about)
     return found | volume_properties() | panel_properties()
 
@@ -253,24 +229,21 @@ def volume_properties() -> dict[str, Any]:
     """What the file knows of its CT, and how it is to be read."""
     turned = "The files cannot say it: {} lie the other way round than assumed"
     return {
-        "volume_path": StringProperty(**CONTEXT, name="CT", description="File or folder that the CT was read from"),
-        "volume_fingerprint": StringProperty(**CONTEXT, name="Fingerprint", description="To know the CT again by"),
-        "series": StringProperty(
-            **CONTEXT, name="Series", description="UID of the DICOM series. Empty = the one with most slices"
-        ),
-        "spacing": FloatVectorProperty(
-            **CONTEXT,
-            name="Spacing",
-            description="Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
+        "volume_path": text("CT", "File or folder that the CT was read from"),
+        "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
+        "series": text("Series", "UID of the DICOM series. Empty = the one with most slices"),
+        "spacing": decimals(
+            "Spacing",
+            "Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
             size=3,
             min=0.0,
             precision=4,
         ),
-        "flip_x": BoolProperty(**CONTEXT, name="Left - Right", description=turned.format("left and right")),
-        "flip_y": BoolProperty(**CONTEXT, name="Front - Back", description=turned.format("front and back")),
-        "flip_z": BoolProperty(**CONTEXT, name="Head - Feet", description=turned.format("head and feet")),
-        "labels": CollectionProperty(**CONTEXT, type=CTMCLabel, name="Labels", description="Labels of the volume"),
-        "label_index": IntProperty(**CONTEXT, name="Label", description="Line of the list that is marked"),
+        "flip_x": boolean("Left - Right", turned.format("left and right")),
+        "flip_y": boolean("Front - Back", turned.format("front and back")),
+        "flip_z": boolean("Head - Feet", turned.format("head and feet")),
+        "labels": collection("Labels", "Labels of the volume", type=CTMCLabel),
+        "label_index": integer("Label", "Line of the list that is marked"),
     }
 
 
@@ -288,10 +261,9 @@ def set_surface_from(properties: Any, chosen: int) -> None:
 def panel_properties() -> dict[str, Any]:
     """What only the panel has."""
     return {
-        "surface_from": EnumProperty(
-            **CONTEXT,
-            name="Surface From",
-            description="Whether the surface is sought at a grey value or around labels",
+        "surface_from": choice(
+            "Surface From",
+            "Whether the surface is sought at a grey value or around labels",
             items=[
                 ("threshold", "Threshold", "At a grey value: what is at or above it is inside"),
                 ("label", "Labels", "Around the structures of a label volume"),
@@ -299,44 +271,27 @@ def panel_properties() -> dict[str, Any]:
             get=get_surface_from,
             set=set_surface_from,
         ),
-        "preview": BoolProperty(
-            **CONTEXT,
-            name="Live Preview",
-            description="Show a coarse surface in the viewport that follows the settings",
+        "preview": boolean(
+            "Live Preview",
+            "Show a coarse surface in the viewport that follows the settings",
             default=True,
-            update=marker("preview"),
+            update=lambda properties, _: notify(properties, "preview"),
         ),
-        "rotation_kind": EnumProperty(
-            **CONTEXT,
-            name="Motion",
-            description="What is timed",
+        "rotation_kind": choice(
+            "Motion",
+            "What is timed",
             items=[
                 ("rotate", "Rotate", "Turn about the patient's long axis"),
                 ("zoom", "Zoom", "Draw nearer and back"),
                 ("pan", "Pan", "Move sideways and back"),
             ],
         ),
-        "rotation_levels": StringProperty(
-            **CONTEXT,
-            name="Levels",
-            description="Shares of triangles to remove that are compared [%]",
-            default="0, 50, 90",
+        "rotation_levels": text("Levels", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"),
+        "rotation_step": integer(
+            "Step", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
         ),
-        "rotation_step": IntProperty(
-            **CONTEXT,
-            name="Step",
-            description="Angle between two pictures [degrees]. Smaller = more pictures",
-            default=20,
-            min=1,
-            max=180,
-        ),
-        "rotation_rounds": IntProperty(
-            **CONTEXT,
-            name="Rounds",
-            description="How often each level is turned. Larger = steadier mean",
-            default=5,
-            min=1,
-            max=100,
+        "rotation_rounds": integer(
+            "Rounds", "How often each level is turned. Larger = steadier mean", default=5, min=1, max=100
         ),
     }
 

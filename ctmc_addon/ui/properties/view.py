@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, PointerProperty, StringProperty
+from bpy.props import FloatVectorProperty, PointerProperty, StringProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
 from ...core.volume import slice_place, usual_window, value_range
-from ..translations import OURS
+from .kinds import boolean, choice, decimal
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
 
@@ -29,7 +29,7 @@ def current_volume(scene: Any) -> Volume | None:
 def window_and_level(view: Any) -> tuple[float, float]:
     """What was chosen for this volume, else what its kind and range suggest."""
     scene = view.id_data
-    if view.chosen_for == scene.ctmc.volume_path:
+    if view.chosen_for == scene.ctmc.volume_fingerprint:
         return tuple(view.chosen_window)
     volume = current_volume(scene)
     if volume is None:
@@ -41,7 +41,7 @@ def window_and_level(view: Any) -> tuple[float, float]:
 
 def choose(view: Any, window: float, level: float) -> None:
     """Keep window and level for the present volume."""
-    view.chosen_for = view.id_data.ctmc.volume_path
+    view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
 
 
@@ -68,42 +68,33 @@ def set_level(view: Any, level: float) -> None:
 class CTMCView(PropertyGroup):
     """What the viewport shows of the CT itself."""
 
-    show_slice: BoolProperty(
-        translation_context=OURS,
-        name="Slice in Viewport",
-        description="Show a slice of the CT at its true place",
+    show_slice: boolean("Slice in Viewport", "Show a slice of the CT at its true place", default=True)
+    show_letters: boolean(
+        "Orientation Letters",
+        "Show the patient's sides: R and L, A and P (front and back), S and I (head and feet)",
         default=True,
     )
-    show_letters: BoolProperty(
-        translation_context=OURS,
-        name="Orientation Letters",
-        description="Show the patient's sides: R and L, A and P (front and back), S and I (head and feet)",
-        default=True,
-    )
-    plane: EnumProperty(
-        translation_context=OURS,
-        name="Plane",
-        description="Which way the slice lies in the patient",
+    plane: choice(
+        "Plane",
+        "Which way the slice lies in the patient",
         items=[
             ("axial", "Axial", "Across the body; the slider runs from the feet to the head"),
             ("coronal", "Coronal", "As seen from the front; the slider runs from back to front"),
             ("sagittal", "Sagittal", "As seen from the side; the slider runs from left to right"),
         ],
     )
-    position: FloatProperty(
-        translation_context=OURS,
-        name="Position",
-        description="Where the slice lies: 0 = feet, back or left end of the volume, 1 = head, front or right end",
+    position: decimal(
+        "Position",
+        "Where the slice lies: 0 = feet, back or left end of the volume, 1 = head, front or right end",
         subtype="FACTOR",
         min=0.0,
         max=1.0,
         default=0.5,
         precision=3,
     )
-    window: FloatProperty(
-        translation_context=OURS,
-        name="Window",
-        description="Width of the range shown from black to white, in HU or grey values. Larger = less contrast",
+    window: decimal(
+        "Window",
+        "Width of the range shown from black to white, in HU or grey values. Larger = less contrast",
         min=1e-3,
         soft_max=4000.0,
         precision=1,
@@ -111,10 +102,9 @@ class CTMCView(PropertyGroup):
         get=get_window,
         set=set_window,
     )
-    level: FloatProperty(
-        translation_context=OURS,
-        name="Level",
-        description="Middle of the range shown from black to white, in HU or grey values. Larger = darker",
+    level: decimal(
+        "Level",
+        "Middle of the range shown from black to white, in HU or grey values. Larger = darker",
         soft_min=-1500.0,
         soft_max=3000.0,
         precision=1,

@@ -149,12 +149,7 @@ def relate_paths(blend: str) -> None:
             scene.ctmc.volume_path = stored_path(Path(_absolute[scene.session_uid]), blend)
 
 
-HANDLERS = {
-    "load_post": discard_unused,
-    "save_pre": before_save,
-    "save_post": after_save,
-    "save_post_fail": after_save,
-}
+HANDLERS = {"load_post": discard_unused, "save_pre": before_save, "save_post": after_save, "save_post_fail": after_save}
 
 
 def register() -> None:

@@ -1,24 +1,5 @@
-"""Bone at 200 HU, fine, without specks."""
+"""Bone at 200 HU, fine, without small components."""
 
 import bpy
 
-settings = bpy.context.scene.ctmc
-settings.threshold = 200.0
-settings.label = 1
-settings.stride = (1, 1, 1)
-settings.alpha = 1.0
-settings.topology = "classic"
-settings.soften_mm = 0.0
-settings.close_border = False
-settings.keep_parts = 0
-settings.min_part_mm3 = 50.0
-settings.normals = "gradient"
-settings.simplifier = "builtin"
-settings.reduction = 0.5
-settings.target_faces = 10000
-settings.max_error_mm = 0.5
-settings.use_threshold = True
-settings.use_label = False
-settings.use_reduction = True
-settings.use_target_faces = False
-settings.use_max_error_mm = False
+bpy.context.scene.ctmc.show_preset(threshold=200.0, min_part_mm3=50.0, reduction=0.5)
