@@ -1,11 +1,20 @@
-"""Find the active voxels, 64 at a time: those whose corners are not all inside or all outside.
+"""Second pass: the active voxels, whose corners are not all inside or all outside, and their cases, 64 at a time.
 
-A voxel owns the three edges at its lowest corner. The samples are repeated once beyond the last
-along every axis, so the edges in the high borders have an owner too: a half voxel, which gives no triangles.
+A voxel is named by its lowest corner and owns the three edges there. The samples are repeated once beyond the last
+along every axis, so the edges in the high borders have an owner too: a ghost cell, which gives no triangles.
 
-Most words of 64 samples are all zero or all one, as are their neighbours. The others are gathered into lists;
-of these the eights (bytes) with an active voxel are kept, and voxels are numbered by `cell`: 8 times the number
-of their eight, and their place in it. So what is stored for them lies close together.
+Most words of 64 samples are all inside or all outside, and so are their neighbors. The others are gathered into
+lists, in which voxels are found by four numbers. Example: 70 samples along x, 4 along y, 3 along z. A row then has
+two words, 16 bytes, 128 samples (the pitch); with the repeated row there are 5 rows in a layer. In the slab of the
+layers 0 to 3, the voxel at x = 9, y = 2, z = 1:
+
+    byte of the bits    (z * rows + y) * (pitch / 8) + x // 8  =  (1 * 5 + 2) * 16 + 1  =  113
+    rank                place of 113 in `Slab.byte`, the sorted list of bytes with an active voxel: say 7
+    slot                8 * rank + x % 8  =  57
+    voxel               place of 57 in `Slab.slot`, the sorted list of the active voxels
+
+What is known of a voxel stands at its number in lists as long as `slot`; what other voxels must find of it without
+a search, the numbers of its vertices, stands at its slot (see faces.py).
 """
 
 from __future__ import annotations
@@ -18,33 +27,33 @@ from numpy.typing import NDArray
 from .case_table import CLASSIC, TriangleTables
 from .grid import WORD, Grid
 
-EIGHT = 8
+BYTE = 8  # samples in a byte
 ALL_INSIDE = np.uint64(2**WORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Slab:
-    """The active voxels of the sample layers `low` to `high`, half voxels among them.
+    """The active voxels of the sample layers `low` to `high`, ghost cells among them.
 
     Parameters
     ----------
     low, high : int
     rows, pitch : int
         Rows of samples in a layer, and samples in a row, with what is repeated or left over beyond the last.
-    eight : (m,) intp
-        Which eights of the samples (high - low, rows, pitch) have an active voxel, ascending.
-    cell : (n,) intp
-        The active voxels, ascending: 8 times the number of its eight, and the voxel's place in it.
-    row : (n,) int16
+    byte : (m,) intp
+        Which bytes of the bits of (high - low, rows, pitch) samples have an active voxel, ascending.
+    slot : (n,) intp
+        The active voxels, ascending: 8 times the rank of its byte in `byte`, and its place in the byte.
+    configuration : (n,) int16
         Row of `tables`: the case, or one of the surfaces that the trilinear interpolant may have in its stead.
-    whole : (n,) bool
-        False for half voxels.
-    owned : three (n_axis,) intp
+    is_cell : (n,) bool
+        False for ghost cells.
+    edge_owners : three (n_axis,) intp
         Which of the voxels own a crossed edge along x, y, z: one vertex each.
-    inner : (n_inner,) intp
-        Which of the voxels have vertices of their own inside them; none in the classic topology.
-    inner_values : (n_inner, 8) float64
-        Grey values at their corners.
+    with_interior : (n_interior,) intp
+        Which of the voxels have vertices inside them; none in the classic topology.
+    corner_values : (n_interior, 8) float64
+        Grey values at the corners of those.
     tables : TriangleTables
     """
 
@@ -52,119 +61,126 @@ class Slab:
     high: int
     rows: int
     pitch: int
-    eight: NDArray[np.intp]
-    cell: NDArray[np.intp]
-    row: NDArray[np.int16]
-    whole: NDArray[np.bool_]
-    owned: tuple[NDArray[np.intp], ...]
-    inner: NDArray[np.intp]
-    inner_values: NDArray[np.float64]
+    byte: NDArray[np.intp]
+    slot: NDArray[np.intp]
+    configuration: NDArray[np.int16]
+    is_cell: NDArray[np.bool_]
+    edge_owners: tuple[NDArray[np.intp], ...]
+    with_interior: NDArray[np.intp]
+    corner_values: NDArray[np.float64]
     tables: TriangleTables
 
     @property
-    def vertices(self) -> int:
-        """Number of vertices on edges that the slab's voxels own, and inside the voxels."""
-        inside = self.tables.own_count.take(self.row.take(self.inner)).sum(dtype=np.int64)
-        return sum(len(voxels) for voxels in self.owned) + int(inside)
+    def edge_vertex_count(self) -> int:
+        """Number of vertices on edges that the slab's voxels own."""
+        return sum(len(voxels) for voxels in self.edge_owners)
 
     @property
-    def faces(self) -> int:
+    def vertex_count(self) -> int:
+        """Number of vertices on edges that the slab's voxels own, and inside the voxels."""
+        interior = self.tables.interior_count.take(self.configuration.take(self.with_interior))
+        return self.edge_vertex_count + int(interior.sum(dtype=np.int64))
+
+    @property
+    def face_count(self) -> int:
         """Number of triangles."""
-        return int((self.tables.triangle_count.take(self.row) * self.whole).sum(dtype=np.int64))
+        return int((self.tables.triangle_count.take(self.configuration) * self.is_cell).sum(dtype=np.int64))
 
     def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
-        """Sample numbers along x, y and z of the lowest corners of some of the voxels."""
-        cell = self.cell.take(voxels)
-        x, y, z = self.eight_samples(cell >> 3)
-        return x + (cell & 7), y, z
+        """Sample numbers along x, y and z of the lowest corners of voxels."""
+        slot = self.slot.take(voxels)
+        x, y, z = self.byte_samples(slot >> 3)
+        return x + (slot & 7), y, z
 
-    def eight_samples(self, some: NDArray[np.intp] | None = None) -> tuple[NDArray[np.intp], ...]:
-        """Sample numbers along x, y and z of the first sample of every eight, or of some of them."""
-        eight = self.eight if some is None else self.eight.take(some)
-        in_row = self.pitch // EIGHT
-        row = eight // in_row
+    def byte_samples(self, ranks: NDArray[np.intp] | None = None) -> tuple[NDArray[np.intp], ...]:
+        """Sample numbers along x, y and z of the first sample of every byte, or of those of some ranks."""
+        byte = self.byte if ranks is None else self.byte.take(ranks)
+        bytes_in_row = self.pitch // BYTE
+        row = byte // bytes_in_row
         layer = row // self.rows
-        return (eight - row * in_row) * EIGHT, row - layer * self.rows, layer + self.low
+        return (byte - row * bytes_in_row) * BYTE, row - layer * self.rows, layer + self.low
 
 
 def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Slab:
     """Find the active voxels of the sample layers `low` to `high`, and their cases."""
     rows, words = bits.shape[1:]
     layer = rows * words
-    here = bits[low : high + 1].reshape(-1)
-    at = _mixed(here, rows, words)
+    slab_words = bits[low : high + 1].reshape(-1)
+    at = _mixed_words(slab_words, rows, words)
     at_layer = at % layer
-    repeated, half = (mask.reshape(-1).take(at_layer) for mask in _borders(grid, rows, words))
+    last, ghost = (mask.reshape(-1).take(at_layer) for mask in _border_masks(grid, rows, words))
     if high == grid.z.count:
-        half[np.searchsorted(at, (high - low - 1) * layer) :] = ALL_INSIDE
+        ghost[np.searchsorted(at, (high - low - 1) * layer) :] = ALL_INSIDE
 
-    corners = []  # words of the voxels' corners in turn
+    corners = []  # the bits of the voxels' eight corners: a word has those of 64 voxels
     for step in (0, words, layer, layer + words):
-        word = here.take(at + step)
-        following = here.take(at + (step + 1), mode="clip")
+        word = slab_words.take(at + step)
+        following = slab_words.take(at + (step + 1), mode="clip")
+        # The corners one further along x: the word's bits moved down, and the next word's lowest bit on top. Beyond
+        # a row's last sample comes that sample again.
         following <<= np.uint64(WORD - 1)
-        following[repeated != 0] = 0
+        following[last != 0] = 0
         following |= word >> np.uint64(1)
-        following |= word & repeated
+        following |= word & last
         corners += [word, following]
-    some, every = corners[0].copy(), corners[0].copy()
+    active, all_inside = corners[0].copy(), corners[0].copy()
     for corner in corners[1:]:
-        some |= corner
-        every &= corner
-    some ^= every  # now the active voxels
+        active |= corner
+        all_inside &= corner
+    active ^= all_inside  # any corner inside, but not all
 
-    at_eight = np.flatnonzero(some.view(np.uint8) != 0)
-    eight = at.take(at_eight >> 3)
-    eight *= EIGHT
-    eight += at_eight & 7
-    cell = np.flatnonzero(_bits_of(some, at_eight).view(bool))
-    cases = np.zeros(EIGHT * len(eight), np.uint8)
+    mixed_byte = np.flatnonzero(active.view(np.uint8) != 0)  # of the gathered words
+    byte = at.take(mixed_byte >> 3)
+    byte *= BYTE
+    byte += mixed_byte & 7
+    slot = np.flatnonzero(_bits_of(active, mixed_byte).view(bool))
+    cases = np.zeros(BYTE * len(byte), np.uint8)  # by slot
     for corner in reversed(corners):
         cases += cases
-        cases |= _bits_of(corner, at_eight)
-    case = cases.take(cell)
+        cases |= _bits_of(corner, mixed_byte)
+    case = cases.take(slot)
     return Slab(
         low=low,
         high=high,
         rows=rows,
         pitch=words * WORD,
-        eight=eight,
-        cell=cell,
-        row=case.astype(np.int16),
-        whole=_bits_of(~half, at_eight).take(cell).view(bool),
-        owned=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
-        inner=np.zeros(0, np.intp),
-        inner_values=np.zeros((0, 8)),
+        byte=byte,
+        slot=slot,
+        configuration=case.astype(np.int16),
+        is_cell=_bits_of(~ghost, mixed_byte).take(slot).view(bool),
+        edge_owners=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
+        with_interior=np.zeros(0, np.intp),
+        corner_values=np.zeros((0, 8)),
         tables=CLASSIC,
     )
 
 
-def _mixed(here: NDArray[np.uint64], rows: int, words: int) -> NDArray[np.intp]:
-    """Which words may have an active voxel: not all samples of it and of its neighbours are equal."""
+def _mixed_words(slab_words: NDArray[np.uint64], rows: int, words: int) -> NDArray[np.intp]:
+    """Which words may have an active voxel: not all samples of it and of its neighbors are equal."""
     layer = rows * words
-    may = _spread(here != 0, words, layer)
-    may &= _spread(here != ALL_INSIDE, words, layer)
-    for first in range(layer - words, len(may), layer):
-        may[first : first + words] = False  # the repeated row has no voxels
-    return np.flatnonzero(may)
+    mixed = _any_neighbor(slab_words != 0, words, layer)
+    mixed &= _any_neighbor(slab_words != ALL_INSIDE, words, layer)
+    for first in range(layer - words, len(mixed), layer):
+        mixed[first : first + words] = False  # the repeated row has no voxels
+    return np.flatnonzero(mixed)
 
 
-def _spread(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np.bool_]:
-    """Whether a word or one of its neighbours towards the higher samples is marked; too many at the rows' ends."""
+def _any_neighbor(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np.bool_]:
+    """Whether a word or one of its neighbors towards the higher samples is marked; too many at the rows' ends."""
     mask[:-1] |= mask[1:]
     mask = mask[:-words] | mask[words:]
     return mask[:-layer] | mask[layer:]
 
 
-def _borders(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-    """For the words of a layer (rows, words): the last sample of every row, and all the half voxels."""
-    repeated = np.zeros((rows, words), np.uint64)
-    repeated[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
-    half = repeated.copy()
-    half[grid.y.count - 1] = ALL_INSIDE
-    return repeated, half
+def _border_masks(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """For the words of a layer (rows, words): the last sample of every row, and all the ghost cells."""
+    last = np.zeros((rows, words), np.uint64)
+    last[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
+    ghost = last.copy()
+    ghost[grid.y.count - 1] = ALL_INSIDE
+    return last, ghost
 
 
-def _bits_of(words: NDArray[np.uint64], at_eight: NDArray[np.intp]) -> NDArray[np.uint8]:
+def _bits_of(words: NDArray[np.uint64], at: NDArray[np.intp]) -> NDArray[np.uint8]:
     """The bits of some bytes of the words, one a byte."""
-    return np.unpackbits(words.view(np.uint8).take(at_eight), bitorder="little")
+    return np.unpackbits(words.view(np.uint8).take(at), bitorder="little")

@@ -4,10 +4,13 @@ A voxel's corner k lies at x = k & 1, y = k >> 1 & 1, z = k >> 2. Bit k of a cas
 inside. Edge `4 a + b` runs along axis a from one of the four corners without a.
 
 One rule cuts every face: walking around it, each run of inside corners is cut off by one segment. So
-on an ambiguous face the two inside corners are parted. The rule knows only the face's own corners:
+on an ambiguous face the two inside corners are separated. The rule knows only the face's own corners:
 both voxels at a face cut it the same way, and the surface has no holes. The segments join into
 loops, and each loop is cut into triangles by diagonals that lie in no face of the cube: otherwise the
 neighbour could have the same diagonal, and an edge would have four triangles.
+
+Example: in case 1 corner 0 alone is inside. The edges 0, 4 and 8, which start from it along x, y and z, are crossed;
+three faces are cut, and the segments join into the one loop 0, 4, 8: one triangle.
 
 Cases after Lorensen and Cline 1987, doi:10.1145/37401.37422; Su and Ma, 2.1 and figure 1.
 """
@@ -60,21 +63,24 @@ def face_segments(case: int, face: tuple[int, int, int, int]) -> Iterator[tuple[
             end = start
             while inside[(end + 1) % 4]:
                 end += 1
-            came_in = EDGE_BETWEEN[frozenset((face[start - 1], face[start]))]
-            went_out = EDGE_BETWEEN[frozenset((face[end % 4], face[(end + 1) % 4]))]
-            yield came_in, went_out
+            entry_edge = EDGE_BETWEEN[frozenset((face[start - 1], face[start]))]
+            exit_edge = EDGE_BETWEEN[frozenset((face[end % 4], face[(end + 1) % 4]))]
+            yield entry_edge, exit_edge
 
 
 def loops(case: int) -> list[Loop]:
     """Closed loops of crossed edges, counter-clockwise seen from outside the surface."""
     following = dict(segment for face in FACES for segment in face_segments(case, face))
-    found = []
+    return list(closed_loops(following))
+
+
+def closed_loops(following: dict[int, int]) -> Iterator[Loop]:
+    """The loops that the edges form, of which each is given the next, each from its lowest edge on; empties it."""
     while following:
         loop = [min(following)]
         while (edge := following.pop(loop[-1])) != loop[0]:
             loop.append(edge)
-        found.append(tuple(loop))
-    return found
+        yield tuple(loop)
 
 
 def triangulations(loop: Loop) -> Iterator[tuple[Triangle, ...]]:
@@ -110,26 +116,26 @@ def case_triangles(case: int) -> tuple[Triangle, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TriangleTables:
-    """Triangles of every surface a voxel may have, a row each.
+    """Triangles of every surface a voxel may have: its configurations, in rows.
 
     Parameters
     ----------
-    triangle_count : (rows,) uint8
-    first_triangle : (rows,) intp
-        Where a row's triangles begin in `triangle_edges`.
+    triangle_count : (configurations,) uint8
+    first_triangle : (configurations,) intp
+        Where a configuration's triangles begin in `triangle_edges`.
     triangle_edges : (n, 3) intp
-        Edges 0 to 11, and 12 to 14 for the voxel's own vertices.
-    own_count : (rows,) uint8
-        Number of own vertices: 0 in every classic case.
+        Edges 0 to 11, and 12 to 14 for the vertices inside the voxel.
+    interior_count : (configurations,) uint8
+        Number of vertices inside the voxel: 0 in every classic case.
     """
 
     triangle_count: NDArray[np.uint8]
     first_triangle: NDArray[np.intp]
     triangle_edges: NDArray[np.intp]
-    own_count: NDArray[np.uint8]
+    interior_count: NDArray[np.uint8]
 
     @cached_property
-    def corners(self) -> Corners:
+    def corners(self) -> CornerLists:
         """The triangles as lists of corners to look up."""
         lists, kinds = [], []
         for first, count in zip(self.first_triangle.tolist(), self.triangle_count.tolist(), strict=True):
@@ -138,7 +144,7 @@ class TriangleTables:
             lists.append(fan or [edge for triangle in triangles for edge in triangle])
             kinds.append(2 * count - bool(fan))
         sizes = np.array([len(edges) for edges in lists], np.intp)
-        return Corners(
+        return CornerLists(
             kind=np.array(kinds, np.uint8),
             first=np.cumsum(sizes) - sizes,
             edges=np.array([edge for edges in lists for edge in edges], np.intp),
@@ -146,15 +152,18 @@ class TriangleTables:
 
 
 @dataclass(frozen=True, eq=False)
-class Corners:
-    """What has to be looked up to write a row's triangles: an edge that several of them share only once.
+class CornerLists:
+    """What has to be looked up to write a configuration's triangles: in a fan each edge only once.
+
+    Two triangles (4, 0, 1), (4, 1, 2) are a fan about edge 4: the list is 4, 0, 1, 2, the kind 3, and `columns(3)`
+    tells that the triangles are made of places 0, 1, 2 and 0, 2, 3 of the list.
 
     Parameters
     ----------
-    kind : (rows,) uint8
+    kind : (configurations,) uint8
         0 for no triangles, `2 n - 1` for n that make a fan, `2 n` for n others; see `columns`.
-    first : (rows,) intp
-        Where a row's corners begin in `edges`.
+    first : (configurations,) intp
+        Where a configuration's list begins in `edges`.
     edges : (n,) intp
     """
 
@@ -164,7 +173,7 @@ class Corners:
 
     @staticmethod
     def columns(kind: int) -> tuple[int, list[int]]:
-        """How many corners a kind has, and which of them are the corners of its triangles in turn."""
+        """How many corners the list of a kind has, and which of them are the corners of its triangles in turn."""
         triangles = (kind + 1) // 2
         if kind % 2:
             return triangles + 2, [corner for n in range(triangles) for corner in (0, n + 1, n + 2)]
@@ -179,12 +188,12 @@ def as_fan(triangles: list[Triangle]) -> Loop:
     >>> as_fan([(0, 3, 4), (2, 3, 0)])
     (0, 2, 3, 4)
     """
-    for hub in sorted(set.intersection(*map(set, triangles))) if triangles else ():
-        turned = [triangle[triangle.index(hub) :] + triangle[: triangle.index(hub)] for triangle in triangles]
-        following = {second: third for _, second, third in turned}
+    for center in sorted(set.intersection(*map(set, triangles))) if triangles else ():
+        rotated = [triangle[triangle.index(center) :] + triangle[: triangle.index(center)] for triangle in triangles]
+        following = {second: third for _, second, third in rotated}
         starts = set(following) - set(following.values())
         if len(starts) == 1 and len(following) == len(triangles):
-            fan = (hub, *starts)
+            fan = (center, *starts)
             while fan[-1] in following:
                 fan += (following[fan[-1]],)
             return fan
@@ -192,13 +201,13 @@ def as_fan(triangles: list[Triangle]) -> Loop:
 
 
 def _classic() -> TriangleTables:
-    every = [case_triangles(case) for case in range(256)]
-    count = np.array([len(triangles) for triangles in every], np.uint8)
+    cases = [case_triangles(case) for case in range(256)]
+    count = np.array([len(triangles) for triangles in cases], np.uint8)
     return TriangleTables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
-        triangle_edges=np.array([triangle for triangles in every for triangle in triangles], np.intp),
-        own_count=np.zeros(256, np.uint8),
+        triangle_edges=np.array([triangle for triangles in cases for triangle in triangles], np.intp),
+        interior_count=np.zeros(256, np.uint8),
     )
 
 

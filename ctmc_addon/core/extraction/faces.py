@@ -1,4 +1,20 @@
-"""Gather the triangles' corners: a voxel's edge leads to the voxel that owns it, and that to the vertex's number."""
+"""Third pass: gather the triangles' corners.
+
+Every corner of a triangle is a crossed edge of its voxel. The edge's owner is the voxel whose lowest corner is the
+edge's low end, and the vertex on the edge along axis a of the owner stands at `vertex_of[a, owner's slot]`. So all
+that has to be found is the slot of the owner, without a search. Example: edge 5 runs along y (5 // 4 = 1) from the
+voxel's corner 1, which is one further along x; edge 7 runs along y from corner 5, one further along x and z.
+
+    along x    The next slot. Where x % 8 = 7, this is place 0 of the next rank; and that is the right byte, since
+               the owner of a crossed edge is active, so that its byte is in the list.
+    along y    A byte that is pitch / 8 higher; its rank is looked up in a map of a few layers of bytes. The place in
+               the byte is the same. Along z, or y and z, likewise.
+
+So the voxel at slot 57 = 8 * 7 + 1 of active_voxels.py's example (byte 113), for edge 7: the byte one layer up is
+113 + 5 * 16 = 193; say its rank is 12. The slot there is 8 * 12 + 1 = 97, one further along x is 98, and the corner's
+number is `vertex_of[1, 98]`. Edges in the slab's top layer of samples belong to the next slab: its first layer's
+ranks are appended to this slab's.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +23,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_voxels import EIGHT, Slab
-from .case_table import EDGES, Corners
+from .active_voxels import BYTE, Slab
+from .case_table import EDGES, CornerLists
 
-MAP_EIGHTS = 1 << 17  # eights of samples whose numbers are looked up at once: they stay in the cache
-AT_ONCE = 1 << 14  # voxels whose corners are looked up at once, for the same reason
+MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
+VOXELS_AT_ONCE = 1 << 14  # whose corners are looked up at once, for the same reason
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -23,95 +39,96 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     ----------
     following : Slab or None
         The next slab: the edges in this one's top layer of samples are that one's.
-    out : (slab.faces, 3) int32
+    out : (slab.face_count, 3) int32
     """
-    top = _first_layer(following)
-    cells = _row_cells(slab, top)
-    vertex_of = _numbers(slab, following, top, first_vertex)
-    voxels, size = len(slab.cell), vertex_of.shape[1]
-    # An edge's low corner is in one of four rows; along it lies the voxel that owns the edge, or the one after it.
-    row_of_edge = [(low >> 1) * voxels for low, _ in EDGES] + [0] * 3
-    place_of_edge = [edge // 4 * size + (low & 1) for edge, (low, _) in enumerate(EDGES)]
-    place_of_edge += [own * size for own in range(3, 6)]
+    top = _first_layer_bytes(following)
+    slots = _slots_of_neighbors(slab, top)
+    vertex_of = _vertex_numbers(slab, following, top, first_vertex)
+    voxels, size = len(slab.slot), vertex_of.shape[1]
+    # Where in `slots` an edge's owner stands, or the voxel before the owner along x; and where in `vertex_of` from
+    # that slot on its vertex is. Both flat: added to the voxel's number, and to the slot.
+    neighbor_of_edge = [(low >> 1) * voxels for low, _ in EDGES] + [0] * 3
+    offset_of_edge = [edge // 4 * size + (low & 1) for edge, (low, _) in enumerate(EDGES)]
+    offset_of_edge += [interior * size for interior in range(3, 6)]
     corners = slab.tables.corners
-    row_of_corner = np.array(row_of_edge, np.intp)[corners.edges]
-    place_of_corner = np.array(place_of_edge, np.int32)[corners.edges]
+    neighbor_of_corner = np.array(neighbor_of_edge, np.intp)[corners.edges]
+    offset_of_corner = np.array(offset_of_edge, np.int32)[corners.edges]
 
-    kind = corners.kind.take(slab.row)
-    kind *= slab.whole
+    kind = corners.kind.take(slab.configuration)
+    kind *= slab.is_cell
     by_kind = np.argsort(kind, kind="stable")
     ends = np.cumsum(np.bincount(kind)).tolist()
     start = 0
     for number, (begin, end) in enumerate(pairwise(ends), 1):
-        looked_up, columns = Corners.columns(number)
-        for first in range(begin, end, AT_ONCE):
-            voxel = by_kind[first : min(first + AT_ONCE, end)]
-            corner = corners.first.take(slab.row.take(voxel)) + np.arange(looked_up)[:, None]
-            at = row_of_corner.take(corner)
+        corner_count, columns = CornerLists.columns(number)
+        for first in range(begin, end, VOXELS_AT_ONCE):
+            voxel = by_kind[first : min(first + VOXELS_AT_ONCE, end)]
+            corner = corners.first.take(slab.configuration.take(voxel)) + np.arange(corner_count)[:, None]
+            at = neighbor_of_corner.take(corner)
             at += voxel
-            place = cells.take(at)
-            place += place_of_corner.take(corner)
-            vertices = vertex_of.take(place, mode="clip")
-            part = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
+            place = slots.take(at)
+            place += offset_of_corner.take(corner)
+            vertices = vertex_of.take(place, mode="clip")  # (corner_count, voxels)
+            block = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
             start += len(columns) // 3 * len(voxel)
-            for column, looked in enumerate(columns):
-                part[:, column] = vertices[looked]
+            for column, source in enumerate(columns):
+                block[:, column] = vertices[source]
 
 
-def _first_layer(slab: Slab | None) -> NDArray[np.intp]:
-    """The eights of a slab's first layer."""
+def _first_layer_bytes(slab: Slab | None) -> NDArray[np.intp]:
+    """The bytes of a slab's first layer."""
     if slab is None:
         return np.zeros(0, np.intp)
-    return slab.eight[: np.searchsorted(slab.eight, slab.rows * slab.pitch // EIGHT)]
+    return slab.byte[: np.searchsorted(slab.byte, slab.rows * slab.pitch // BYTE)]
 
 
-def _row_cells(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
-    """Cells of every voxel and of those one row, one layer and both further, (4, n); at random where not active."""
-    in_row = slab.pitch // EIGHT
-    in_layer = slab.rows * in_row
-    eights = np.concatenate([slab.eight, top + (slab.high - slab.low) * in_layer])
-    first_cell = np.empty((3, len(slab.eight)), np.int32)
-    height = max(1, MAP_EIGHTS // in_layer - 1)
+def _slots_of_neighbors(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Slots of every voxel and of those one row, one layer and both further, (4, n); at random where not active."""
+    bytes_in_row = slab.pitch // BYTE
+    bytes_in_layer = slab.rows * bytes_in_row
+    ranked = np.concatenate([slab.byte, top + (slab.high - slab.low) * bytes_in_layer])
+    first_slot = np.empty((3, len(slab.byte)), np.int32)  # of the bytes one row, one layer and both further
+    height = max(1, MAP_BYTES // bytes_in_layer - 1)
     for low in range(0, slab.high - slab.low, height):
         high = min(low + height, slab.high - slab.low)
-        begin, end, known = np.searchsorted(eights, np.array([low, high, high + 1]) * in_layer)
-        number = np.empty((high - low + 1) * in_layer, np.int32)
-        here = eights[begin:known] - low * in_layer
-        number[here] = np.arange(begin, known, dtype=np.int32)
-        here = here[: end - begin]
-        for step, cell in zip((in_row, in_layer, in_layer + in_row), first_cell, strict=True):
-            cell[begin:end] = number.take(here + step, mode="clip")
-    first_cell *= EIGHT
-    eight, within = slab.cell >> 3, (slab.cell & 7).astype(np.int32)
-    cells = np.empty((4, len(slab.cell)), np.int32)
-    cells[0] = slab.cell
-    for row, cell in zip(cells[1:], first_cell, strict=True):
-        np.take(cell, eight, out=row, mode="clip")
-        row += within
-    return cells
+        begin, end, map_end = np.searchsorted(ranked, np.array([low, high, high + 1]) * bytes_in_layer)
+        rank_of = np.empty((high - low + 1) * bytes_in_layer, np.int32)
+        local = ranked[begin:map_end] - low * bytes_in_layer
+        rank_of[local] = np.arange(begin, map_end, dtype=np.int32)
+        local = local[: end - begin]
+        for step, ranks in zip((bytes_in_row, bytes_in_layer, bytes_in_layer + bytes_in_row), first_slot, strict=True):
+            ranks[begin:end] = rank_of.take(local + step, mode="clip")
+    first_slot *= BYTE
+    rank, place = slab.slot >> 3, (slab.slot & 7).astype(np.int32)
+    slots = np.empty((4, len(slab.slot)), np.int32)
+    slots[0] = slab.slot
+    for neighbor, first in zip(slots[1:], first_slot, strict=True):
+        np.take(first, rank, out=neighbor, mode="clip")
+        neighbor += place
+    return slots
 
 
-def _numbers(slab: Slab, following: Slab | None, top: NDArray[np.intp], first_vertex: int) -> NDArray[np.int32]:
-    """Vertex numbers of the crossed edges along x, y, z and of the voxels' own vertices, by cell."""
-    own = slab.tables.own_count.take(slab.row.take(slab.inner))
-    cells = len(slab.eight) * EIGHT
-    numbers = np.empty((3 + int(own.max(initial=0)), cells + len(top) * EIGHT), np.int32)
+def _vertex_numbers(slab: Slab, following: Slab | None, top: NDArray[np.intp], first_vertex: int) -> NDArray[np.int32]:
+    """Numbers of the vertices on edges along x, y, z and inside voxels, by slot; other slots are left as they are."""
+    interior = slab.tables.interior_count.take(slab.configuration.take(slab.with_interior))
+    slots = len(slab.byte) * BYTE
+    numbers = np.empty((3 + int(interior.max(initial=0)), slots + len(top) * BYTE), np.int32)
     vertex = first_vertex
     for axis in range(3):
-        owned = slab.owned[axis]
-        numbers[axis][slab.cell.take(owned)] = np.arange(vertex, vertex + len(owned), dtype=np.int32)
-        vertex += len(owned)
-    first_own = np.cumsum(own, dtype=np.int32) - own + np.int32(vertex)
+        owners = slab.edge_owners[axis]
+        numbers[axis][slab.slot.take(owners)] = np.arange(vertex, vertex + len(owners), dtype=np.int32)
+        vertex += len(owners)
+    first_interior = np.cumsum(interior, dtype=np.int32) - interior + np.int32(vertex)
     for number in range(len(numbers) - 3):
-        has = own > number
-        numbers[3 + number][slab.cell.take(slab.inner[has])] = first_own[has] + number
+        has = interior > number
+        numbers[3 + number][slab.slot.take(slab.with_interior[has])] = first_interior[has] + number
     if following is not None:
-        vertex = first_vertex + slab.vertices
-        voxels = np.searchsorted(following.cell, len(top) * EIGHT)
+        vertex = first_vertex + slab.vertex_count
+        voxels = np.searchsorted(following.slot, len(top) * BYTE)
         for axis in range(2):
-            owned = following.owned[axis]
-            of_top = owned[: np.searchsorted(owned, voxels)]
-            at = following.cell.take(of_top) + cells
+            owners = following.edge_owners[axis]
+            of_top = owners[: np.searchsorted(owners, voxels)]
+            at = following.slot.take(of_top) + slots
             numbers[axis][at] = np.arange(vertex, vertex + len(of_top), dtype=np.int32)
-            vertex += len(owned)
+            vertex += len(owners)
     return numbers

@@ -4,7 +4,8 @@ Su and Ma, eq. 2 to 4. One departure: under a stride the differences are those o
 neighbouring voxels, not of the enlarged voxel's corners as equation 4 read literally would have it.
 The wider difference would blur the shading for nothing.
 
-In index space; volume.py carries normals to millimetres.
+In index space; volume.py carries normals to millimetres. Example: on an edge along x from sample 4 to 6 with the
+crossing at 4.4, the gradient is that of the values at columns 4 and 5, interpolated by 0.4.
 """
 
 from __future__ import annotations
@@ -16,17 +17,24 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from ..mesh.face_normals import vertex_normals
+from ..mesh.face_normals import vertex_normals_steps
+from ..progress import Steps
 
 
 class Sampler:
-    """Values of a volume at scattered places, from any memory layout and byte order, without a copy of it."""
+    """Values of a volume at scattered places, from any memory layout and byte order, without a copy of it.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns)
+        Seen as one flat array, in which column x, row y, slice z stands at the flat index
+        ``x * steps[0] + y * steps[1] + z * steps[2]``, counted from the first value in memory.
+    """
 
     def __init__(self, values: NDArray[Any]) -> None:
-        """Take `values` (slices, rows, columns)."""
         item = values.dtype.itemsize
         unit = item if all(step % item == 0 for step in values.strides) else math.gcd(*values.strides)
-        # A view that runs upwards in memory, and the one number that leads from it to any value.
+        # A view that runs upwards in memory, whatever axes are turned.
         upwards = values[tuple(slice(None, None, -1 if step < 0 else 1) for step in values.strides)]
         reach = sum((size - 1) * step for size, step in zip(upwards.shape, upwards.strides, strict=True))
         self.size = values.shape[::-1]
@@ -38,22 +46,25 @@ class Sampler:
         narrow = values.dtype.kind in "bui" and item <= 2
         self.working_type = np.dtype(np.float32 if narrow else np.float64)
 
-    def place(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Place of the values at column x, row y, slice z."""
+    def flat_index(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Where the values at column x, row y, slice z stand."""
         return x * self.steps[0] + y * self.steps[1] + (z * self.steps[2] + self._first)
 
-    def take(self, place: NDArray[np.intp]) -> NDArray[Any]:
-        """The values at `place`, in the working type."""
-        return self._flat[place].astype(self.working_type)
+    def gather(self, flat: NDArray[np.intp]) -> NDArray[Any]:
+        """The values at flat indices, in the working type."""
+        return self._flat[flat].astype(self.working_type)
 
-    def slope(self, place: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
-        """Difference of the values along an axis (0, 1, 2 for x, y, z), each for one voxel; one-sided at the border."""
+    def difference(self, flat: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
+        """Central difference along an axis (0, 1, 2 for x, y, z) at flat indices, a voxel apart; one-sided at borders.
+
+        `coordinate` is the column, row or slice that the flat indices have along that axis.
+        """
         step = self.steps[axis]
         first, last = np.flatnonzero(coordinate == 0), np.flatnonzero(coordinate == self.size[axis] - 1)
-        above, below = place + step, place - step
+        above, below = flat + step, flat - step
         above[last] -= step
         below[first] += step
-        rise = self.take(above) - self.take(below)
+        rise = self.gather(above) - self.gather(below)
         rise *= 0.5
         rise[first] *= 2.0
         rise[last] *= 2.0
@@ -63,38 +74,38 @@ class Sampler:
 def edge_normals(
     sampler: Sampler,
     index: list[NDArray[np.intp]],
-    place: NDArray[np.intp],
-    parts: list[slice],
+    flat: NDArray[np.intp],
+    along_axis: list[slice],
     position: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """Outward unit normals at places on the edges of voxels.
+    """Outward unit normals at points on the edges of voxels.
 
     Parameters
     ----------
     index : three (n,) intp
         Column, row and slice of the edges' low ends; overwritten.
-    place : (n,) intp
-        The sampler's place of them; overwritten.
-    parts : three slices
+    flat : (n,) intp
+        The sampler's flat index of them; overwritten.
+    along_axis : three slices
         Which of the edges run along x, along y, along z.
     position : (n,) float32
-        Where on its edge each place is, in voxel indices along the edge.
+        Coordinate of each point along its edge, in index space.
     out : (n, 3) float32
         Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """
-    share = np.empty(len(place), sampler.working_type)
-    for axis, part in enumerate(parts):  # from the enlarged voxel's corner to the voxel just below the place
-        below = np.minimum(position[part].astype(np.intp), sampler.size[axis] - 2)
-        share[part] = position[part] - below
-        place[part] += (below - index[axis][part]) * sampler.steps[axis]
-        index[axis][part] = below
-    gradient = [sampler.slope(place, index[axis], axis) for axis in range(3)]
-    for axis, part in enumerate(parts):
-        place[part] += sampler.steps[axis]
-        index[axis][part] += 1
+    share = np.empty(len(flat), sampler.working_type)
+    for axis, edges in enumerate(along_axis):  # from the enlarged voxel's corner to the value just below the point
+        below = np.minimum(position[edges].astype(np.intp), sampler.size[axis] - 2)
+        share[edges] = position[edges] - below
+        flat[edges] += (below - index[axis][edges]) * sampler.steps[axis]
+        index[axis][edges] = below
+    gradient = [sampler.difference(flat, index[axis], axis) for axis in range(3)]
+    for axis, edges in enumerate(along_axis):
+        flat[edges] += sampler.steps[axis]
+        index[axis][edges] += 1
     for axis in range(3):
-        gradient[axis] += share * (sampler.slope(place, index[axis], axis) - gradient[axis])
+        gradient[axis] += share * (sampler.difference(flat, index[axis], axis) - gradient[axis])
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
     unknown = ~np.isfinite(length)  # a NaN or infinite voxel beside it
     length[(length == 0) | unknown] = 1.0
@@ -105,9 +116,11 @@ def edge_normals(
         out[unknown] = 0.0
 
 
-def complete_normals(normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]) -> None:
+def complete_normals_steps(
+    normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]
+) -> Steps[None]:
     """Give the mesh's own normal to every vertex that has no gradient or that lies on a cap."""
     missing = (normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0)
     if missing.any():
         touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])
-        normals[missing] = vertex_normals(positions, faces[touched])[missing]
+        normals[missing] = (yield from vertex_normals_steps(positions, faces[touched]))[missing]

@@ -1,6 +1,6 @@
 """Decide ambiguous voxels by the trilinear interpolant, and place the vertices inside them.
 
-What `active` finds by cases, `trilinear` decides by grey values; this is where the two meet.
+active_voxels.py gives every voxel its case, trilinear_decider.py decides by grey values; this is where the two meet.
 """
 
 from __future__ import annotations
@@ -14,67 +14,65 @@ from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .gradients import Sampler
 from .grid import Grid
-from .trilinear_decider import NEEDS, crossings, own_points, resolve, tables
-
-Target = tuple[float | None, NDArray[np.float32]]
-"""An alpha, or None for the linear end itself, and the (V, 3) positions at it that are to be filled in."""
+from .trilinear_decider import NEEDS_DECISION, crossings, decide, interior_points, trilinear_tables
+from .vertices import VertexArrays
 
 HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3) whether a corner is the high one along x, y, z."""
 
 
-def resolved(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
-    """The slab with the row of the trilinear interpolant's surface for every ambiguous voxel."""
-    ambiguous = np.flatnonzero(NEEDS.take(slab.row) & slab.whole)
-    row = slab.row.copy()
-    case = slab.row[ambiguous].astype(np.uint8)
+def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
+    """The slab with the configuration of the trilinear interpolant's surface in every ambiguous voxel."""
+    ambiguous = np.flatnonzero(NEEDS_DECISION.take(slab.configuration) & slab.is_cell)
     values = corner_values(slab.samples(ambiguous), grid, sampler)
-    row[ambiguous] = found = resolve(values, threshold, case)
-    has = np.flatnonzero(tables().own_count.take(found))
-    return replace(slab, row=row, inner=ambiguous[has], inner_values=values[has], tables=tables())
+    decided = decide(values, threshold, slab.configuration[ambiguous].astype(np.uint8))
+    configuration = slab.configuration.copy()
+    configuration[ambiguous] = decided
+    has = np.flatnonzero(trilinear_tables().interior_count.take(decided))
+    return replace(
+        slab,
+        configuration=configuration,
+        with_interior=ambiguous[has],
+        corner_values=values[has],
+        tables=trilinear_tables(),
+    )
 
 
 def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
     """Grey values at the corners, (n, 8), of the voxels whose lowest is at the samples along x, y and z.
 
-    Outside samples of a closed border repeat theirs.
+    Outside samples of a closed border repeat their neighbor's value.
     """
     x, y, z = (
         np.stack([along.index[:-1], along.index[1:]]).take(at, axis=1)  # (2, n)
         for along, at in zip((grid.x, grid.y, grid.z), samples, strict=True)
     )
-    place = sampler.place(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
-    return sampler.take(place).astype(np.float64).reshape(8, -1).T
+    flat = sampler.flat_index(x, y[:, None], z[:, None, None])  # (2, 2, 2, n)
+    return sampler.gather(flat).astype(np.float64).reshape(8, -1).T
 
 
-def fill_inner(
-    slab: Slab,
-    grid: Grid,
-    threshold: float,
-    targets: list[Target],
-    directions: NDArray[np.float32] | None,
-) -> None:
-    """Fill in the vertices inside the slab's voxels, and as normals the trilinear interpolant's own gradient."""
-    count = slab.tables.own_count.take(slab.row.take(slab.inner))
+def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, out: VertexArrays) -> None:
+    """Fill in a slab's vertices inside voxels, all of `out`; as normals the trilinear interpolant's own gradient."""
+    count = slab.tables.interior_count.take(slab.configuration.take(slab.with_interior))
     at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
-    voxel = slab.inner.take(at)
-    row, samples, values = slab.row.take(voxel), slab.samples(voxel), slab.inner_values[at]
+    voxel = slab.with_interior.take(at)
+    configuration, samples, values = slab.configuration.take(voxel), slab.samples(voxel), slab.corner_values[at]
     begin, end = np.empty((2, len(voxel), 3), np.float32)
     for axis, along in enumerate((grid.x, grid.y, grid.z)):
         begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
     side = end - begin
 
     share = crossings(values, threshold)
-    points = own_points(row, number, share)
+    points = interior_points(configuration, number, share)
     linear = (begin + points * side).astype(np.float32)
-    middle = (begin + tables().own_middle[row, number] * side).astype(np.float32)
-    for alpha, position in targets:
+    middle = (begin + trilinear_tables().interior_middle[configuration, number] * side).astype(np.float32)
+    for alpha, position in zip(out.alphas, out.positions, strict=True):
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
-    if directions is not None:
-        directions[:] = _outward(values, points, side)
+    if out.normals is not None:
+        out.normals[:] = _outward_normals(values, points, side)
 
 
-def _outward(
+def _outward_normals(
     values: NDArray[np.float64], points: NDArray[np.float64], side: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Unit vectors against the trilinear interpolant's gradient, (n, 3); zero where it vanishes or is unknown.
@@ -85,7 +83,7 @@ def _outward(
     points : (n, 3)
         A place in each voxel's unit cube.
     side : (n, 3)
-        Sides of the voxels, in voxel indices.
+        Sides of the voxels, in index space.
     """
     weight = np.stack([1.0 - points.T, points.T])  # of the low and the high corners along x, y, z: (2, 3, n)
     weights = weight[HIGH, np.arange(3)]  # (8, 3, n)

@@ -1,12 +1,17 @@
 """Marching Cubes on voxels of any stride, with a coefficient alpha between midpoint and linear crossing.
 
-Three passes, each over slabs of sample layers and each spread over threads:
+Three passes, each over slabs of sample layers and each spread over threads. Read in this order:
 
-1. `sampling.inside_bits` compares every sample with the threshold, one bit a sample.
-2. `active.find_active` finds the active voxels, 64 at a time: their corners are not all equal. It gives their
-   places and cases, and with them the exact number of vertices and triangles. For `topology="trilinear"`
-   `inner.resolved` then decides the ambiguous ones.
-3. `vertices.fill_vertices` places a vertex on every crossed edge, `triangles.fill_faces` gathers the corners.
+    grid.py             which values of the volume are samples, the corners of voxels
+    classify.py         1. every sample is compared with the threshold, one bit a sample
+    active_voxels.py    2. the active voxels are found, 64 at a time, with their cases, and with them the exact
+                           number of vertices and triangles
+    case_table.py          how a surface passes through a voxel of each case
+    vertices.py         3. a vertex is placed on every crossed edge, with its normal (gradients.py)
+    faces.py               the triangles' corners are gathered
+
+For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their grey
+values, trilinear_cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
 
 Positions are in index space (x = column, y = row, z = slice); volume.py moves them to RAS+ millimetres.
 Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37422.
@@ -15,6 +20,7 @@ Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -26,26 +32,29 @@ from ..errors import MeshError, SettingsError, ThresholdError, VolumeError
 from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import map_steps, worker_count
-from ..progress import Step, Steps, finish, within
+from ..progress import Stages, Step, Steps, equal_part, finish
 from ..volume.thresholding import check_threshold
 from .active_voxels import Slab, find_active
+from .classify import inside_bits
 from .faces import fill_faces
-from .gradients import Sampler, complete_normals
-from .grid import WORD, Grid, inside_bits, make_grid
-from .interior_vertices import resolved
-from .trilinear_decider import tables
-from .vertices import fill_vertices
+from .gradients import Sampler, complete_normals_steps
+from .grid import WORD, Grid, make_grid
+from .interior_vertices import fill_interior_vertices, with_trilinear_topology
+from .trilinear_decider import trilinear_tables
+from .vertices import VertexArrays, fill_edge_vertices
 
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
+SCAN_STAGES = {"Comparing with the threshold": 3, "Finding active voxels": 2}
+FILL_STAGES = {"Placing vertices and triangles": 9, "Completing normals": 1}
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What a surface would cost: all exact, known before any of it is made."""
+    """Exact size of a surface, known before any of it is made."""
 
     voxels: int
     active: int
@@ -83,7 +92,7 @@ def marching_cubes(
     threads : int, optional
         By default one for each processor. The result does not depend on it.
     topology : {"classic", "trilinear"}
-        "classic" parts the inside corners on every ambiguous face; "trilinear" gives the surface the parts and
+        "classic" separates the inside corners on every ambiguous face; "trilinear" gives the surface the components and
         tunnels of the trilinear interpolant, with vertices inside some voxels. Both are closed and manifold.
 
     Returns
@@ -99,7 +108,7 @@ def marching_cubes(
     SettingsError
         If alpha lies outside 0..1, a stride below 1 or above the volume, or the topology is unknown.
     VolumeError
-        If the values are no three-dimensional numbers, or NaN or infinite beside the surface.
+        If the values are not three-dimensional numbers, or are NaN or infinite beside the surface.
 
     Examples
     --------
@@ -123,8 +132,11 @@ def extract_steps(
     topology: str = "classic",
 ) -> Steps[Surface]:
     """The surface of a grid with both ends of alpha, in index space, as steps."""
-    ends = yield from _extract_steps(grid, float(threshold), (0.0, None), normals, threads, memory_limit, topology)
-    return Surface(ends[0].vertices, ends[1].vertices, ends[0].faces, ends[0].normals)
+    ends = (0.0, None)
+    midpoints, linear = yield from _extract_steps(
+        grid, float(threshold), ends, normals, threads, memory_limit, topology
+    )
+    return Surface(midpoints.vertices, linear.vertices, midpoints.faces, midpoints.normals)
 
 
 def count_steps(grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic") -> Steps[Counts]:
@@ -132,9 +144,9 @@ def count_steps(grid: Grid, threshold: float, threads: int | None = None, topolo
     slabs = yield from _scan_steps(grid, float(threshold), worker_count(threads), topology)
     return Counts(
         grid.voxels,
-        sum(int(slab.whole.sum()) for slab in slabs),
-        sum(slab.vertices for slab in slabs),
-        sum(slab.faces for slab in slabs),
+        sum(int(slab.is_cell.sum()) for slab in slabs),
+        sum(slab.vertex_count for slab in slabs),
+        sum(slab.face_count for slab in slabs),
     )
 
 
@@ -144,7 +156,7 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     if values.ndim != 3 or min(values.shape) < 2:
         raise VolumeError(f"values must be (slices, rows, columns) with at least 2 of each, not {values.shape}")
     if values.dtype.kind not in "buif" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-        raise VolumeError(f"values of type {values.dtype} are no grey values; convert them to int16 or float32")
+        raise VolumeError(f"values of type {values.dtype} are not grey values; convert them to int16 or float32")
     return values
 
 
@@ -156,37 +168,39 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
     # The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger
     # piece was freed before. This is one; nothing is written to it.
     np.empty(KEPT_BYTES, np.uint8)
+    comparing, finding = SCAN_STAGES
+    stages = Stages(SCAN_STAGES)
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
-    ranges = _even_parts(np.full(layers, rows * pitch / SLAB_SAMPLES))
-    compare = map_steps(
-        lambda part: inside_bits(grid, threshold, *part, bits), ranges, threads, "Comparing with the threshold"
-    )
-    yield from within(compare, 0.0, 0.3)
-    ranges = _slabs(bits)
+
+    def compare(layer_range: tuple[int, int]) -> None:
+        inside_bits(grid, threshold, *layer_range, bits)
+
+    ranges = _even_ranges(np.full(layers, rows * pitch / SLAB_SAMPLES))
+    yield from stages.run(comparing, map_steps(compare, ranges, threads, comparing))
     sampler = Sampler(grid.values)
     if topology == "trilinear":
-        tables()  # made once, not by every thread
+        trilinear_tables()  # made once, not by every thread
 
-    def scan(part: tuple[int, int]) -> Slab:
-        slab = find_active(grid, bits, *part)
-        return resolved(slab, grid, sampler, threshold) if topology == "trilinear" else slab
+    def find(layer_range: tuple[int, int]) -> Slab:
+        slab = find_active(grid, bits, *layer_range)
+        return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
-    return (yield from within(map_steps(scan, ranges, threads, "Finding active voxels"), 0.3, 0.5))
+    return (yield from stages.run(finding, map_steps(find, _slab_ranges(bits), threads, finding)))
 
 
-def _slabs(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
-    """Ranges of sample layers of about equal work each, by every sixteenth row of words."""
+def _slab_ranges(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
+    """Ranges of sample layers of about equal work each, estimated by every sixteenth row of words."""
     mixed = np.count_nonzero(bits[:-1, ::16] + np.uint64(1) > 1, axis=(1, 2)) * 16  # neither no sample nor all
-    return _even_parts(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
+    return _even_ranges(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
 
 
-def _even_parts(work: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _even_ranges(work: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Ranges (low, high) of layers with about equal shares of the work, near 1; an even number, where not just one."""
     done = np.cumsum(work)
-    parts = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.25 else 1  # less is not worth a second thread
-    part = np.floor((done - work / 2) * (parts / done[-1]))
-    firsts = [0, *(np.flatnonzero(np.diff(part)) + 1), len(work)]
+    count = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.25 else 1  # less is not worth a second thread
+    number = np.floor((done - work / 2) * (count / done[-1]))
+    firsts = [0, *(np.flatnonzero(np.diff(number)) + 1), len(work)]
     return [(int(low), int(high)) for low, high in pairwise(firsts)]
 
 
@@ -201,9 +215,9 @@ def _extract_steps(
 ) -> Steps[tuple[TriangleMesh, ...]]:
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
-    slabs = yield from _scan_steps(grid, threshold, threads, topology)
-    first_vertex = np.cumsum([0] + [slab.vertices for slab in slabs], dtype=np.int64)
-    first_face = np.cumsum([0] + [slab.faces for slab in slabs], dtype=np.int64)
+    slabs = yield from equal_part(_scan_steps(grid, threshold, threads, topology), 0, 2)
+    first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
+    first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
         check_threshold(threshold, grid.values)
         raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
@@ -216,26 +230,34 @@ def _extract_steps(
         memory_limit,
     )
 
-    positions = tuple(np.empty((first_vertex[-1], 3), np.float32) for _ in alphas)
-    directions = np.empty((first_vertex[-1], 3), np.float32) if normals else None
+    size = (int(first_vertex[-1]), 3)
+    normal_array = np.empty(size, np.float32) if normals else None
+    out = VertexArrays(alphas, tuple(np.empty(size, np.float32) for _ in alphas), normal_array)
     faces = np.empty((first_face[-1], 3), np.int32)
     sampler = Sampler(grid.values)
 
     def fill(number: int) -> None:
         slab, following = slabs[number], slabs[number + 1] if number + 1 < len(slabs) else None
-        part = slice(first_vertex[number], first_vertex[number + 1])
-        fill_vertices(
-            grid,
-            sampler,
-            threshold,
-            slab,
-            [(alpha, position[part]) for alpha, position in zip(alphas, positions, strict=True)],
-            None if directions is None else directions[part],
-        )
-        fill_faces(slab, following, part.start, faces[first_face[number] : first_face[number + 1]])
+        begin, end = int(first_vertex[number]), int(first_vertex[number + 1])
+        interior = begin + slab.edge_vertex_count
+        # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
+        with np.errstate(all="ignore"):
+            fill_edge_vertices(grid, sampler, threshold, slab, out.part(begin, interior))
+            if interior < end:
+                fill_interior_vertices(grid, threshold, slab, out.part(interior, end))
+        fill_faces(slab, following, begin, faces[first_face[number] : first_face[number + 1]])
 
-    yield from within(map_steps(fill, range(len(slabs)), threads, "Placing vertices and triangles"), 0.5, 0.95)
-    if directions is not None:
-        complete_normals(directions, positions[-1], faces)
+    yield from equal_part(_fill_steps(fill, len(slabs), out, faces, threads), 1, 2)
     yield Step(1.0, "Surface extracted")
-    return tuple(TriangleMesh(position, faces, directions) for position in positions)
+    return tuple(TriangleMesh(position, faces, out.normals) for position in out.positions)
+
+
+def _fill_steps(
+    fill: Callable[[int], None], slabs: int, out: VertexArrays, faces: NDArray[np.int32], threads: int
+) -> Steps[None]:
+    placing, completing = FILL_STAGES
+    stages = Stages(FILL_STAGES)
+    yield from stages.run(placing, map_steps(fill, range(slabs), threads, placing))
+    if out.normals is not None:
+        completing_steps = complete_normals_steps(out.normals, out.positions[-1], faces)
+        yield from stages.run(completing, completing_steps)

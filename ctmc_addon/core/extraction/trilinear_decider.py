@@ -1,10 +1,11 @@
 """Which of a case's surfaces the trilinear interpolant has: faces and interior decided from the grey values.
 
 A face is decided by the sign of its bilinear interpolant at the saddle (the asymptotic decider): of the
-two diagonals, the one with the larger product of differences from the threshold is joined. Both voxels at a
-face multiply the same numbers, so they decide alike, ties included.
+two diagonals, the one with the larger product of differences from the threshold is connected. Both voxels at a
+face multiply the same numbers, so they decide alike, ties included. Example: differences 2, -1, 3, -1 around a face:
+2 * 3 > -1 * -1, so the two inside corners are connected.
 
-In a slice of the voxel at height z the same rule says which of two opposite z edges are joined, and its
+In a slice of the voxel at height z the same rule says which of two opposite z edges are connected, and its
 condition is quadratic in z. A tunnel is where the answer changes and changes back within the heights at which the
 slice is ambiguous. Two roots are all a quadratic has: a voxel has one tunnel at most, and whatever the
 corners and faces show besides is shown by the loops.
@@ -44,82 +45,82 @@ FACE_BITS = np.array([1 << face for face in range(6)], np.uint8)[:, None]
 SIDE = np.ascontiguousarray(np.where(INSIDE, 1.0, -1.0).T)
 """(8, 256) 1 for inside corners, -1 for outside ones."""
 
-NEEDS = AMBIGUOUS.any(axis=1)
+NEEDS_DECISION = AMBIGUOUS.any(axis=1)
 """(256,) whether a case has more than one surface: an ambiguous face, or two opposite corners alone."""
 for corner in range(4):
-    NEEDS[1 << corner | 128 >> corner] = NEEDS[255 - (1 << corner | 128 >> corner)] = True
+    NEEDS_DECISION[1 << corner | 128 >> corner] = NEEDS_DECISION[255 - (1 << corner | 128 >> corner)] = True
 
 SQUARE = (0, 1, 3, 2)  # the corners around the low face along z; the z edges rise from them
 
 
 @dataclass(frozen=True, eq=False)
-class Tables(TriangleTables):
-    """Triangles of every surface a voxel may have: a row each, the 256 of `cases` first.
+class TrilinearTables(TriangleTables):
+    """Triangles of every surface a voxel may have: its configurations, in rows, the 256 classic cases first.
 
     Parameters
     ----------
-    own_weights : (rows, 3, 12) float64
-        The share that each edge's vertex has in the place of each own vertex, of which there are 0, 1 or 3.
-    own_offset : (rows, 3, 3) float64
-        Place of each own vertex if all edges' vertices stood at their edges' low corners.
-    own_middle : (rows, 3, 3) float64
-        Place of each own vertex if the edges' vertices stand at the edges' midpoints.
-    row_of : (256 * 64, 9) int16
-        Row of 64 times a case with a bit for each face whose inside corners are joined, and 1 + the number of its
-        tunnel.
+    interior_weights : (configurations, 3, 12) float64
+        The share that each edge's vertex has in the place of each vertex inside the voxel: there are 0, 1 or 3.
+    interior_offset : (configurations, 3, 3) float64
+        Place of each vertex inside if all edges' vertices stood at their edges' low corners.
+    interior_middle : (configurations, 3, 3) float64
+        Place of each vertex inside if the edges' vertices stand at the edges' midpoints.
+    configuration_of : (256 * 64, 9) int16
+        Configuration of 64 times a case with a bit for each face whose inside corners are connected, and 1 + the
+        number of its tunnel.
     may_tunnel : (256 * 64,) bool
         Whether there is a surface with a tunnel.
     """
 
-    own_weights: NDArray[np.float64]
-    own_offset: NDArray[np.float64]
-    own_middle: NDArray[np.float64]
-    row_of: NDArray[np.int16]
+    interior_weights: NDArray[np.float64]
+    interior_offset: NDArray[np.float64]
+    interior_middle: NDArray[np.float64]
+    configuration_of: NDArray[np.int16]
     may_tunnel: NDArray[np.bool_]
 
 
 @cache
-def tables() -> Tables:
-    """The rows, made on first use."""
-    rows: list[Piece] = [(case_triangles(case), ()) for case in range(256)]
-    row_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(-1, 9)
-    for case in np.flatnonzero(NEEDS).tolist():
+def trilinear_tables() -> TrilinearTables:
+    """The configurations, made on first use."""
+    pieces: list[Piece] = [(case_triangles(case), ()) for case in range(256)]
+    configuration_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(-1, 9)
+    for case in np.flatnonzero(NEEDS_DECISION).tolist():
         faces = ambiguous_faces(case)
         for decisions in range(1 << len(faces)):
-            joined = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
-            if joined:
-                row_of[case << 6 | joined] = len(rows)
-                rows.append(surface(case, joined))
-            for number, rims in tunnels(case, joined):
-                row_of[case << 6 | joined, number + 1] = len(rows)
-                rows.append(surface(case, joined, rims))
-    count = np.array([len(triangles) for triangles, _ in rows], np.uint8)
-    own_weights = np.zeros((len(rows), 3, 12))
-    for row, (_, groups) in enumerate(rows):
-        every = [edge for group in groups for edge in group]
+            connected = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
+            if connected:
+                configuration_of[case << 6 | connected] = len(pieces)
+                pieces.append(surface(case, connected))
+            for number, rims in tunnels(case, connected):
+                configuration_of[case << 6 | connected, number + 1] = len(pieces)
+                pieces.append(surface(case, connected, rims))
+    count = np.array([len(triangles) for triangles, _ in pieces], np.uint8)
+    interior_weights = np.zeros((len(pieces), 3, 12))
+    for configuration, (_, groups) in enumerate(pieces):
+        edges = [edge for group in groups for edge in group]
         for number, group in enumerate(groups):
-            own_weights[row, number, every] = 0.5 / len(every)
-            own_weights[row, number, list(group)] += 0.5 / len(group)
-    own_offset = np.zeros((len(rows), 3, 3))
+            interior_weights[configuration, number, edges] = 0.5 / len(edges)
+            interior_weights[configuration, number, list(group)] += 0.5 / len(group)
+    interior_offset = np.zeros((len(pieces), 3, 3))
     for edge, (low, _) in enumerate(EDGES):
         for axis in range(3):
             if low >> axis & 1:
-                own_offset[:, :, axis] += own_weights[:, :, edge]
-    return Tables(
+                interior_offset[:, :, axis] += interior_weights[:, :, edge]
+    return TrilinearTables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
-        triangle_edges=np.array([triangle for triangles, _ in rows for triangle in triangles], np.intp),
-        own_count=np.array([len(groups) for _, groups in rows], np.uint8),
-        own_weights=own_weights,
-        own_offset=own_offset,
-        own_middle=_moved(own_weights, own_offset, np.full(12, 0.5)),
-        row_of=row_of,
-        may_tunnel=(row_of[:, 1:] != row_of[:, :1]).any(axis=1),
+        triangle_edges=np.array([triangle for triangles, _ in pieces for triangle in triangles], np.intp),
+        interior_count=np.array([len(groups) for _, groups in pieces], np.uint8),
+        interior_weights=interior_weights,
+        interior_offset=interior_offset,
+        interior_middle=_moved(interior_weights, interior_offset, np.full(12, 0.5)),
+        configuration_of=configuration_of,
+        may_tunnel=(configuration_of[:, 1:] != configuration_of[:, :1]).any(axis=1),
     )
 
 
-def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Row of `tables` for the trilinear interpolant in every voxel.
+def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Configuration of the trilinear interpolant's surface in every voxel: row of `trilinear_tables`.
 
     Parameters
     ----------
@@ -136,47 +137,47 @@ def resolve(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint
     Notes
     -----
     Ties, frequent with integer grey values, are decided as by a threshold a little lower: inside is
-    ``value >= threshold``. A tie in a face joins the inside corners.
+    ``value >= threshold``. A tie in a face connects the inside corners.
 
     Examples
     --------
     >>> corners = np.array([[1.0, -1, -1, -1, -1, -1, -1, 1], [4.0, -1, -1, -1, -1, -1, -1, 4]])
-    >>> tables().own_count[resolve(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
+    >>> trilinear_tables().interior_count[decide(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
     [0, 3]
     """
-    apart = np.abs(values.T - threshold)
-    difference = SIDE.take(case, axis=1) * apart  # (8, n)
+    magnitude = np.abs(values.T - threshold)
+    difference = SIDE.take(case, axis=1) * magnitude  # (8, n)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        decided = case.astype(np.intp) << 6 | _joined_faces(difference, case)
-        row = tables().row_of[:, 0].take(decided).astype(np.intp)
-        lifted = difference + TIE * apart.max(axis=0)
-        some, z = _turns(lifted)
-        may = tables().may_tunnel.take(decided.take(some))
-        some, z = some[may], z[may]
-        tunnel = _tunnel(lifted.take(some, axis=1), z, decided.take(some))
-    row[some] = tables().row_of[decided.take(some), tunnel]
-    return row
+        decided = case.astype(np.intp) << 6 | _connected_faces(difference, case)
+        configuration = trilinear_tables().configuration_of[:, 0].take(decided).astype(np.intp)
+        lifted = difference + TIE * magnitude.max(axis=0)
+        voxel, z = _turns(lifted)
+        possible = trilinear_tables().may_tunnel.take(decided.take(voxel))
+        voxel, z = voxel[possible], z[possible]
+        tunnel = _tunnel(lifted.take(voxel, axis=1), z, decided.take(voxel))
+    configuration[voxel] = trilinear_tables().configuration_of[decided.take(voxel), tunnel]
+    return configuration
 
 
-def _joined_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A bit for each ambiguous face whose inside corners are joined."""
+def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A bit for each ambiguous face whose inside corners are connected."""
     a, b, c, d = AROUND.T
-    one, other = difference[a] * difference[c], difference[b] * difference[d]  # (6, n)
-    join = (one >= other) & FIRST_INSIDE.take(case, axis=1)
-    join |= (other >= one) & FIRST_OUTSIDE.take(case, axis=1)
-    return np.bitwise_or.reduce(join * FACE_BITS, axis=0)
+    first, second = difference[a] * difference[c], difference[b] * difference[d]  # of the two diagonals, (6, n)
+    connected = (first >= second) & FIRST_INSIDE.take(case, axis=1)
+    connected |= (second >= first) & FIRST_OUTSIDE.take(case, axis=1)
+    return np.bitwise_or.reduce(connected * FACE_BITS, axis=0)
 
 
 def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Voxels in which the quadratic turns, and where: only there can a tunnel be."""
     low, high = difference[list(SQUARE)], difference[[corner | 4 for corner in SQUARE]]
-    # With a, b, c, d around a slice, a c - b d is positive where a and c are joined: start + slope z + bend z z.
+    # With a, b, c, d around a slice, a c - b d is positive where a and c are connected: start + slope z + bend z z.
     start = low[0] * low[2] - low[1] * low[3]
     slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
     bend = (high[0] * high[2] - high[1] * high[3]) - start - slope
     z = -slope / (2 * bend)
-    some = np.flatnonzero((z > 0) & (z < 1))
-    return some, z[some]
+    voxel = np.flatnonzero((z > 0) & (z < 1))
+    return voxel, z[voxel]
 
 
 def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -185,34 +186,34 @@ def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: ND
     at = low + (high - low) * z  # (4, n)
     side = at >= 0
     turned = at[0] * at[2] - at[1] * at[3]
-    joined_here = np.where(side[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
-    joined_below, joined_above = _joined_around(z, low, high, side, decided)
-    found = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1])
-    found &= (joined_below == joined_above) & (joined_here != joined_below)
-    # A corner of each joined edge: the end that is on the edge's side.
+    connected_here = np.where(side[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
+    connected_below, connected_above = _connected_around(z, low, high, side, decided)
+    tunnel = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1])
+    tunnel &= (connected_below == connected_above) & (connected_here != connected_below)
+    # A corner of each connected edge: the end that is on the edge's side.
     end = (INSIDE.T[list(SQUARE)].take(decided >> 6, axis=1) != side).astype(np.intp)
     first, second = 2 * end[0] + end[2], 4 + 2 * end[1] + end[3]
-    return np.where(found, 1 + np.where(turned > 0, first, second), 0)
+    return np.where(tunnel, 1 + np.where(turned > 0, first, second), 0)
 
 
-def _joined_around(
+def _connected_around(
     z: NDArray[np.float64],
     low: NDArray[np.float64],
     high: NDArray[np.float64],
     side: NDArray[np.bool_],
     decided: NDArray[np.intp],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether the inside edges are joined where slices cease to be ambiguous, below and above z.
+    """Whether the inside edges are connected where slices cease to be ambiguous, below and above z.
 
-    That is at a face of the voxel, or where an edge changes sides, which joins the other two.
+    That is at a face of the voxel, or where an edge changes sides, which connects the other two.
     """
     zero = np.where((low >= 0) != (high >= 0), low / (low - high), np.nan)
     below, above = np.where(zero < z, zero, -np.inf), np.where(zero > z, zero, np.inf)
     each = np.arange(len(z))
     last, first = below.argmax(axis=0), above.argmin(axis=0)
-    joined_below = np.where(np.isinf(below[last, each]), decided >> 4 & 1 != 0, ~side[last, each])
-    joined_above = np.where(np.isinf(above[first, each]), decided >> 5 & 1 != 0, ~side[first, each])
-    return joined_below, joined_above
+    connected_below = np.where(np.isinf(below[last, each]), decided >> 4 & 1 != 0, ~side[last, each])
+    connected_above = np.where(np.isinf(above[first, each]), decided >> 5 & 1 != 0, ~side[first, each])
+    return connected_below, connected_above
 
 
 def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
@@ -226,18 +227,21 @@ def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float
     return np.where(crossed, np.minimum(np.maximum(share, NEAREST), 1 - NEAREST), 0.5).T
 
 
-def own_points(row: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places (x, y, z) of voxels' own vertices, (n, 3), in the voxel's unit cube.
+def interior_points(
+    configuration: NDArray[np.intp], number: NDArray[np.intp], share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Places (x, y, z) of vertices inside voxels, (n, 3), in the voxel's unit cube.
 
     Parameters
     ----------
-    row : (n,) intp
+    configuration : (n,) intp
     number : (n,) intp
-        Which of the voxel's own vertices: below `own_count`.
+        Which of the vertices inside the voxel: below `interior_count`.
     share : (n, 12) float64
         Where the vertices stand on the voxel's edges: `crossings`.
     """
-    return _moved(tables().own_weights[row, number], tables().own_offset[row, number], share)
+    tables = trilinear_tables()
+    return _moved(tables.interior_weights[configuration, number], tables.interior_offset[configuration, number], share)
 
 
 def _moved(

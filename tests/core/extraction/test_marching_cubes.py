@@ -7,7 +7,8 @@ from oracles.trilinear import grid_topology
 
 from ctmc_addon.core import marching_cubes
 from ctmc_addon.core.errors import CtmcError, SettingsError, ThresholdError, VolumeError
-from ctmc_addon.core.extraction.grid import in_values_type, make_grid
+from ctmc_addon.core.extraction.classify import lowest_inside
+from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import count_steps, extract_steps
 from ctmc_addon.core.progress import finish
 
@@ -210,7 +211,7 @@ def test_any_memory_layout_gives_the_same_mesh(layout):
 
 @pytest.mark.parametrize("threshold", [0.7, 0.1, 1 / 3, -0.7, 1e300])
 def test_values_are_compared_with_the_lowest_of_their_type_that_reaches_the_threshold(threshold):
-    lowest = in_values_type(threshold, np.dtype(np.float32))
+    lowest = lowest_inside(threshold, np.dtype(np.float32))
     assert float(np.nextafter(lowest, np.float32(-np.inf))) < threshold <= float(lowest)
 
 

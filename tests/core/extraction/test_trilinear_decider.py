@@ -8,25 +8,34 @@ import numpy as np
 import pytest
 from oracles.trilinear import grid_topology, united, voxel_topology
 
-from ctmc_addon.core.extraction.case_table import CLASSIC, EDGES, loops
+from ctmc_addon.core.extraction.case_table import CLASSIC, EDGES, FACES_OF_EDGE, loops
 from ctmc_addon.core.extraction.trilinear_cases import (
-    OWN,
+    INTERIOR,
     ambiguous_faces,
     contours,
-    in_one_face,
     spread,
     surface,
     tunnels,
 )
-from ctmc_addon.core.extraction.trilinear_decider import AMBIGUOUS, NEEDS, crossings, own_points, resolve, tables
+from ctmc_addon.core.extraction.trilinear_decider import (
+    AMBIGUOUS,
+    NEEDS_DECISION,
+    crossings,
+    decide,
+    interior_points,
+    trilinear_tables,
+)
 
 CORNERS = np.array([(corner & 1, corner >> 1 & 1, corner >> 2) for corner in range(8)])
 CHECKERBOARD = 1 - 2 * (CORNERS.sum(axis=1) % 2)
 
 
-def row_triangles(row):
-    first = tables().first_triangle[row]
-    return [tuple(t) for t in tables().triangle_edges[first : first + tables().triangle_count[row]].tolist()]
+def configuration_triangles(row):
+    first = trilinear_tables().first_triangle[row]
+    return [
+        tuple(t)
+        for t in trilinear_tables().triangle_edges[first : first + trilinear_tables().triangle_count[row]].tolist()
+    ]
 
 
 def sides(triangles):
@@ -51,11 +60,11 @@ def assembled(grid, threshold=0.0, inside=None):
     cases = cases_of(values, threshold) if inside is None else cases_of(voxels_of(inside)[0], 1)
     number = np.arange(grid.size).reshape(grid.shape)
     triangles = []
-    for voxel, (place, row) in enumerate(zip(places, resolve(values, threshold, cases).tolist(), strict=True)):
+    for voxel, (place, row) in enumerate(zip(places, decide(values, threshold, cases).tolist(), strict=True)):
         corners = [int(number[tuple(place + corner)]) for corner in CORNERS]
         names = [3 * corners[low] + edge // 4 for edge, (low, _) in enumerate(EDGES)]
         names += [3 * grid.size + 3 * voxel + own for own in range(3)]
-        triangles += [tuple(names[edge] for edge in triangle) for triangle in row_triangles(row)]
+        triangles += [tuple(names[edge] for edge in triangle) for triangle in configuration_triangles(row)]
     return triangles
 
 
@@ -101,16 +110,16 @@ def random_corners(count, seed, checkerboard):
     return values
 
 
-def test_the_first_rows_are_the_classic_cases():
-    assert (tables().triangle_count[:256] == CLASSIC.triangle_count).all()
-    assert (tables().first_triangle[:256] == CLASSIC.first_triangle).all()
-    assert (tables().triangle_edges[: len(CLASSIC.triangle_edges)] == CLASSIC.triangle_edges).all()
-    assert not tables().own_count[:256].any()
+def test_the_first_configurations_are_the_classic_cases():
+    assert (trilinear_tables().triangle_count[:256] == CLASSIC.triangle_count).all()
+    assert (trilinear_tables().first_triangle[:256] == CLASSIC.first_triangle).all()
+    assert (trilinear_tables().triangle_edges[: len(CLASSIC.triangle_edges)] == CLASSIC.triangle_edges).all()
+    assert not trilinear_tables().interior_count[:256].any()
 
 
 def test_the_tables_are_the_same_in_every_python_and_numpy():
     # Python 3.12 began to add fractions up more exactly than before: no choice among triangles may hang on that.
-    assert zlib.crc32(tables().triangle_edges.astype("<i2").tobytes()) == 3292774164
+    assert zlib.crc32(trilinear_tables().triangle_edges.astype("<i2").tobytes()) == 3292774164
     assert {type(spread(edges)) for edges in ((0, 1, 2), (0, 1, 2, 3, 4, 5, 6))} == {int}
 
 
@@ -118,25 +127,25 @@ def test_a_case_needs_a_decision_where_it_has_an_ambiguous_face_or_two_loops():
     for case in range(256):
         faces = ambiguous_faces(case)
         assert np.flatnonzero(AMBIGUOUS[case]).tolist() == faces
-        assert NEEDS[case] == (bool(faces) or len(loops(case)) > 1)
+        assert NEEDS_DECISION[case] == (bool(faces) or len(loops(case)) > 1)
         assert sorted(contours(case, 0)) == sorted(loops(case))
 
 
 def every_surface():
-    """Case, joined faces, rims and (triangles, groups) of everything a voxel can have."""
-    for case in np.flatnonzero(NEEDS).tolist():
+    """Case, connected faces, rims and (triangles, groups) of everything a voxel can have."""
+    for case in np.flatnonzero(NEEDS_DECISION).tolist():
         faces = ambiguous_faces(case)
         for decisions in range(1 << len(faces)):
-            joined = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
-            for rims in [(), *(rims for _, rims in tunnels(case, joined))]:
-                yield case, joined, rims, surface(case, joined, rims)
+            connected = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
+            for rims in [(), *(rims for _, rims in tunnels(case, connected))]:
+                yield case, connected, rims, surface(case, connected, rims)
 
 
 def test_every_surface_is_a_manifold_that_ends_in_its_loops():
-    for case, joined, rims, (triangles, _) in every_surface():
+    for case, connected, rims, (triangles, _) in every_surface():
         count = Counter(sides(triangles))
         assert set(count.values()) == {1}
-        found = contours(case, joined)
+        found = contours(case, connected)
         rim = {(a, b): loop for loop in found for a, b in zip(loop, loop[1:] + loop[:1], strict=True)}
         assert {side for side in count if side[::-1] not in count} == set(rim)
         lids = [(b, a, loop) for (a, b), loop in rim.items()]  # a loop names its lid's middle
@@ -147,17 +156,17 @@ def test_every_surface_is_a_manifold_that_ends_in_its_loops():
 def test_no_inner_edge_of_any_surface_lies_in_a_face_of_the_cube():
     for _, _, _, (triangles, _) in every_surface():
         both_ways = set(sides(triangles)) & {(b, a) for a, b in sides(triangles)}
-        assert not [(a, b) for a, b in both_ways if max(a, b) < OWN and in_one_face(a, b)]
+        assert not [(a, b) for a, b in both_ways if max(a, b) < INTERIOR and FACES_OF_EDGE[a] & FACES_OF_EDGE[b]]
 
 
 def test_own_vertices_are_inside_the_voxel_and_apart():
     values = random_corners(100_000, 6, checkerboard=True)
-    rows = resolve(values, 0.0, cases_of(values))
-    count = tables().own_count[rows]
+    rows = decide(values, 0.0, cases_of(values))
+    count = trilinear_tables().interior_count[rows]
     assert set(count.tolist()) == {0, 1, 3}
     voxel, number = np.nonzero(np.arange(3) < count[:, None])
     for share in (crossings(values, 0.0), np.full((len(values), 12), 0.5)):
-        places = own_points(rows[voxel], number, share[voxel])
+        places = interior_points(rows[voxel], number, share[voxel])
         assert places.min() > 0
         assert places.max() < 1
         waist = places[count[voxel] == 3].reshape(-1, 3, 3)
@@ -169,12 +178,12 @@ def test_a_voxel_has_the_trilinear_surfaces_euler_number_and_parts(checkerboard)
     values = random_corners(500, 1, checkerboard)
     cases = cases_of(values)
     checked = 0
-    for corners, case, row in zip(values, cases, resolve(values, 0.0, cases).tolist(), strict=True):
+    for corners, case, row in zip(values, cases, decide(values, 0.0, cases).tolist(), strict=True):
         expected = voxel_topology(corners.reshape(2, 2, 2).transpose(2, 1, 0))
-        if expected is None or not NEEDS[case]:
+        if expected is None or not NEEDS_DECISION[case]:
             continue
-        triangles = row_triangles(row)
-        label = united(OWN + 3, np.array(triangles)[:, [0, 1, 1, 2]].reshape(-1, 2))
+        triangles = configuration_triangles(row)
+        label = united(INTERIOR + 3, np.array(triangles)[:, [0, 1, 1, 2]].reshape(-1, 2))
         parts = {
             frozenset(np.flatnonzero(label == name).tolist()) - {12, 13, 14} for name in label[np.unique(triangles)]
         }
@@ -207,19 +216,19 @@ def crossing(places, triangles):
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
-def test_no_triangles_of_a_voxel_with_own_vertices_cross(alpha):
+def test_no_triangles_of_a_voxel_with_interior_vertices_cross(alpha):
     values = np.concatenate([random_corners(20_000, 5, checkerboard) for checkerboard in (False, True)])
-    rows = resolve(values, 0.0, cases_of(values))
-    chosen = np.flatnonzero(tables().own_count[rows])
+    rows = decide(values, 0.0, cases_of(values))
+    chosen = np.flatnonzero(trilinear_tables().interior_count[rows])
     values, rows = values[chosen], rows[chosen]
     share = 0.5 + alpha * (crossings(values, 0.0) - 0.5)
     places = np.zeros((len(rows), 15, 3))
     places[:, :12] = CORNERS[[low for low, _ in EDGES]]
     places[:, np.arange(12), np.arange(12) // 4] = share
     for number in range(3):
-        places[:, OWN + number] = own_points(rows, np.full(len(rows), number), share)
+        places[:, INTERIOR + number] = interior_points(rows, np.full(len(rows), number), share)
     assert len(set(rows.tolist())) > 200
-    assert not [row for row in set(rows.tolist()) if crossing(places[rows == row], row_triangles(row)).any()]
+    assert not [row for row in set(rows.tolist()) if crossing(places[rows == row], configuration_triangles(row)).any()]
 
 
 @pytest.mark.parametrize("axes", [*permutations(range(3))][1:])
@@ -227,7 +236,8 @@ def test_tunnels_are_found_along_any_axis(axes):
     """The slices are taken along z, but the answer does not know it."""
     values = random_corners(20_000, 3, checkerboard=True)
     turned = values.reshape(-1, 2, 2, 2).transpose(0, *(1 + axis for axis in axes)).reshape(-1, 8)
-    tunnel, tunnel_turned = (tables().own_count[resolve(v, 0.0, cases_of(v))] == 3 for v in (values, turned))
+    decided = [decide(corners, 0.0, cases_of(corners)) for corners in (values, turned)]
+    tunnel, tunnel_turned = (trilinear_tables().interior_count[each] == 3 for each in decided)
     assert tunnel.sum() > 200
     assert (tunnel == tunnel_turned).all()
 
@@ -253,12 +263,12 @@ def test_ties_are_decided_as_by_a_threshold_a_little_lower(levels):
             assert topology(triangles) == grid_topology(grid, threshold - 1e-6)
 
 
-def test_two_opposite_corners_are_joined_where_the_voxels_middle_is_inside():
+def test_two_opposite_corners_are_connected_where_the_voxels_middle_is_inside():
     """All other corners at -1: the interpolant in the middle is (2 corner - 6) / 8."""
     corner = np.array([0.1, 2.9, 3.0, 3.1, 50.0])
     values = np.full((5, 8), -1.0)
     values[:, [0, 7]] = corner[:, None]
-    tunnel = tables().own_count[resolve(values, 0.0, cases_of(values))] == 3
+    tunnel = trilinear_tables().interior_count[decide(values, 0.0, cases_of(values))] == 3
     assert tunnel.tolist() == [False, False, True, True, True]
     euler = [voxel_topology(one.reshape(2, 2, 2))[0] for one in values[[0, 1, 3, 4]]]
     assert euler == [2, 2, 0, 0]
