@@ -84,17 +84,12 @@ def format_of(path: Path) -> str:
 
 def files_below(folder: Path) -> Iterator[Path]:
     """Every file at any depth in natural order; hidden files and folders are passed over."""
-    entries = sorted((entry for entry in os.scandir(folder) if not entry.name.startswith(".")), key=_entry_key)
-    for entry in entries:
-        if entry.is_file():
-            yield Path(entry.path)
-    for entry in entries:
-        if entry.is_dir(follow_symlinks=False):
-            yield from files_below(Path(entry.path))
-
-
-def _entry_key(entry: os.DirEntry[str]) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    return natural_key(Path(entry.name))
+    pending = [str(folder)]
+    while pending:
+        entries = [entry for entry in os.scandir(pending.pop()) if not entry.name.startswith(".")]
+        entries.sort(key=lambda entry: natural_key(Path(entry.name)))
+        yield from (Path(entry.path) for entry in entries if entry.is_file())
+        pending += [entry.path for entry in reversed(entries) if entry.is_dir(follow_symlinks=False)]
 
 
 def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:

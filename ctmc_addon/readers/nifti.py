@@ -26,6 +26,7 @@ from .value_kind import PLANES, require_memory, scaled_integers_steps
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
 SILENT = logging.Logger("silent")  # nibabel's own prints what it mends in a header
+SILENT.addHandler(logging.NullHandler())
 
 
 class NiftiFile(VolumeSource):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, Steps
-from .optional_imports import quiet, reason
+from .optional_imports import quiet
 from .result import Reading, ReadOptions, Series, VolumeSource
 from .streams import fill_steps
 from .value_kind import native_steps, require_memory
@@ -52,11 +52,9 @@ def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.
         with quiet():
             shape, fortran, dtype = read(stream)
     except HEADER_ERRORS as error:
-        raise ReadError(
-            f"{name} is not a readable NumPy file ({reason(error)}); save it again with numpy.save"
-        ) from error
+        raise ReadError(f"{name} is not a readable NumPy file; save it again with numpy.save") from error
     sides = [int(side) for side in shape if side != 1] if len(shape) > 3 else [int(side) for side in shape]
-    if len(sides) != 3 or min(sides) < 1 or (len(shape) == 4 and shape[-1] in (3, 4)):
+    if len(sides) != 3 or min(sides) < 1 or bool in map(type, shape) or (len(shape) == 4 and shape[-1] in (3, 4)):
         raise ReadError(f"{name} has the shape {shape}, and a volume is (slices, rows, columns); save one volume")
     if dtype.kind not in "buif" or dtype.itemsize > 8 or dtype == np.float16:
         raise ReadError(f"{name} holds values of type {dtype}; convert them to int16 or float32")

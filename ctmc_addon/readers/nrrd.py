@@ -295,6 +295,6 @@ def label_names(header: Mapping[str, Any]) -> dict[int, str]:
     names: dict[int, str] = {}
     for key in sorted(header, key=lambda key: natural_key(Path(key))):
         found = re.fullmatch(r"Segment(\d+)_LabelValue", key)
-        if found and str(header[key]).strip().isdigit():
+        if found and re.fullmatch(r"\s*\d{1,18}\s*", str(header[key]), re.ASCII):
             names[int(header[key])] = str(header.get(f"Segment{found[1]}_Name", f"Segment {found[1]}"))
     return names

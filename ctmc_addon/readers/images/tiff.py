@@ -17,8 +17,9 @@ from ..streams import fill_steps
 from ..value_kind import native_steps, require_memory
 from .pillow import JPEG_NOISE, MODES, PILLOW_ERRORS, Picture, gray
 
-# Of tifffile on tags that contradict each other or lie outside the file, beside its own error.
-TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, ArithmeticError)
+# What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
+TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
+DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError)
 
 
 class PageStack(NamedTuple):
@@ -91,7 +92,7 @@ def open_tiff(path: Path) -> Any:
         tiff = tifffile.TiffFile(path)
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
-    except (*TIFF_ERRORS, tifffile.TiffFileError) as error:
+    except (*DAMAGE, tifffile.TiffFileError) as error:
         if tiff is not None:
             tiff.close()
         raise ReadError(f"{path.name} is not a readable TIFF ({reason(error)}); copy it again") from error
@@ -175,7 +176,7 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
     try:
         check_segments(tiff, page, path)
         pixels = np.asarray(page.asarray())
-    except (*TIFF_ERRORS, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
+    except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
         if "imagecodecs" not in str(error):
             raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
         pixels = _by_pillow(path, number, about)
