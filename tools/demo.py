@@ -13,19 +13,28 @@ from typing import Any
 
 from ctmc_addon import readers
 from ctmc_addon.cli.arguments import command_of
-from ctmc_addon.cli.commands.reconstruct import Outputs, Work, written_steps
+from ctmc_addon.cli.commands.reconstruct import Outputs, written_steps
 from ctmc_addon.cli.phantom.command import write_phantom_steps
-from ctmc_addon.cli.phantom.files import WRITERS, require_no_strangers
-from ctmc_addon.cli.terminal import Progress, by, listing, table
-from ctmc_addon.core import CtmcError, Reconstruction, ReconstructionSettings, Volume, reconstruct_steps
+from ctmc_addon.cli.phantom.files import WRITERS, require_own_slices
+from ctmc_addon.cli.terminal import Progress, dimensions, listing, table
+from ctmc_addon.core import (
+    CtmcError,
+    Reconstruction,
+    ReconstructionSettings,
+    Stage,
+    Stages,
+    Volume,
+    equal_part,
+    reconstruct_steps,
+)
 from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
-from ctmc_addon.core.progress import within
 from ctmc_addon.reporting.atomic_write import made_folder, write_json
 
 FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
 # Softening shrinks what is round: a ball of radius r by about soften^2 / r. One pixel is 0.74 mm.
 SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), alpha=0.5, soften_mm=0.75, reduction=0.9)
 SIDES = (1, 2, 3)
+STAGES = {"Making the phantom": 2, "Writing the phantom": 4, "Reading": 1, "Reconstructing": 6, "Writing": 7}
 
 
 def main() -> int:
@@ -43,22 +52,22 @@ def main() -> int:
 def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
     """Make the phantom, reconstruct its tumours, write everything to `folder` and print the table."""
     made_folder(folder)
-    require_no_strangers(folder, list(WRITERS), slices)
-    work = Work()
+    require_own_slices(folder, list(WRITERS), slices)
+    stages = Stages(STAGES)
     with Progress(lines=True) as progress:
-        made = progress.drive(within(phantom_steps(slices, size), 0.0, 0.1))
-        progress.drive(within(write_phantom_steps(made, folder, list(WRITERS)), 0.1, 0.3))
-        with work.timed("Reading"):
-            segmentation = folder / f"{made.labels.name}.nii.gz"
-            volume = progress.drive(within(readers.read_volume_steps(segmentation), 0.3, 0.35))
+        made = progress.finish(stages.run("Making the phantom", phantom_steps(slices, size)))
+        progress.finish(stages.run("Writing the phantom", write_phantom_steps(made, folder, list(WRITERS))))
+        segmentation = folder / f"{made.labels.name}.nii.gz"
+        volume = progress.finish(stages.run("Reading", readers.read_volume_steps(segmentation)))
         results = {}
         for at, side in enumerate(SIDES):
-            settings = replace(SETTINGS, stride=(side, side, 1))
-            steps = within(reconstruct_steps(volume, settings), 0.35 + at * 0.1, 0.45 + at * 0.1)
-            results[side] = progress.drive(steps)
+            steps = reconstruct_steps(volume, replace(SETTINGS, stride=(side, side, 1)))
+            results[side] = progress.finish(stages.run("Reconstructing", equal_part(steps, at, len(SIDES))))
         outputs = Outputs((folder / "tumour.blend", folder / "tumour.stl"), figure=folder / "tumour.png")
         shown = SETTINGS.stride[0]
-        results[shown] = progress.drive(within(written_steps(results[shown], outputs, work), 0.65, 1.0))
+        reading = Stage("Reading", stages.seconds["Reading"])
+        result = replace(results[shown], stages=(reading, *results[shown].stages))
+        results[shown] = progress.finish(stages.run("Writing", written_steps(result, outputs)))
     write_json(folder / "report.json", report(made, results, outputs))
     print(told(made, volume, results, outputs, folder))
 
@@ -97,7 +106,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
     many = list(results.values())
     rows = [
         ("voxel sides", *(f"{side} x {side} px" for side in results)),
-        ("", *(f"{by([round(side * volume.spacing[0], 2)])} mm" for side in results)),
+        ("", *(f"{dimensions([round(side * volume.spacing[0], 2)])} mm" for side in results)),
         *((f"{name}, s", *(column.get(name, "-") for column in seconds)) for name in names),
         ("voxels visited", *(str(result.voxels_visited) for result in many)),
         ("triangles found", *(str(result.full_faces) for result in many)),
@@ -107,8 +116,9 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
         ("closed", *("yes" if result.mesh.closed else "no" for result in many)),
     ]
     true, counted = sum(made.tumour_volumes_mm3), made.counted_mm3()
+    shape = f"{dimensions(volume.size)} voxels of {dimensions(volume.spacing)} mm"
     facts = [
-        ("phantom", f"{by(volume.size)} voxels of {by(volume.spacing)} mm, {len(made.tumour_volumes_mm3)} tumours"),
+        ("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumours"),
         ("truth", f"{true / 1000:.2f} ml of tumour; its labelled voxels count {against(made, counted):+.1f} %"),
         ("settings", f"{command_of(SETTINGS)} (voxel sides 1 and 3 beside it)"),
         ("", "softening makes round shapes a little smaller, and fewer triangles cut their corners"),

@@ -1,5 +1,25 @@
 """What a script touches: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
 
-from .main import main
+from __future__ import annotations
 
-__all__ = ["main"]
+import sys
+from collections.abc import Sequence
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `ctmc` with these arguments, by default the process's own, and return the exit code.
+
+    0 is done, 1 a sentence about the input, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM. Little is imported above, so
+    that Ctrl-C is one line while NumPy is still being loaded, too.
+    """
+    try:
+        from .interrupts import interrupts_held, sigterm_raised
+
+        with sigterm_raised():
+            with interrupts_held():
+                from .program import run
+            return run(argv)
+    except KeyboardInterrupt as stop:
+        terminated = bool(stop.args)
+        print("ctmc: terminated" if terminated else "ctmc: interrupted", file=sys.stderr)
+        return 143 if terminated else 130

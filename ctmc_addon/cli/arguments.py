@@ -4,20 +4,81 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..core import EXCLUSIVE, ReconstructionSettings, Setting, SettingsError, described
+from .. import readers
+from ..core import EXCLUSIVE, CtmcError, ReconstructionSettings, Setting, SettingsError, described
 from ..reporting.command_line import command_of as command_of
 from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml
 
 
+class UsageError(CtmcError):
+    """Flags that cannot be, whatever the input: exit code 2."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser in which INPUT may follow a flag with several numbers, and whose first word may name a command below.
+
+    `figure` has flags and an INPUT of its own, and two commands below it, which `add_subparsers` does not allow.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{"allow_abbrev": False, **options})
+        self.commands: dict[str, Parser] = {}
+        self.set_defaults(parser=self)
+
+    def add_command(self, name: str, description: str) -> Parser:
+        """The parser of a command below this one."""
+        self.commands[name] = Parser(prog=f"{self.prog} {name}", description=description)
+        return self.commands[name]
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """As in `argparse`."""
+        words = list(sys.argv[1:] if args is None else args)
+        if words and words[0] in self.commands:
+            return self.commands[words[0]].parse_known_args(words[1:], namespace)
+        return super().parse_known_args(list(self.values_joined(words)), namespace)
+
+    def values_joined(self, words: Sequence[str]) -> Iterator[str]:
+        """`--stride 2 2 1 INPUT` as `--stride=2 2 1 INPUT`: what is not a number is not the flag's."""
+        at = 0
+        while at < len(words):
+            flag = words[at]
+            action = self._option_string_actions.get(flag)
+            at += 1
+            if not isinstance(action, Numbers):
+                yield flag
+                continue
+            end = at
+            while end < min(len(words), at + action.most) and is_number(words[end]):
+                end += 1
+            yield f"{flag}={' '.join(words[at:end])}" if end > at else flag
+            at = end
+
+
+class Numbers(argparse.Action):
+    """A flag with up to `most` numbers, which its type reads as one text; lists of a repeated flag are joined."""
+
+    def __init__(self, *args: Any, most: int, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.most = most
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        """Keep the value."""
+        if isinstance(values, list):
+            values = [*getattr(namespace, self.dest, []), *values]
+        setattr(namespace, self.dest, values)
+
+
 def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
     """A flag for every field of `ReconstructionSettings`, and --settings for a file of them.
 
-    Only flags that are given reach the namespace; those of the settings in `many` may be repeated and arrive as lists.
+    Only flags that are given reach the namespace; those of the settings in `many` take several values, as a list.
     """
     group = parser.add_argument_group("settings")
     group.add_argument(
@@ -30,7 +91,7 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
         add_setting(groups.get(name, group), name, about, name in many)
 
 
-def add_setting(group: Any, name: str, about: Setting, repeated: bool = False) -> None:
+def add_setting(group: Any, name: str, about: Setting, several: bool = False) -> None:
     """One setting's flag, its help made from the setting's text, unit, limits and default."""
     default = getattr(ReconstructionSettings, name)
     options: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS, "help": help_of(about, default)}
@@ -39,12 +100,69 @@ def add_setting(group: Any, name: str, about: Setting, repeated: bool = False) -
     elif about.choices:
         options["choices"] = about.choices
     else:
-        options["type"], options["metavar"] = about.type, metavar_of(about)
-        if about.size > 1:
-            options["nargs"] = about.size
-        if repeated:
-            options["action"] = "append"
+        options["metavar"] = metavar_of(about)
+        options["type"] = list_reader(name, about) if several else setting_reader(name, about)
+        if several or about.size > 1:
+            options.update(action=Numbers, most=sys.maxsize if several else about.size)
     group.add_argument(flag_of(name, about), **options)
+
+
+def setting_reader(name: str, about: Setting) -> Callable[[str], Any]:
+    """A function that reads a setting from text, such as '2 2 1', and checks its limits."""
+
+    def read(text: str) -> Any:
+        words = separated(text)
+        try:
+            values = tuple(about.type(word) for word in words)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(
+                "write a whole number" if about.type is int else "write a number"
+            ) from error
+        if len(values) != about.size and (len(values) != 1 or about.size != 3):
+            raise argparse.ArgumentTypeError(f"write {about.size} numbers with spaces between them")
+        value: Any = values if len(values) > 1 else values * 3 if about.size == 3 else values[0]
+        try:
+            ReconstructionSettings(**{name: value})
+        except SettingsError as error:
+            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{name} ")) from error
+        return value
+
+    return read
+
+
+def list_reader(name: str, about: Setting) -> Callable[[str], list[Any]]:
+    """A function that reads several values of a setting."""
+    read = setting_reader(name, about)
+    return lambda text: [read(word) for word in separated(text)]
+
+
+def separated(text: str) -> list[str]:
+    """The words of a text with spaces, commas or semicolons between them."""
+    return text.replace(",", " ").replace(";", " ").split()
+
+
+def at_least(low: int) -> Callable[[str], int]:
+    """A function that reads a whole number which is not below `low`."""
+
+    def read(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError("write a whole number") from error
+        if number < low:
+            raise argparse.ArgumentTypeError(f"must be {low} or more, not {number}")
+        return number
+
+    return read
+
+
+@contextmanager
+def flags_checked() -> Iterator[None]:
+    """Errors of settings in the block are those of the flags: wrong usage."""
+    try:
+        yield
+    except SettingsError as error:
+        raise UsageError(str(error)) from error
 
 
 def help_of(about: Setting, default: Any) -> str:
@@ -53,32 +171,32 @@ def help_of(about: Setting, default: Any) -> str:
     if not about.choices and (about.low is not None or about.high is not None):
         facts.append(about.limits)
     if default is not None and about.type is not bool:
-        many = default if isinstance(default, tuple) else (default,)
-        facts.append("default " + " ".join(one if isinstance(one, str) else f"{one:g}" for one in many))
+        values = default if isinstance(default, tuple) else (default,)
+        facts.append("default " + " ".join(value if isinstance(value, str) else f"{value:g}" for value in values))
     text = about.text + (f" ({'; '.join(facts)})" if facts else "")
     return text.replace("%", "%%")
 
 
-def metavar_of(about: Setting) -> str | tuple[str, ...]:
+def metavar_of(about: Setting) -> str:
     """What stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
-    if about.size == 3:
-        return ("X", "Y", "Z")
-    if about.size == 6:
-        return ("X0", "Y0", "Z0", "X1", "Y1", "Z1")
+    if about.size > 1:
+        return "X Y Z" if about.size == 3 else "X0 Y0 Z0 X1 Y1 Z1"
     if about.unit in ("mm", "mm3"):
         return about.unit.upper()
     return "N" if about.type is int else "VALUE" if "gray value" in about.unit else about.label.upper()
 
 
-def settings_from(chosen: argparse.Namespace) -> ReconstructionSettings:
-    """The settings that were asked for; a `SettingsError` says what is outside its limits."""
-    return ReconstructionSettings(**given_settings(chosen))
+def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
+    """The settings of the flags and of the file of --settings."""
+    values = given_settings(args)
+    with flags_checked():
+        return ReconstructionSettings(**values)
 
 
-def given_settings(chosen: argparse.Namespace) -> dict[str, Any]:
+def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """The settings that the file of --settings and the flags give, by name; flags win."""
-    flags = {name: value for name, value in vars(chosen).items() if name in described()}
-    return overridden(read_settings(chosen.settings), flags) if chosen.settings else flags
+    flags = {name: value for name, value in vars(args).items() if name in described()}
+    return overridden(read_settings(args.settings), flags) if args.settings else flags
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,16 +213,16 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
 
 def read_settings(path: str) -> dict[str, Any]:
     """The settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
-    place = Path(path)
+    file = Path(path)
     try:
-        content = place.read_bytes()
+        content = file.read_bytes()
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
     except OSError as error:
         raise SettingsError(f"the settings file {path} cannot be read: {error.strerror}; check the path") from error
     except UnicodeDecodeError as error:
-        raise SettingsError(f"{place.name} is no text; `ctmc settings` writes one to start from") from error
-    return from_toml(text, place.name)
+        raise SettingsError(f"{file.name} is not text; `ctmc settings` writes one to start from") from error
+    return from_toml(text, file.name)
 
 
 def with_flags(sentence: str) -> str:
@@ -132,78 +250,44 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("reading")
     group.add_argument(
         "--spacing",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "Z"),
+        action=Numbers,
+        most=3,
+        type=spacing_of,
+        metavar="X Y Z",
         help="mm between columns, rows and slices, in place of the file's own; slices without any have 1 mm",
     )
-    group.add_argument("--flip", default="", metavar="AXES", help="mirror these axes, such as z or xz")
+    group.add_argument("--flip", type=flip_of, default="", metavar="AXES", help="mirror these axes, such as z or xz")
     group.add_argument("--series", metavar="UID", help="which DICOM series to take, by its UID or number (see info)")
     group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
 
 
-def reading_of(chosen: argparse.Namespace) -> dict[str, Any]:
+def add_threads(parser: Any) -> None:
+    """How many threads work."""
+    parser.add_argument("--threads", type=at_least(1), metavar="N", help="default: one for each processor, at most 8")
+
+
+def reading_of(args: argparse.Namespace) -> dict[str, Any]:
     """The keyword arguments of `read_volume` that were asked for."""
-    spacing = None if chosen.spacing is None else tuple(chosen.spacing)
-    return {"spacing": spacing, "flip": chosen.flip, "series": chosen.series, "strict": chosen.strict}
+    return {"spacing": args.spacing, "flip": args.flip, "series": args.series, "strict": args.strict}
 
 
-def single_numbers_repeated(argv: Sequence[str]) -> list[str]:
-    """`--stride 2` as `--stride 2 2 2`, and the same for `--spacing`.
-
-    Examples
-    --------
-    >>> single_numbers_repeated(["--stride", "2", "in", "--stride=3", "--stride", "2", "2", "1"])
-    ['--stride', '2', '2', '2', 'in', '--stride', '3', '3', '3', '--stride', '2', '2', '1']
-    """
-    triples = {flag_of(name, about) for name, about in described().items() if about.size == 3} | {"--spacing"}
-    words: list[str] = []
-    at = 0
-    while at < len(argv):
-        flag, equals, value = argv[at].partition("=")
-        at += 1
-        if flag not in triples:
-            words.append(argv[at - 1])
-            continue
-        alone = at + 1 >= len(argv) or not is_number(argv[at + 1])
-        if equals:
-            words += [flag, value, value, value]
-        elif at < len(argv) and is_number(argv[at]) and alone:
-            words += [flag, *[argv[at]] * 3]
-            at += 1
-        else:
-            words.append(flag)
-    return words
+def spacing_of(text: str) -> Any:
+    """Millimetres along x, y and z, from one number or three."""
+    words = separated(text)
+    return reading_option(readers.checked_spacing, words * 3 if len(words) == 1 else words)
 
 
-def figures_named(words: Sequence[str]) -> list[str]:
-    """`figure sheet` and `figure turntable` as one word each: they are commands of their own.
-
-    Examples
-    --------
-    >>> figures_named(["figure", "sheet", "ct"]), figures_named(["figure", "ct"])
-    (['figure sheet', 'ct'], ['figure', 'ct'])
-    """
-    if list(words[:1]) == ["figure"] and words[1:2] and words[1] in ("sheet", "turntable"):
-        return [f"figure {words[1]}", *words[2:]]
-    return list(words)
+def flip_of(text: str) -> Any:
+    """Axes to mirror."""
+    return reading_option(readers.checked_flip, text)
 
 
-def labels_repeated(words: list[str]) -> list[str]:
-    """For `batch` and `figure`, `--label 1 2` as `--label 1 --label 2`, so that an input may follow.
-
-    Examples
-    --------
-    >>> labels_repeated(["batch", "--label", "1", "2", "cases"])
-    ['batch', '--label', '1', '--label', '2', 'cases']
-    """
-    if not words or words[0] not in ("batch", "figure", "figure sheet", "figure turntable"):
-        return words
-    out: list[str] = []
-    for word in words:
-        follows = out[-2:-1] == ["--label"] and is_number(out[-1]) and is_number(word)
-        out += ["--label", word] if follows else [word]
-    return out
+def reading_option(check: Callable[[Any], Any], value: Any) -> Any:
+    """What a reader makes of the value of a flag."""
+    try:
+        return check(value)
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def is_number(word: str) -> bool:

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import replace
 from typing import Any, TypeVar
 
-from ..core import CtmcError, Steps
+from ..core import CtmcError, Reconstruction, Steps
+from .interrupts import interrupts_held
 
 T = TypeVar("T")
 
 
-def load_scene() -> Any:
-    """The package that talks to Blender, or a sentence if there is no Blender here."""
+def has_blender() -> bool:
+    """Whether Blender can be imported, without doing so."""
+    try:
+        return importlib.util.find_spec("bpy") is not None
+    except ValueError:  # `sys.modules["bpy"]` is None: it is blocked
+        return False
+
+
+def require_blender(purpose: str) -> None:
+    """Load Blender, or raise a `CtmcError` that says what to install for this purpose."""
     with interrupts_held():
         try:
             import bpy  # noqa: F401
-
-            from .. import blender as scene
         except ImportError as error:
             raise CtmcError(
-                f"writing a surface needs Blender ({error}); install the Python package bpy, "
-                "or run the command as: blender -b --command ctmc reconstruct ..."
+                f"{purpose} needs Blender ({error}); pip install 'ctmc-addon[blender]' on Python 3.11 or 3.13, "
+                "or run the command as: blender -b --command ctmc ..."
             ) from error
-    return scene
 
 
 @contextmanager
@@ -41,7 +47,7 @@ def blender_at_work() -> Iterator[None]:
         yield
 
 
-def quiet(steps: Steps[T]) -> Steps[T]:
+def quiet_steps(steps: Steps[T]) -> Steps[T]:
     """The same steps, Blender at work in each."""
     try:
         while True:
@@ -58,22 +64,23 @@ def quiet(steps: Steps[T]) -> Steps[T]:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Raise `KeyboardInterrupt` after the block instead of inside it.
+def objects_of(
+    results: Sequence[Reconstruction], scene_name: str = "CTMC"
+) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
+    """A scene of its own with an object for every surface, and the surfaces as the objects show them."""
+    from ..blender.surface import evaluated_triangles, temporary_surfaces
 
-    Inside, Blender would crash while it is loaded, and swallow it while it renders, leaving half a picture.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread gets interrupts
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
-    if came and before is not signal.SIG_IGN:
-        raise KeyboardInterrupt
+    with ExitStack() as stack:
+        with blender_at_work():
+            scene, objects = stack.enter_context(temporary_surfaces(results, scene_name))
+            # What is written and said is what a live Decimate modifier leaves.
+            shown = [
+                replace(result, mesh=evaluated_triangles(obj, scene))
+                if result.settings.simplifies and result.settings.simplifier == "decimate"
+                else result
+                for result, obj in zip(results, objects, strict=True)
+            ]
+        yield scene, objects, shown
 
 
 @contextmanager

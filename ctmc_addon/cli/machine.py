@@ -1,4 +1,4 @@
-"""What a measurement depends on: processor, cores, system and versions. The machine's own name is nobody's business."""
+"""What a measurement depends on: processor, cores, system and versions. The machine's own name is left out."""
 
 from __future__ import annotations
 
@@ -20,12 +20,10 @@ def machine() -> str:
 
 
 def versions() -> str:
-    """Of CTMC, Blender, NumPy and Python."""
-    import bpy
-
-    return (
-        f"CTMC {VERSION}, Blender {bpy.app.version_string}, NumPy {np.__version__}, Python {platform.python_version()}"
-    )
+    """Of CTMC, Blender where it is at work, NumPy and Python."""
+    bpy = sys.modules.get("bpy")
+    blender = f"Blender {bpy.app.version_string}, " if bpy else ""
+    return f"CTMC {VERSION}, {blender}NumPy {np.__version__}, Python {platform.python_version()}"
 
 
 def processor() -> str:

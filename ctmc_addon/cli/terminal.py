@@ -22,12 +22,12 @@ class Progress:
     stream : TextIO, optional
         Standard error by default.
     lines : bool
-        Whether a stream that is no terminal gets a line after every twentieth of the work.
+        Whether a stream that is not a terminal gets a line after every twentieth of the work.
     """
 
     def __init__(self, stream: TextIO | None = None, lines: bool = False) -> None:
         self.stream = sys.stderr if stream is None else stream
-        self.terminal = self.stream.isatty()
+        self.is_terminal = self.stream.isatty()
         self.lines = lines
         self.shown = ""
         self.due = 0.0
@@ -36,13 +36,13 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.terminal and self.shown:
+        if self.is_terminal and self.shown:
             self.stream.write("\r\033[K")
             self.stream.flush()
 
     def __call__(self, step: Step) -> None:
         """Show where the work is."""
-        if self.terminal:
+        if self.is_terminal:
             done = round(min(max(step.fraction, 0.0), 1.0) * WIDTH)
             line = f"\r\033[K[{'#' * done}{'.' * (WIDTH - done)}] {step.message}"
             if line != self.shown:
@@ -53,8 +53,8 @@ class Progress:
             print(f"{step.fraction:4.0%}  {step.message}", file=self.stream, flush=True)
             self.due = step.fraction + SHARE
 
-    def drive(self, steps: Steps[T]) -> T:
-        """Work through the steps, showing each, and return their result; an interrupt closes them."""
+    def finish(self, steps: Steps[T]) -> T:
+        """Drain the steps, showing each, and return their result; an interrupt closes them."""
         try:
             return finish(steps, self)
         finally:
@@ -87,14 +87,19 @@ def listing(facts: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"{name:{width}}  {fact}".rstrip() for name, fact in facts)
 
 
-def by(numbers: Sequence[float]) -> str:
-    """Numbers as sides: '0.74 x 0.74 x 5'."""
+def titled(title: str, lines: Sequence[str]) -> list[tuple[str, str]]:
+    """Lines for `listing`, the title before the first of them."""
+    return [(title if not at else "", line) for at, line in enumerate(lines)]
+
+
+def dimensions(numbers: Sequence[float]) -> str:
+    """Numbers with crosses between them: '0.74 x 0.74 x 5'."""
     return " x ".join(f"{number:.6g}" for number in numbers)
 
 
 def require_empty(folder: Path, remedy: str) -> None:
     """Raise `OutputError`, with a remedy, for a folder that holds something; what is hidden does not count."""
-    names = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    there = [name for name in names if not name.startswith(".")]
-    if there:
-        raise OutputError(f"the folder {folder.name or folder} is not empty (it holds {there[0]}); {remedy}")
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    visible = [name for name in names if not name.startswith(".")]
+    if visible:
+        raise OutputError(f"the folder {folder.name or folder} is not empty (it holds {visible[0]}); {remedy}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.cli.phantom.files import write_dicom
+from ctmc_addon.cli.phantom.files import write_dicom_steps
 from ctmc_addon.core.progress import finish
 from ctmc_addon.readers import read_volume
 
@@ -34,7 +34,7 @@ def dicom_folder(scratch: Path) -> Path:
     if not folder.exists():
         made = scenes.made_abdomen()
         np.save(scratch / "abdomen.npy", made.volume.values)
-        finish(write_dicom(made, scratch))
+        finish(write_dicom_steps(made, scratch))
     return folder
 
 

@@ -23,7 +23,7 @@ import bpy
 import ctmc_addon
 from ctmc_addon.blender import export
 from ctmc_addon.blender.surface.readback import own_mesh
-from ctmc_addon.cli.phantom.files import write_dicom, write_nifti
+from ctmc_addon.cli.phantom.files import write_dicom_steps, write_nifti_steps
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
 from ctmc_addon.ui.operators import load, reconstruct, results
@@ -102,7 +102,7 @@ class Panel:
     def __init__(self, folder: Path) -> None:
         self.folder, self.scene = folder, bpy.context.scene
         made = scenes.made_abdomen()
-        for write in (write_dicom, write_nifti):
+        for write in (write_dicom_steps, write_nifti_steps):
             finish(write(made, folder))
         self.ct, self.labels = folder / f"{made.volume.name}.nii.gz", folder / f"{made.labels.name}.nii.gz"
 

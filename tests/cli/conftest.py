@@ -41,6 +41,20 @@ def refused(ctmc):
     return run
 
 
+@pytest.fixture
+def misused(ctmc):
+    """Run a command that must fail with exit code 2 and the usage, and return the sentence below it."""
+
+    def run(*words):
+        outcome = ctmc(*words)
+        assert (outcome.code, outcome.out) == (2, ""), outcome.errors
+        assert outcome.errors[0].startswith("usage: ctmc ")
+        assert ": error: " in outcome.errors[-1]
+        return outcome.errors[-1].partition(": error: ")[2]
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def phantom_folder(tmp_path_factory):
     """A small phantom in every format, in a folder whose name has a space, an umlaut and Chinese letters."""

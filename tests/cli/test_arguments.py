@@ -2,16 +2,23 @@ import argparse
 
 import pytest
 
-from ctmc_addon.cli.arguments import add_settings, command_of, flag_of, help_of, settings_from, single_numbers_repeated
+from ctmc_addon.cli.arguments import (
+    Parser,
+    UsageError,
+    add_settings,
+    command_of,
+    flag_of,
+    help_of,
+    settings_from,
+)
 from ctmc_addon.core import ReconstructionSettings
-from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.settings import described
 
 
 def parsed(line):
-    parser = argparse.ArgumentParser(exit_on_error=False)
+    parser = Parser(exit_on_error=False)
     add_settings(parser)
-    return settings_from(parser.parse_args(single_numbers_repeated(line.split())))
+    return settings_from(parser.parse_args(line.split()))
 
 
 def test_every_setting_has_its_flag_with_text_and_limits():
@@ -55,6 +62,28 @@ def test_one_number_stands_for_three():
     assert parsed("--stride 2 2 1").stride == (2, 2, 1)
 
 
-def test_a_value_outside_its_limits_is_a_settings_error():
-    with pytest.raises(SettingsError, match="alpha must be from 0 to 1, not 2"):
+def test_a_value_outside_its_limits_is_wrong_usage():
+    with pytest.raises(argparse.ArgumentError, match="--alpha: must be from 0 to 1, not 2"):
         parsed("--alpha 2")
+    with pytest.raises(UsageError, match="max_error_mm is not possible with simplifier decimate"):
+        parsed("--simplifier decimate --max-error 1")
+
+
+def test_what_is_not_a_number_is_not_the_flags():
+    parser = Parser(exit_on_error=False)
+    parser.add_argument("input")
+    add_settings(parser, many=("label",))
+    args = parser.parse_args(["--stride", "2", "ct"])
+    assert (args.input, args.stride) == ("ct", (2, 2, 2))
+    args = parser.parse_args(["--label", "1", "2", "ct", "--label", "7"])
+    assert (args.input, args.label) == ("ct", [1, 2, 7])
+    args = parser.parse_args(["--region", "-1", "0", "0.5", "3", "4", "5", "9"])
+    assert (args.input, args.region) == ("9", (-1, 0, 0.5, 3, 4, 5))
+
+
+def test_the_first_word_may_name_a_command_below():
+    parser = Parser(prog="figure")
+    parser.add_argument("input")
+    parser.add_command("sheet", "side by side").add_argument("--columns", type=int)
+    assert vars(parser.parse_args(["sheet", "--columns", "2"])).keys() == {"columns", "parser"}
+    assert parser.parse_args(["./sheet"]).input == "./sheet"

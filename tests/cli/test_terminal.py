@@ -22,7 +22,7 @@ def work():
 def test_a_terminal_shows_one_line_that_is_wiped_at_the_end():
     screen = Terminal()
     with Progress(screen) as progress:
-        assert progress.drive(work()) == "done"
+        assert progress.finish(work()) == "done"
     assert "\n" not in screen.getvalue()
     assert "[###############...............] Extracting" in screen.getvalue()
     assert screen.getvalue().endswith("\r\033[K")
@@ -30,8 +30,8 @@ def test_a_terminal_shows_one_line_that_is_wiped_at_the_end():
 
 def test_a_file_gets_nothing_or_a_line_now_and_then():
     silent, spoken = io.StringIO(), io.StringIO()
-    Progress(silent).drive(work())
-    Progress(spoken, lines=True).drive(work())
+    Progress(silent).finish(work())
+    Progress(spoken, lines=True).finish(work())
     assert silent.getvalue() == ""
     assert spoken.getvalue().splitlines() == ["  0%  Reading", " 50%  Extracting"]
 
@@ -51,7 +51,7 @@ def test_an_interrupt_closes_the_work():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Interrupting(io.StringIO()).drive(endless())
+        Interrupting(io.StringIO()).finish(endless())
     assert closed == [True]
 
 

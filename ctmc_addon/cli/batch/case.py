@@ -1,7 +1,7 @@
 """One case of a batch in a process of its own: `ctmc batch` starts it and hands it a task on standard input.
 
 Standard input stays open while the batch lives. Its end means that the batch is gone, killed perhaps: then this process
-takes away what it has not finished and goes too.
+removes what it has not finished and goes too.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, Volume, finish, reconstruct_steps
-from ...reporting.atomic_write import made_folder, refused
+from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish, reconstruct_steps
+from ...reporting.atomic_write import made_folder, write_json
 from ..arguments import with_flags
-from ..commands.reconstruct import Outputs, Work, require_label_volume, source_of, written_steps
+from ..blender_host import has_blender
+from ..commands.reconstruct import Outputs, source_of, values_steps, written_steps
 from .files import (
     failed_record,
-    fingerprint_of,
     identity,
-    put_record,
+    input_key,
+    own_unfinished_folder,
+    put_output,
+    record_path,
     size_of,
-    thumbnail_path,
-    unfinished_folder,
     without_folders,
 )
 
@@ -40,22 +41,22 @@ NO_MEMORY = "there is not enough memory; choose a region, a larger stride or few
 
 def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`; it is not for people, and has no help."""
-    commands.add_parser(COMMAND, allow_abbrev=False).set_defaults(run=run)
+    commands.add_parser(COMMAND).set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
+def run(_args: argparse.Namespace) -> None:
     """Take the task from standard input, and do it."""
     line = first_line()
     if not line:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the batch gets it too, and ends this process
     task = json.loads(line)
-    unfinished = unfinished_folder(Path(task["folder"]))
+    unfinished = own_unfinished_folder(task)
     threading.Thread(target=leave_with_the_batch, args=(unfinished,), daemon=True).start()
     try:
         do_case(task, unfinished)
     finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        remove(unfinished)
 
 
 def first_line() -> bytes:
@@ -73,27 +74,32 @@ def leave_with_the_batch(unfinished: Path) -> None:
     """Wait for the end of standard input, then go at once."""
     while os.read(0, 1 << 16):
         pass
-    shutil.rmtree(unfinished, ignore_errors=True)
+    remove(unfinished)
     os._exit(1)
 
 
+def remove(unfinished: Path) -> None:
+    """Remove this case's folder, and the run's if this was the last case in it."""
+    shutil.rmtree(unfinished, ignore_errors=True)
+    try:
+        unfinished.parent.rmdir()
+    except OSError:
+        pass  # other cases are at work there
+
+
 def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
-    """Make every output of a case; a JSON says of each what came of it."""
-    folder = Path(task["folder"])
-    made = CaseWork(task, unfinished)
+    """Make every output of a case; a JSON says what came of each."""
+    case = Case(task, unfinished)
     for output in task["outputs"]:
         start = time.perf_counter()
         try:
             if task["version"] != VERSION:
                 raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
-            record = made.surface(output)
-        except MemoryError:
-            record = failed_record(task, output, NO_MEMORY, since(start), made.fingerprint)
-        except CtmcError as error:
-            record = failed_record(task, output, with_flags(str(error)), since(start), made.fingerprint)
-        else:
-            record["seconds"] = since(start)
-        put_record(folder, output["name"], record)
+            case.make(output, start)
+        except (CtmcError, MemoryError) as error:
+            sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
+            record = failed_record(task, output, sentence, since(start))
+            write_json(record_path(Path(task["folder"]), output["name"]), record)
 
 
 def since(start: float) -> float:
@@ -101,68 +107,61 @@ def since(start: float) -> float:
     return round(time.perf_counter() - start, 3)
 
 
-class CaseWork:
+class Case:
     """One case on its way: its volume is read once for all outputs of the same file."""
 
     def __init__(self, task: Mapping[str, Any], unfinished: Path) -> None:
         self.task = task
         self.unfinished = unfinished
-        self.path = Path(task["input"])
         self.source: Path | None = None
         self.volume: Volume | None = None
-        self.fingerprint: str | None = None
+        self.input_key: dict[str, str] = {}
 
-    def surface(self, output: Mapping[str, Any]) -> dict[str, Any]:
-        """Make one output and put it in its place; returns its record."""
+    def make(self, output: Mapping[str, Any], start: float) -> None:
+        """Make one output, and put it in the place of an older one."""
         task, name = self.task, output["name"]
         settings = ReconstructionSettings.from_dict(output["settings"])
-        source, notes = source_of(self.path, settings.label)
-        work = Work(notes=list(notes))
-        with work.timed("Reading"):
-            volume = self.read(source)
-        require_label_volume(volume, self.path, settings.label)
+        volume = self.read(settings.label)
+        reading = Stage("Reading", time.perf_counter() - start)
         result = finish(reconstruct_steps(volume, settings, task["threads"]))
+        surface = made_folder(self.unfinished) / f"{name}{task['format']}"
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
-        surface = self.unfinished / f"{name}{task['format']}"
-        result = finish(written_steps(result, Outputs((surface,), None, thumbnail, task["space"], THUMBNAIL), work))
-        folder = Path(task["folder"])
-        placed(surface, folder / surface.name)
-        if thumbnail is not None:
-            made_folder(thumbnail_path(folder, name).parent)
-            placed(thumbnail, thumbnail_path(folder, name))
+        result = finish(written_steps(result, Outputs((surface,), None, thumbnail, task["space"], THUMBNAIL)))
         report = result.report()
-        report["notes"] = [without_folders(note, task) for note in report["notes"]]
-        return {
+        record = {
             "case": name,
             "status": "done",
             "error": None,
             **report,
+            "stages": [reading._asdict(), *report["stages"]],
+            "notes": [without_folders(note, task) for note in report["notes"]],
             **identity(task, output),
-            "fingerprint": self.fingerprint,
+            **self.input_key,
+            "run": task["run"],
+            "seconds": since(start),
             "files": [surface.name],
-            "file_bytes": {surface.name: size_of(folder / surface.name)},
+            "file_bytes": {surface.name: size_of(surface)},
         }
+        put_output(Path(task["folder"]), name, surface, thumbnail, record)
 
-    def read(self, source: Path) -> Volume:
-        """The volume in a file, kept for the outputs to come."""
+    def read(self, label: int | None) -> Volume:
+        """The volume that the label is in, kept for the outputs to come."""
+        path = Path(self.task["input"])
+        source = source_of(path, label)
         if self.volume is None or self.source != source:
-            self.volume, self.source, self.fingerprint = None, source, None
-            self.fingerprint = fingerprint_of(source)
-            reading = dict(self.task["reading"])
-            self.volume = finish(readers.read_volume_steps(source, **reading, threads=self.task["threads"]))
+            self.volume = None
+            opened = finish(readers.open_volume_steps(source))
+            self.input_key = input_key(opened, self.task["verify"])
+            reading = {**self.task["reading"], "threads": self.task["threads"]}
+            self.volume = finish(values_steps(opened, path, reading, label))
+            self.source = source
         return self.volume
 
 
 def can_render() -> bool:
-    """Whether this Blender has the engine for thumbnails; without it there are none."""
+    """Whether there is a Blender with the engine for thumbnails; without it there are none."""
+    if not has_blender():
+        return False
     import bpy
 
     return hasattr(bpy.types.Scene, "cycles")
-
-
-def placed(made: Path, path: Path) -> None:
-    """Move a complete file to its place on the same disk, in one go."""
-    try:
-        made.replace(path)
-    except OSError as error:
-        raise refused(path, error) from error

@@ -15,7 +15,7 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings
-from ...readers import VOLUME_SUFFIXES, checked_flip, checked_spacing, natural_key, stem, suffix
+from ...readers import VOLUME_SUFFIXES, natural_key, stem, suffix
 from ..arguments import overridden
 from .manifest import Row, manifest_rows
 
@@ -143,13 +143,11 @@ def case_of(row: Row, settings: Mapping[str, Any], reading: Mapping[str, Any]) -
                 Output(f"{row.name}-label-{label}", ReconstructionSettings(**values | {"label": label}))
                 for label in labels
             ]
-        asked = {**reading, **row.reading}
-        asked["spacing"], asked["flip"] = checked_spacing(asked["spacing"]), checked_flip(asked["flip"])
     except CtmcError as error:
         if not row.where:
             raise
         raise type(error)(f"{row.where}: {error}") from error
-    return Case(row.name, row.path, asked, tuple(outputs))
+    return Case(row.name, row.path, {**reading, **row.reading}, tuple(outputs))
 
 
 def require_different_files(cases: Sequence[Case]) -> None:

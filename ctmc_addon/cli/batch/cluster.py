@@ -28,13 +28,15 @@ class Cluster:
     def __init__(self, address: str) -> None:
         self.address = address
         if __name__.partition(".")[0] != PACKAGE.name:
-            raise CtmcError("--scheduler works from the Python package ctmc, which the workers need too")
+            raise CtmcError("--scheduler works from the Python package ctmc-addon, which the workers need too")
         if not re.fullmatch(r"((tcp|tls|ucx|ws|wss)://)?\S+:\d+/?", address):
-            raise CtmcError(f"'{address}' is no scheduler's address; it is like tcp://host:8786")
+            raise CtmcError(f"'{address}' is not a scheduler's address; it is like tcp://host:8786")
         try:
             self.distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
-            raise CtmcError(f"--scheduler needs dask.distributed ({error}); pip install 'ctmc[cluster]'") from error
+            raise CtmcError(
+                f"--scheduler needs dask.distributed ({error}); pip install 'ctmc-addon[cluster]'"
+            ) from error
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
         start = time.perf_counter()
@@ -43,7 +45,7 @@ class Cluster:
             self.client: Any = self.distributed.Client(address, timeout=PATIENCE, set_as_default=False)
         except MemoryError as error:  # letters of another protocol, taken for a length
             raise CtmcError(
-                f"what answers at {address} is no scheduler; check the port, 8786 if it was started without one "
+                f"what answers at {address} is not a scheduler; check the port, 8786 if it was started without one "
                 "(8787 is its web page)"
             ) from error
         except (OSError, ValueError) as error:

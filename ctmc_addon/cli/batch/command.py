@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
+import shutil
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ...core import VERSION, CtmcError, SettingsError, Step, Steps
+from ...core import VERSION, CtmcError, Step, Steps
 from ...reporting.atomic_write import made_folder, require_writable
-from ..arguments import add_reading, add_settings, given_settings, reading_of
-from ..blender_host import load_scene
-from ..commands.reconstruct import source_of
+from ...reporting.mesh_files import SPACES
+from ..arguments import add_reading, add_settings, at_least, given_settings, reading_of
+from ..blender_host import has_blender, require_blender
+from ..commands.reconstruct import SUFFIXES, Outputs, source_of
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect
-from .cluster import Cluster
-from .files import fingerprint_or_none, read_record, remove_unfinished, stands_for
-from .lock import folder_of_one_batch
+from .files import is_same_input, read_record, remove_unfinished, stands_for, unfinished_folder
 from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, run_here
 from .summary import Row, counts, numbers, row_of, write_summary
 
-FORMATS = ("stl", "ply", "obj", "glb", "blend")
+if TYPE_CHECKING:
+    from .cluster import Cluster
+
+FORMATS = tuple(suffix.lstrip(".") for suffix in SUFFIXES)
 GIB = 1 << 30
 
 
@@ -34,7 +37,6 @@ def add_parser(commands: Any) -> None:
         help="make surfaces from many volumes",
         description="Make a surface for each of many cases, one process a case, and a summary of them all. "
         "Of LiTS, volume-N is a case and segmentation-N beside it has its labels.",
-        allow_abbrev=False,
     )
     parser.add_argument(
         "inputs",
@@ -47,44 +49,45 @@ def add_parser(commands: Any) -> None:
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
     group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
-    group.add_argument(
-        "--space", choices=("ras", "lps"), default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
-    )
+    group.add_argument("--space", choices=SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)")
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
     again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
+    group.add_argument(
+        "--verify", action="store_true", help="tell changed inputs by a hash of their content, not by size and time"
+    )
     group = parser.add_argument_group("work")
     group.add_argument(
-        "--jobs", type=int, metavar="N", help="cases at once (default: one for each processor, as memory allows)"
+        "--jobs",
+        type=at_least(1),
+        metavar="N",
+        help="cases at once (default: as processors and memory allow)",
     )
-    group.add_argument("--threads", type=int, metavar="N", help="of each case (default: the processors shared out)")
+    group.add_argument(
+        "--threads", type=at_least(1), metavar="N", help="of each case (default: the processors shared out)"
+    )
     group.add_argument(
         "--scheduler", metavar="ADDRESS", help="send the cases to a dask.distributed cluster, such as tcp://host:8786"
     )
     parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Collect the cases, do those that are to be done, and print the table; an error if any case failed."""
-    for name, value in (("jobs", chosen.jobs), ("threads", chosen.threads)):
-        if value is not None and value < 1:
-            raise SettingsError(f"--{name} must be 1 or more, not {value}")
-    folder = Path(chosen.output)
-    cases = collect(chosen.inputs, given_settings(chosen), reading_of(chosen), folder)
-    require_blender(chosen.scheduler)
-    if not (chosen.resume or chosen.overwrite):
+    folder = Path(args.output)
+    cases = collect(args.inputs, given_settings(args), reading_of(args), folder)
+    if not args.scheduler:  # on a cluster the workers need it, not this machine
+        require_blender_for(cases, args.output_format)
+    if not (args.resume or args.overwrite):
         require_empty(folder, "go on with --resume, start again with --overwrite, or choose another")
-    cluster = Cluster(chosen.scheduler) if chosen.scheduler else None
+    cluster = connected(args.scheduler) if args.scheduler else None
     try:
         made_folder(folder)
         require_writable(folder / "summary.json")
-        with folder_of_one_batch(folder), Progress() as progress:
-            remove_unfinished(folder)
-            try:
-                rows = progress.drive(batch_steps(cases, folder, chosen, cluster))
-            finally:
-                remove_unfinished(folder)
+        remove_unfinished(folder)
+        with Progress() as progress:
+            rows = progress.finish(batch_steps(cases, folder, args, cluster))
     finally:
         if cluster is not None:
             cluster.close()
@@ -94,22 +97,34 @@ def run(chosen: argparse.Namespace) -> None:
         raise CtmcError(f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}")
 
 
-def require_blender(scheduler: str | None) -> None:
-    """Say before the start that there is no Blender here; on a cluster the workers need it, not this machine."""
-    if scheduler is None and importlib.util.find_spec("bpy") is None:
-        load_scene()
+def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
+    """Say before the start that Blender is needed and missing."""
+    outputs = Outputs((Path(f"a.{output_format}"),))
+    for case in cases:
+        for output in case.outputs:
+            purpose = outputs.blender_needed_for(output.settings.simplifier)
+            if purpose and not has_blender():
+                require_blender(purpose)
+
+
+def connected(address: str) -> Cluster:
+    """A connection to a dask.distributed scheduler."""
+    from .cluster import Cluster
+
+    return Cluster(address)
 
 
 def batch_steps(
-    cases: Sequence[Case], folder: Path, chosen: argparse.Namespace, cluster: Cluster | None
+    cases: Sequence[Case], folder: Path, args: argparse.Namespace, cluster: Cluster | None
 ) -> Steps[list[Row]]:
     """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
     rows = {output.name: Row(output.name) for case in cases for output in case.outputs}
-    tasks = [task_of(case, folder, chosen) for case in cases]
-    if chosen.resume:
+    run = uuid.uuid4().hex[:12]
+    tasks = [task_of(case, folder, args, run) for case in cases]
+    if args.resume:
         tasks = yield from remaining_steps(tasks, folder, rows)
     done_before = sum(row.status == "done" for row in rows.values())
-    events = started(tasks, cases, chosen, cluster, done_before)
+    events = started(tasks, cases, args, cluster, done_before)
     total, over = max(len(tasks), 1), 0
     write_summary(folder, list(rows.values()), not tasks)
     try:
@@ -120,6 +135,8 @@ def batch_steps(
                 write_summary(folder, list(rows.values()), over == len(tasks))
             yield Step(over / total, counts(list(rows.values())))
     finally:
+        if tasks:
+            shutil.rmtree(unfinished_folder(tasks[0]), ignore_errors=True)
         # What was interrupted is to be done again, and the table does not say that it runs.
         stopped = [row for row in rows.values() if row.status == "running"]
         for row in stopped:
@@ -129,18 +146,20 @@ def batch_steps(
     return list(rows.values())
 
 
-def task_of(case: Case, folder: Path, chosen: argparse.Namespace) -> dict[str, Any]:
+def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dict[str, Any]:
     """What a process needs to know of its case, as plain data."""
     return {
+        "run": run,
         "case": case.name,
         "input": str(case.path.absolute()),
         "reading": dict(case.reading),
-        "outputs": [{"name": one.name, "settings": one.settings.to_dict()} for one in case.outputs],
+        "outputs": [{"name": output.name, "settings": output.settings.to_dict()} for output in case.outputs],
         "folder": str(folder.absolute()),
-        "format": f".{chosen.output_format}",
-        "space": chosen.space,
-        "thumbnails": not chosen.no_thumbnails,
-        "threads": chosen.threads,
+        "format": f".{args.output_format}",
+        "space": args.space,
+        "thumbnails": not args.no_thumbnails,
+        "verify": args.verify,
+        "threads": args.threads,
         "version": VERSION,
     }
 
@@ -152,27 +171,27 @@ def remaining_steps(
     left = []
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
-        open_outputs = []
-        prints: dict[Path, str | None] = {}
+        remaining = []
+        same: dict[Path, bool] = {}
         for output in task["outputs"]:
             record = read_record(folder, output["name"])
             if record is not None and stands_for(record, task, output):
-                source, _ = source_of(Path(task["input"]), output["settings"].get("label"))
-                if source not in prints:
-                    prints[source] = fingerprint_or_none(source)
-                if record["fingerprint"] is not None and record["fingerprint"] == prints[source]:
+                source = source_of(Path(task["input"]), output["settings"].get("label"))
+                if source not in same:
+                    same[source] = is_same_input(record, source, task["verify"])
+                if same[source]:
                     rows[output["name"]].take(record)
                     continue
-            open_outputs.append(output)
-        if open_outputs:
-            left.append(task | {"outputs": open_outputs})
+            remaining.append(output)
+        if remaining:
+            left.append(task | {"outputs": remaining})
     return left
 
 
 def started(
     tasks: list[dict[str, Any]],
     cases: Sequence[Case],
-    chosen: argparse.Namespace,
+    args: argparse.Namespace,
     cluster: Cluster | None,
     done_before: int,
 ) -> Iterator[Event | None]:
@@ -187,11 +206,10 @@ def started(
     elif not tasks:
         events = iter(())
     else:
-        wanted = {task["case"] for task in tasks}
-        sizes = {case.name: needed_bytes(case) for case in cases if case.name in wanted}
-        needs = [sizes[task["case"]] for task in tasks]
+        by_name = {case.name: case for case in cases}
+        needs = [needed_bytes(by_name[task["case"]]) for task in tasks]
         limit = memory_limit()
-        jobs = jobs_at_once(chosen.jobs, needs, limit)
+        jobs = jobs_at_once(args.jobs, needs, limit)
         for task in tasks:
             task["threads"] = task["threads"] or max(1, (os.cpu_count() or 1) // jobs)
         memory = f"; a case needs up to {max(needs, default=0) / GIB:.1f} GiB of memory"

@@ -1,8 +1,8 @@
-"""The files of a batch: what a case leaves behind, and how it is told that a case is done.
+"""The files of a batch: what a case leaves behind, and how a later run sees that a case is done.
 
-A case's JSON is written last. It carries a fingerprint of the input, the settings and the version, so whoever finds
-it knows whether the surface beside it is still the one that was asked for. Whatever is being written lies in one
-hidden folder until it is complete.
+A case's JSON is written last. It carries a key of the input, the settings and the version, so whoever finds it knows
+whether the surface beside it is still the one that is asked for. What is being written lies in a hidden folder of the
+run until it is complete.
 """
 
 from __future__ import annotations
@@ -11,16 +11,15 @@ import hashlib
 import json
 import re
 import shutil
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, CtmcError
-from ...readers import open_volume
-from ...reporting.atomic_write import json_text, made_folder, refused
+from ...readers import VolumeSource, open_volume
+from ...reporting.atomic_write import made_folder, refused, write_json
 
-UNFINISHED = ".ctmc-unfinished"
+UNFINISHED = ".ctmc-"  # and the run's number
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
 
@@ -35,25 +34,31 @@ def thumbnail_path(folder: Path, name: str) -> Path:
     return folder / THUMBNAILS / f"{name}.png"
 
 
-def unfinished_folder(folder: Path) -> Path:
-    """A new folder for what is being written, on the same disk as where it will go."""
-    return made_folder(folder / UNFINISHED / uuid.uuid4().hex[:12])
+def unfinished_folder(task: Mapping[str, Any]) -> Path:
+    """Where a run keeps what is not complete: on the same disk as where it will go."""
+    return Path(task["folder"], UNFINISHED + task["run"])
 
 
-def put_text(path: Path, text: str) -> None:
-    """Write a file of the output folder whole or not at all."""
-    beside = made_folder(path.parent / UNFINISHED) / f"{uuid.uuid4().hex[:12]}{path.suffix}"
+def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
+    """Where a case of that run does."""
+    return unfinished_folder(task) / task["outputs"][0]["name"]
+
+
+def put_output(folder: Path, name: str, surface: Path, thumbnail: Path | None, record: Mapping[str, Any]) -> None:
+    """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it."""
+    places = [(surface, folder / surface.name)]
+    if thumbnail is not None:
+        places.append((thumbnail, made_folder(folder / THUMBNAILS) / thumbnail.name))
+    target = record_path(folder, name)
     try:
-        beside.write_bytes(text.encode())
-        beside.replace(path)
+        target.unlink(missing_ok=True)
+        for path, target in places:
+            path.replace(target)
+        if thumbnail is None:
+            thumbnail_path(folder, name).unlink(missing_ok=True)
     except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise refused(path, error) from error
-
-
-def put_record(folder: Path, name: str, record: Mapping[str, Any]) -> None:
-    """Write the JSON of an output."""
-    put_text(record_path(folder, name), json_text(record))
+        raise refused(target, error) from error
+    write_json(record_path(folder, name), record)
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:
@@ -65,22 +70,17 @@ def read_record(folder: Path, name: str) -> dict[str, Any] | None:
     return record if isinstance(record, dict) else None
 
 
-def remove_output(folder: Path, name: str, suffix_of_surface: str) -> None:
-    """Take away what an earlier run left of an output, its JSON first."""
-    for path in (record_path(folder, name), folder / (name + suffix_of_surface), thumbnail_path(folder, name)):
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            raise refused(path, error) from error
-
-
 def remove_unfinished(folder: Path) -> None:
-    """Take away what a run that was killed had not finished."""
-    shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
+    """Remove what runs that were killed had not finished."""
+    for path in [*folder.glob(UNFINISHED + "*"), *(folder / THUMBNAILS).glob(UNFINISHED + "*")]:
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
-    """What a JSON must carry, besides the fingerprint, to stand for this output."""
+    """What a JSON must carry, besides the key of the input, to stand for this output."""
     return {
         "version": VERSION,
         "settings": output["settings"],
@@ -92,11 +92,11 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:
     """Whether a JSON is that of this output, made without an error, its files as they were written."""
-    wanted: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
+    expected: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
     sizes = record.get("file_bytes")
     return (
         record.get("status") == "done"
-        and all(record.get(key) == value for key, value in wanted.items())
+        and all(record.get(key) == value for key, value in expected.items())
         and isinstance(sizes, dict)
         and all(size_of(Path(task["folder"], name)) == size for name, size in sizes.items())
     )
@@ -111,7 +111,7 @@ def size_of(path: Path) -> int | None:
 
 
 def failed_record(
-    task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None, fingerprint: str | None
+    task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None
 ) -> dict[str, Any]:
     """The JSON of an output that did not come about."""
     return {
@@ -121,31 +121,43 @@ def failed_record(
         "faces": None,
         "volume_mm3": None,
         "seconds": seconds,
-        "fingerprint": fingerprint,
         **identity(task, output),
+        "run": task["run"],
     }
 
 
-def fingerprint_of(path: Path) -> str:
-    """A hash of the content of all files that are read for `path`, and of their names where they are several."""
-    total = hashlib.blake2b(digest_size=16)
-    files = open_volume(path).files
-    for file in files:
-        if len(files) > 1:
-            name = file.relative_to(path).as_posix() if path in file.parents else file.name
-            total.update(f"{name}\0{file.stat().st_size}\0".encode("utf-8", "surrogatepass"))
-        with file.open("rb") as stream:
-            while block := stream.read(BLOCK):
-                total.update(block)
-    return total.hexdigest()
+def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
+    """What tells whether an input has changed: of all its files the names, sizes and times, or a hash of the content.
+
+    Returns
+    -------
+    dict
+        `fingerprint`, a hash of names, sizes and times; with `verify` also `content_hash`, which reads every byte.
+    """
+    path = source.path
+    names = [file.relative_to(path).as_posix() if path in file.parents else file.name for file in source.files]
+    stats = [file.stat() for file in source.files]
+    times = [f"{name}\0{stat.st_size}\0{stat.st_mtime_ns}\0" for name, stat in zip(names, stats, strict=True)]
+    key = {"fingerprint": hashlib.blake2b("".join(times).encode("utf-8", "surrogatepass"), digest_size=16).hexdigest()}
+    if verify:
+        content = hashlib.blake2b(digest_size=16)
+        for name, stat, file in zip(names, stats, source.files, strict=True):
+            content.update(f"{name}\0{stat.st_size}\0".encode("utf-8", "surrogatepass"))
+            with file.open("rb") as stream:
+                while block := stream.read(BLOCK):
+                    content.update(block)
+        key["content_hash"] = content.hexdigest()
+    return key
 
 
-def fingerprint_or_none(path: Path) -> str | None:
-    """The fingerprint of an input that can be read."""
+def is_same_input(record: Mapping[str, Any], path: Path, verify: bool) -> bool:
+    """Whether the input is the one that a JSON's surface was made from: by its times, or by its content."""
     try:
-        return fingerprint_of(path)
+        key = input_key(open_volume(path), verify)
     except (CtmcError, OSError):
-        return None
+        return False
+    name = "content_hash" if verify else "fingerprint"
+    return record.get(name) == key[name]
 
 
 def without_folders(text: str, task: Mapping[str, Any]) -> str:
@@ -157,7 +169,7 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     'x.nii is empty; see y.nii, 1/2 mm'
     """
     known = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
-    for path in sorted({*known, *(one.parent for one in known), *(one.resolve() for one in known)}, key=depth):
+    for path in sorted({*known, *(path.parent for path in known), *(path.resolve() for path in known)}, key=depth):
         if path.name and path.is_absolute():
             text = text.replace(str(path), path.name)
     text = re.sub(r"(?:(?<![\w.:/\\])(?:[A-Za-z]:)?|(?<=:)(?=[\\/][^\\/]))[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)

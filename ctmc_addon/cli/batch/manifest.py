@@ -6,6 +6,7 @@ the input is read. An empty cell means what holds for all cases.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import io
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from typing import Any
 
 from ...core import ReadError, Setting, SettingsError, described
 from ...readers import stem
-from ..arguments import flag_of
+from ..arguments import flag_of, flip_of, list_reader, setting_reader, spacing_of
 
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -121,7 +122,7 @@ def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path
             continue
         try:
             found[kind][name] = parse(cell)
-        except ValueError as error:
+        except argparse.ArgumentTypeError as error:
             raise SettingsError(f"{where}: {word_of(name)} cannot be '{cell}'; {error}") from error
     if "input" not in found[""]:
         raise ReadError(f"{where}: the input is missing; give a file or a folder")
@@ -132,49 +133,19 @@ def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path
 
 
 def parse_of(name: str, about: Setting) -> Parse:
-    """How a setting's cell is read; `ReconstructionSettings` checks the limits."""
+    """How a setting's cell is read."""
     if about.type is bool:
         return switch
-    if name == "label":
-        return lambda cell: [number(word, int) for word in words_of(cell)]
-    if about.size > 1:
-        return lambda cell: numbers(cell, about.type, about.size)
-    return str if about.type is str else lambda cell: number(cell, about.type)
+    if about.choices:
+        return str
+    return list_reader(name, about) if name == "label" else setting_reader(name, about)
 
 
 def switch(cell: str) -> bool:
-    """Yes or no."""
+    """True or false."""
     if cell.lower() not in SWITCHES:
-        raise ValueError("write true or false")
+        raise argparse.ArgumentTypeError("write true or false")
     return SWITCHES[cell.lower()]
 
 
-def numbers(cell: str, kind: type = float, size: int = 3) -> tuple[Any, ...]:
-    """Numbers with spaces between them; one alone stands for three.
-
-    Examples
-    --------
-    >>> numbers("2 2 1", int), numbers("0.5")
-    ((2, 2, 1), (0.5, 0.5, 0.5))
-    """
-    many = tuple(number(word, kind) for word in words_of(cell))
-    many = many * 3 if len(many) == 1 and size == 3 else many
-    if len(many) != size:
-        raise ValueError(f"write {size} numbers with spaces between them")
-    return many
-
-
-def number(word: str, kind: type) -> Any:
-    """A number, whole where `kind` is int."""
-    try:
-        return kind(word)
-    except ValueError as error:
-        raise ValueError("write a whole number" if kind is int else "write a number") from error
-
-
-def words_of(cell: str) -> list[str]:
-    """The words of a cell, parted by spaces, commas or semicolons."""
-    return cell.replace(",", " ").replace(";", " ").split()
-
-
-READING: dict[str, Parse] = {"spacing": numbers, "flip": str, "series": str, "strict": switch}
+READING: dict[str, Parse] = {"spacing": spacing_of, "flip": flip_of, "series": str, "strict": switch}

@@ -23,7 +23,7 @@ def needed_bytes(case: Case) -> int:
 
 def voxels_of(case: Case) -> int:
     """Voxels in the file that will be read, 0 where that cannot be told."""
-    path, _ = source_of(case.path, case.outputs[0].settings.label)
+    path = source_of(case.path, case.outputs[0].settings.label)
     try:
         return readers.estimate_voxels(path)
     except (CtmcError, OSError):

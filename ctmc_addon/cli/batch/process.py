@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from ...core import CtmcError
+from ...reporting.atomic_write import write_json
 from .case import COMMAND
-from .files import failed_record, put_record, read_record, remove_output, without_folders
+from .files import failed_record, read_record, record_path, without_folders
 
 PACKAGE = Path(__file__).resolve().parents[2]
 TICK = 0.05  # seconds between two looks at the processes
@@ -40,16 +41,14 @@ class CaseProcess:
     def __init__(self, task: Task) -> None:
         self.task = task
         self.start = time.perf_counter()
-        for output in task["outputs"]:
-            remove_output(Path(task["folder"]), output["name"], task["format"])
-        self.said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
+        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         # Blender's own chatter goes nowhere; standard error is kept for a crash.
         try:
             self.process = subprocess.Popen(
-                command(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.said, env=environment()
+                command(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.errors, env=environment()
             )
         except OSError as error:
-            self.said.close()
+            self.errors.close()
             raise CtmcError(
                 f"no process could be started for {task['case']} ({error.strerror}); try fewer jobs, with --resume"
             ) from error
@@ -61,13 +60,13 @@ class CaseProcess:
             pass  # it has ended already, and its status will say why
 
     def ended(self) -> bool:
-        """Whether the process is no more; if so, every output has its record."""
+        """Whether the process has ended; if so, every output has its record."""
         status = self.process.poll()
         if status is None:
             return False
-        self.said.seek(0)
-        said = self.said.read().decode("utf-8", "replace")
-        settle(self.task, death(status, said), time.perf_counter() - self.start, said)
+        self.errors.seek(0)
+        printed = self.errors.read().decode("utf-8", "replace")
+        settle(self.task, death(status, printed), time.perf_counter() - self.start, printed)
         self.close()
         return True
 
@@ -92,7 +91,7 @@ class CaseProcess:
             self.process.stdin.close()
         except OSError:
             pass
-        self.said.close()
+        self.errors.close()
 
 
 def command() -> list[str]:
@@ -111,7 +110,7 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
-def death(status: int, said: str) -> str:
+def death(status: int, printed: str) -> str:
     """Why a process ended without a record for each output, in one sentence."""
     if status < 0:
         try:
@@ -120,20 +119,21 @@ def death(status: int, said: str) -> str:
             name = "unknown"
         killed = "; perhaps memory ran out: try fewer jobs" if name == "SIGKILL" else ""
         return f"the case's process was ended by signal {-status} ({name}){killed}"
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
-    last = lines[-1].removeprefix("ctmc: ") if lines else "it said nothing"
+    lines = [line.strip() for line in printed.splitlines() if line.strip()]
+    last = lines[-1].removeprefix("ctmc: ") if lines else "it printed nothing"
     return f"the case's process ended with exit code {status}: {last}"
 
 
-def settle(task: Task, error: str, seconds: float | None = None, said: str = "") -> None:
-    """Give every output that has no record one with this error; a defect's traceback goes with it."""
+def settle(task: Task, error: str, seconds: float | None = None, printed: str = "") -> None:
+    """Give every output that has no record of this run one with this error; a defect's traceback goes with it."""
     folder = Path(task["folder"])
     for output in task["outputs"]:
-        if read_record(folder, output["name"]) is None:
-            record = failed_record(task, output, error, None if seconds is None else round(seconds, 3), None)
-            if "Traceback " in said:
-                record["traceback"] = [without_folders(line, task) for line in said.splitlines()]
-            put_record(folder, output["name"], record)
+        record = read_record(folder, output["name"])
+        if record is None or record.get("run") != task["run"]:
+            record = failed_record(task, output, error, None if seconds is None else round(seconds, 3))
+            if "Traceback " in printed:
+                record["traceback"] = [without_folders(line, task) for line in printed.splitlines()]
+            write_json(record_path(folder, output["name"]), record)
 
 
 def run_task(task: Task) -> None:
@@ -170,11 +170,11 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
                 used += need
                 running.append((CaseProcess(task), need))
                 yield Event(task, "running")
-            over = [one for one in running if one[0].ended()]
-            running = [one for one in running if one not in over]
-            for process, _ in over:
+            ended = [(process, need) for process, need in running if process.ended()]
+            running = [pair for pair in running if pair not in ended]
+            for process, _ in ended:
                 yield Event(process.task, "ended")
-            if not over:
+            if not ended:
                 yield None
                 time.sleep(TICK)
     finally:

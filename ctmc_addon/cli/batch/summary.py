@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, OutputError
-from ...reporting.atomic_write import csv_text, json_text
-from .files import put_text, read_record, thumbnail_path
+from ...reporting.atomic_write import write_csv, write_json, write_text
+from .files import read_record, thumbnail_path
 
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
 STYLE = (
@@ -50,14 +50,13 @@ def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
     summary.csv open keeps others from it on Windows, which is no reason to stop.
     """
     plain = [asdict(row) for row in rows]
-    texts = {
-        "summary.json": json_text(plain),
-        "summary.csv": csv_text(plain, [field.name for field in fields(Row)]),
-        "summary.html": html_text(folder, rows, over),
-    }
-    for name, text in texts.items():
+    for write, name, content in (
+        (write_json, "summary.json", (plain,)),
+        (write_csv, "summary.csv", (plain, [field.name for field in fields(Row)])),
+        (write_text, "summary.html", (html_text(folder, rows, over),)),
+    ):
         try:
-            put_text(folder / name, text)
+            write(folder / name, *content)
         except OutputError:
             if over:
                 raise
@@ -107,8 +106,8 @@ def numbers(row: Row) -> list[str]:
 def counts(rows: Sequence[Row]) -> str:
     """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
     states = [row.status for row in rows]
-    said = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
-    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(said)}"
+    parts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
+    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(parts)}"
 
 
 def row_of(folder: Path, name: str) -> Row:

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from ... import readers
-from ...core import Volume, within
+from ...core import Stages, Volume
 from ...core.volume import slabs, value_range
 from ..arguments import add_input, reading_of
-from ..terminal import Progress, by, listing
+from ..terminal import Progress, dimensions, listing, titled
 
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 MOST_LABELS = 150
+READING = {"Reading headers": 1, "Reading values": 4}
 
 
 def add_parser(commands: Any) -> None:
@@ -23,41 +24,36 @@ def add_parser(commands: Any) -> None:
         "info",
         help="say what a volume is",
         description="Shape, spacing, orientation, values, series, labels and notes of a volume.",
-        allow_abbrev=False,
     )
     add_input(parser)
     parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Read the volume and print what it is."""
+    stages = Stages(READING)
     with Progress() as progress:
-        source = progress.drive(within(readers.open_volume_steps(chosen.input), 0.0, 0.2))
-        volume = progress.drive(within(source.read_steps(**reading_of(chosen)), 0.2, 1.0))
+        source = progress.finish(stages.run("Reading headers", readers.open_volume_steps(args.input)))
+        volume = progress.finish(stages.run("Reading values", source.read_steps(**reading_of(args))))
     series = source.series
     columns, rows, slices = volume.size
     axes = zip(("columns", "rows", "slices"), volume.orientation, strict=True)
     facts = [
         ("name", volume.name),
         ("shape", f"{columns} x {rows} x {slices} (columns x rows x slices)"),
-        ("spacing", f"{by(volume.spacing)} mm"),
+        ("spacing", f"{dimensions(volume.spacing)} mm"),
         ("orientation", f"{volume.orientation} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})"),
         ("dtype", str(volume.values.dtype)),
         ("values", values_text(volume)),
     ]
-    if len(series) > 1 or any(one.uid for one in series):
-        facts += titled("series", [f"{one.text}{', UID ' + one.uid if one.uid else ''}" for one in series])
+    if len(series) > 1 or any(item.uid for item in series):
+        facts += titled("series", [f"{item.text}{', UID ' + item.uid if item.uid else ''}" for item in series])
     facts += titled("labels", labels_text(volume))
-    sibling = readers.segmentation_sibling(chosen.input)
+    sibling = readers.segmentation_sibling(args.input)
     if sibling is not None:
         facts.append(("label file", f"{sibling.name} beside it"))
     facts += titled("notes", list(volume.notes))
     print(listing(facts))
-
-
-def titled(title: str, lines: list[str]) -> list[tuple[str, str]]:
-    """The title before the first of the lines."""
-    return [(title if not at else "", line) for at, line in enumerate(lines)]
 
 
 def values_text(volume: Volume) -> str:

@@ -6,26 +6,20 @@ import argparse
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import (
-    LabelError,
-    Reconstruction,
-    ReconstructionSettings,
-    Stage,
-    Step,
-    Steps,
-    Volume,
-    reconstruct_steps,
-    within,
-)
+from ...core import LabelError, Reconstruction, Stage, Stages, Step, Steps, Volume, reconstruct_steps
+from ...reporting import mesh_files
 from ...reporting.atomic_write import require_writable, whole_files, write_json
-from ..arguments import add_input, add_settings, command_of, reading_of, settings_from
-from ..blender_host import blender_at_work, load_scene
-from ..terminal import Progress, by, listing, table
+from ..arguments import add_input, add_settings, add_threads, command_of, reading_of, settings_from
+from ..blender_host import blender_at_work, objects_of, require_blender
+from ..terminal import Progress, dimensions, listing, table, titled
+
+SUFFIXES = (*mesh_files.SUFFIXES, ".obj", ".glb", ".blend")  # of which Blender writes those at the end
+STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
 
 
 @dataclass(frozen=True)
@@ -48,20 +42,12 @@ class Outputs:
         """Names without folders."""
         return [path.name for path in self.paths]
 
-
-@dataclass
-class Work:
-    """What one reconstruction collects on its way: the stages outside core, and what the command has to say."""
-
-    stages: list[Stage] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    @contextmanager
-    def timed(self, name: str) -> Iterator[None]:
-        """Add a stage with the seconds of the block."""
-        start = time.perf_counter()
-        yield
-        self.stages.append(Stage(name, time.perf_counter() - start))
+    def blender_needed_for(self, simplifier: str) -> str:
+        """What Blender is needed for, empty if for nothing."""
+        if simplifier == "decimate":
+            return "--simplifier decimate"
+        suffixes = [path.suffix.lower() for path in self.surfaces if path.suffix.lower() not in mesh_files.SUFFIXES]
+        return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
 
 
 def add_parser(commands: Any) -> None:
@@ -71,117 +57,122 @@ def add_parser(commands: Any) -> None:
         help="make a surface from a volume",
         description="Make a surface from a CT stack or a label volume. Without --threshold or --label "
         "Otsu's threshold is used.",
-        allow_abbrev=False,
     )
     add_input(parser)
     parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUTPUT",
-        help=".stl, .ply, .obj, .glb or .blend; its folder must exist",
+        "-o", "--output", required=True, metavar="OUTPUT", help=f"{', '.join(SUFFIXES)}; its folder must exist"
     )
     add_settings(parser)
     group = parser.add_argument_group("output")
     group.add_argument(
-        "--space", choices=("ras", "lps"), default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
+        "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
-    group.add_argument("--threads", type=int, metavar="N", help="default: one for each processor, at most 8")
+    add_threads(group)
     parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
-    settings = settings_from(chosen)
-    scene = load_scene()
+    settings = settings_from(args)
     outputs = Outputs(
-        (require_writable(chosen.output, scene.SUFFIXES),),
-        require_writable(chosen.report, (".json",)) if chosen.report else None,
-        require_writable(chosen.figure, (".png",)) if chosen.figure else None,
-        chosen.space,
+        (require_writable(args.output, SUFFIXES),),
+        require_writable(args.report, (".json",)) if args.report else None,
+        require_writable(args.figure, (".png",)) if args.figure else None,
+        args.space,
     )
-    work = Work()
+    if purpose := outputs.blender_needed_for(settings.simplifier):
+        require_blender(purpose)
+    stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.drive(within(volume_steps(chosen, settings, work), 0.0, 0.3))
-        result = progress.drive(within(reconstruct_steps(volume, settings, chosen.threads), 0.3, 0.9))
-        result = progress.drive(within(written_steps(result, outputs, work), 0.9, 1.0))
-    print(summary(result, volume, outputs, work.notes))
+        volume = progress.finish(stages.run("Reading", volume_steps(args.input, reading_of(args), settings.label)))
+        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, settings, args.threads)))
+        result = replace(result, stages=(Stage("Reading", stages.seconds["Reading"]), *result.stages))
+        result = progress.finish(stages.run("Writing", written_steps(result, outputs)))
+    print(summary(result, volume, outputs))
 
 
-def volume_steps(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work) -> Steps[Volume]:
-    """Read INPUT; of a LiTS volume whose label is asked for, its segmentation."""
-    path = Path(chosen.input)
-    source, notes = source_of(path, settings.label)
-    work.notes += notes
-    with work.timed("Reading"):
-        volume = yield from readers.read_volume_steps(source, **reading_of(chosen))
-    require_label_volume(volume, path, settings.label)
+def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None) -> Steps[Volume]:
+    """Read a volume; of a LiTS volume whose label is asked for, its segmentation, which a note says."""
+    path = Path(path)
+    stages = Stages({"Reading headers": 1, "Reading values": 4})
+    source = yield from stages.run("Reading headers", readers.open_volume_steps(source_of(path, label)))
+    return (yield from stages.run("Reading values", values_steps(source, path, reading, label)))
+
+
+def values_steps(
+    source: readers.VolumeSource, path: Path, reading: Mapping[str, Any], label: int | None
+) -> Steps[Volume]:
+    """Read what was opened for `path`."""
+    volume = yield from source.read_steps(**reading)
+    if label is not None and volume.kind == "HU":
+        raise LabelError(
+            f"{path.name} holds HU, in which {label} is a density and not a label; "
+            "give the label volume, or --threshold"
+        )
+    if source.path != path:
+        note = f"{path.name} holds gray values: label {label} is taken from {source.path.name} beside it"
+        volume = replace(volume, notes=(note, *volume.notes))
     return volume
 
 
-def source_of(path: Path, label: int | None) -> tuple[Path, list[str]]:
-    """The file to read, for a label that of a LiTS volume's segmentation, and a note if it is another than `path`."""
-    sibling = readers.segmentation_sibling(path) if label is not None else None
-    if sibling is None:
-        return path, []
-    return sibling, [f"{path.name} holds grey values: label {label} is taken from {sibling.name} beside it"]
+def source_of(path: Path, label: int | None) -> Path:
+    """The file to read: for a label that of a LiTS volume's segmentation."""
+    return (readers.segmentation_sibling(path) if label is not None else None) or path
 
 
-def require_label_volume(volume: Volume, path: Path, label: int | None) -> None:
-    """Raise `LabelError` if a label is asked of Hounsfield units."""
-    if label is not None and volume.kind == "HU":
-        raise LabelError(
-            f"{path.name} holds HU, in which {label} is a density and no label; give the label volume, or --threshold"
-        )
-
-
-def written_steps(result: Reconstruction, outputs: Outputs, work: Work) -> Steps[Reconstruction]:
+def written_steps(result: Reconstruction, outputs: Outputs) -> Steps[Reconstruction]:
     """Write every output, all or none, and return the result as it was written."""
     with whole_files(outputs.paths) as places:
-        result = yield from object_steps(result, outputs, places, work)
-        first = [stage for stage in work.stages if stage.name == "Reading"]
-        last = [stage for stage in work.stages if stage.name != "Reading"]
-        result = replace(result, stages=(*first, *result.stages, *last), notes=(*work.notes, *result.notes))
+        if outputs.blender_needed_for(result.settings.simplifier):
+            result = yield from with_blender_steps(result, outputs, places)
+        stages: list[Stage] = []
+        for path in outputs.surfaces:
+            if path.suffix.lower() in mesh_files.SUFFIXES:
+                yield Step(0.8, f"Writing {path.name}")
+                with timed(stages, f"Writing {path.suffix.lower()}"):
+                    mesh_files.write_mesh(result.mesh, places[path], outputs.space)
+        result = replace(result, stages=(*result.stages, *stages))
         if outputs.report is not None:
-            yield Step(0.98, f"Writing {outputs.report.name}")
+            yield Step(0.9, f"Writing {outputs.report.name}")
             write_json(places[outputs.report], result.report() | {"files": outputs.names})
     return result
 
 
-def object_steps(
-    result: Reconstruction, outputs: Outputs, places: Mapping[Path, Path], work: Work
-) -> Steps[Reconstruction]:
-    """Make the Blender object and write what shows it to `places`; returns the result as it was written."""
-    scene = load_scene()
-    import bpy
+def with_blender_steps(result: Reconstruction, outputs: Outputs, places: Mapping[Path, Path]) -> Steps[Reconstruction]:
+    """Make an object in a scene of its own, and write what only Blender writes; returns the result as it is shown."""
+    from ...blender.export import export
+    from ...blender.figure.render import render_figure
 
-    home = bpy.data.scenes.new("reconstruct")  # "CTMC" is the name of the scene in a .blend
-    thing = None
-    try:
-        with work.timed("Building the object"), blender_at_work():
-            thing = scene.add_reconstruction(result, home)
-            if result.settings.simplifies and result.settings.simplifier == "decimate":
-                # What is written is what the live modifier leaves.
-                result = replace(result, mesh=scene.evaluated_triangles(thing, home))
+    yield Step(0.0, "Building the object")
+    stages: list[Stage] = []
+    start = time.perf_counter()
+    # A .blend has a scene "CTMC", a name that only one can have.
+    with objects_of([result], "CTMC objects") as (scene, [obj], [result]):
+        stages.append(Stage("Building the object", time.perf_counter() - start))
         for path in outputs.surfaces:
-            yield Step(0.2, f"Writing {path.name}")
-            with work.timed(f"Writing {path.suffix.lower()}"), blender_at_work():
-                scene.export(thing, places[path], space=outputs.space, scene=home)
+            if path.suffix.lower() not in mesh_files.SUFFIXES:
+                yield Step(0.2, f"Writing {path.name}")
+                with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
+                    export(obj, places[path], space=outputs.space, scene=scene)
         if outputs.figure is not None:
-            yield Step(0.5, f"Rendering {outputs.figure.name}")
-            with work.timed("Rendering the figure"), blender_at_work():
-                small = {} if outputs.thumbnail is None else {"size": outputs.thumbnail, "edges": False}
-                scene.render_figure(thing, home, places[outputs.figure], **small)
-    finally:
-        if thing is not None:
-            bpy.data.meshes.remove(thing.data)  # and the object with it
-        bpy.data.scenes.remove(home)
-    return result
+            yield Step(0.4, f"Rendering {outputs.figure.name}")
+            with timed(stages, "Rendering the figure"), blender_at_work():
+                small: dict[str, Any] = {"size": outputs.thumbnail, "edges": False} if outputs.thumbnail else {}
+                render_figure(obj, scene, places[outputs.figure], **small)
+    return replace(result, stages=(*result.stages, *stages))
 
 
-def summary(result: Reconstruction, volume: Volume, outputs: Outputs, notes: list[str]) -> str:
+@contextmanager
+def timed(stages: list[Stage], name: str) -> Iterator[None]:
+    """Add a stage with the seconds of the block."""
+    start = time.perf_counter()
+    yield
+    stages.append(Stage(name, time.perf_counter() - start))
+
+
+def summary(result: Reconstruction, volume: Volume, outputs: Outputs) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
@@ -199,10 +190,10 @@ def summary(result: Reconstruction, volume: Volume, outputs: Outputs, notes: lis
         ("surface", f"{shape}, {parts}, Euler number {report['euler']}"),
         ("threshold", f"{result.threshold:.6g}"),
         ("voxels", f"{result.voxels_visited} visited"),
+        *titled("note", report["notes"]),
+        ("written", ", ".join(outputs.names)),
     ]
-    facts += [("note" if not at else "", note) for at, note in enumerate(report["notes"])]
-    facts.append(("written", ", ".join(outputs.names)))
-    head = f"{volume.name}: {by(volume.size)}, {by(volume.spacing)} mm"
+    head = f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
     settings = f"settings: {command_of(result.settings) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
     return f"{head}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"

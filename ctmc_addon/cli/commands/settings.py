@@ -16,12 +16,11 @@ def add_parser(commands: Any) -> None:
         help="print the settings as TOML, each with its text",
         description="Print every setting with its text and value, for a file that --settings reads: "
         "ctmc settings --label 2 > case.toml",
-        allow_abbrev=False,
     )
     add_settings(parser)
     parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Print the settings that the flags give."""
-    print(to_toml(settings_from(chosen)), end="")
+    print(to_toml(settings_from(args)), end="")

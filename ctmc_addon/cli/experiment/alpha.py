@@ -6,27 +6,30 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...core import (
     Reconstruction,
     ReconstructionSettings,
-    SettingsError,
+    Stages,
     Step,
     Steps,
     TriangleMesh,
+    equal_part,
     reconstruct_steps,
     simplify_steps,
-    within,
 )
 from ...core.mesh import ReferenceSurface, roughness, surface_distance_steps, triangle_shapes
-from ..blender_host import blender_at_work, load_scene
-from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
+from ..arguments import UsageError, flags_checked, settings_from
+from ..blender_host import blender_at_work, objects_of, require_blender
+from ..terminal import Progress
+from .common import facts_of, input_steps, measuring_fact, require_builtin
 from .plot import Panel, write_plot
-from .table import Column, Row, Table, experiment_folder, number, once, plain
+from .table import Column, Row, Table, number, plain, unique
 
+STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
+HELP = "figure 8: alpha"
 DESCRIPTION = (
     "Place the vertices of one surface by several alphas, and measure how smooth it is and how far it moves. "
     "Needs --threshold, or --label with --soften: on a bare label alpha does nothing."
@@ -43,41 +46,36 @@ class Measured:
     max_mm: float
 
 
-def add_parser(commands: Any) -> None:
-    """Add the experiment to `ctmc experiment`."""
-    parser = commands.add_parser("alpha", help="figure 8: alpha", description=DESCRIPTION, allow_abbrev=False)
-    add_common(parser)
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Which alphas, and whether to show them."""
     parser.add_argument(
         "--alphas", nargs="+", type=float, default=[0.0, 0.25, 0.75, 1.0], metavar="A", help="(default 0 0.25 0.75 1)"
     )
     parser.add_argument(
         "--pictures", action=argparse.BooleanOptionalAction, default=True, help="a picture of every alpha (default)"
     )
-    parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, measure, render every alpha, write the table, and print it."""
-    with experiment_folder(chosen.output, chosen.overwrite) as folder:
-        done = table_of(chosen, folder)
-        done.write(folder)
-    print(done.printed())
-
-
-def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its pictures are written to `folder`."""
-    settings, volume, notes, progress = prepared(chosen, require_alpha)
-    every = [replace(settings, alpha=alpha) for alpha in once(chosen.alphas)]  # checks the limits
-    with progress:
+    settings = settings_from(args)
+    require_alpha(settings)
+    with flags_checked():
+        variants = [replace(settings, alpha=alpha) for alpha in unique(args.alphas)]
+    if args.pictures:
+        require_blender("rendering pictures")
+    stages = Stages(STAGES)
+    with Progress() as progress:
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-        result = progress.drive(within(reconstruct_steps(volume, full, chosen.threads), 0.1, 0.4))
-        measured = progress.drive(within(alpha_steps(result, every), 0.4, 0.6))
-        shown = measured if chosen.pictures else []
-        pictures = progress.drive(within(pictured_steps(result, shown, folder), 0.6, 1.0))
+        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+        measured = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
+        shown = measured if args.pictures else []
+        pictures = progress.finish(stages.run("Rendering", pictures_steps(result, shown, folder)))
     rows = rows_of(measured)
     write_plot(folder / "plot.png", panels(rows))
     facts = [
-        *facts_of(volume, settings, result.threshold, [*notes, *result.notes]),
+        *facts_of(volume, settings, result.threshold, result.notes),
         ("roughness", "mean angle between neighbouring triangles, degrees"),
         ("shape", "mean of 4 sqrt(3) area / sum of squared sides: 1 is equilateral; worst is the 1st percentile"),
         ("compared", "with the linear surface (alpha 1) before any simplification"),
@@ -87,70 +85,64 @@ def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
 
 
 def require_alpha(settings: ReconstructionSettings) -> None:
-    """Raise `SettingsError` where alpha does nothing, or where nobody said what the surface is to be."""
+    """Raise `UsageError` where alpha does nothing, or where nobody said what the surface is to be."""
     require_builtin(settings)
     if settings.threshold is None and settings.soften_mm == 0:
-        raise SettingsError(
+        raise UsageError(
             "alpha moves vertices between grey values, and a bare label has none: "
             "give --threshold T, or --label N with --soften MM"
         )
 
 
-def alpha_steps(result: Reconstruction, every: Sequence[ReconstructionSettings]) -> Steps[list[Measured]]:
+def alpha_steps(result: Reconstruction, variants: Sequence[ReconstructionSettings]) -> Steps[list[Measured]]:
     """Measure the surface of `result` at the alpha of each of the settings, simplified as they say."""
     surface = result.surface
     assert surface is not None  # nothing has been simplified yet
     reference = ReferenceSurface(surface.at(1.0))
     measured = []
-    for at, settings in enumerate(every):
-        low, high = at / len(every), (at + 1) / len(every)
-        yield Step(low, f"Measuring alpha {settings.alpha:g}")
+    for at, settings in enumerate(variants):
+        stages = Stages({"Simplifying": 1, f"Measuring alpha {settings.alpha:g}": 1})
         mesh = surface.at(settings.alpha)
         if settings.simplifies:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            mesh = yield from within(simplify_steps(mesh, *goals), low, (low + high) / 2)
-        apart = yield from within(surface_distance_steps(mesh, reference), (low + high) / 2, high)
-        measured.append(Measured(settings.alpha, mesh, apart.mean, apart.largest))
+            steps = stages.run("Simplifying", simplify_steps(mesh, *goals))
+            mesh = yield from equal_part(steps, at, len(variants))
+        measuring = stages.run(f"Measuring alpha {settings.alpha:g}", surface_distance_steps(mesh, reference))
+        distance = yield from equal_part(measuring, at, len(variants))
+        measured.append(Measured(settings.alpha, mesh, distance.mean, distance.largest))
     return measured
 
 
-def pictured_steps(result: Reconstruction, measured: Sequence[Measured], folder: Path) -> Steps[list[tuple[str, str]]]:
-    """Render every alpha in the paper's colours; returns the pictures' names and captions."""
-    import bpy
+def pictures_steps(result: Reconstruction, measured: Sequence[Measured], folder: Path) -> Steps[list[tuple[str, str]]]:
+    """Render every alpha in the paper's colors; returns the pictures' names and captions."""
+    from ...blender.figure.render import render_figure
 
-    scene = load_scene()
     pictures = []
-    for at, one in enumerate(measured):
-        yield Step(at / len(measured), f"Rendering alpha {one.alpha:g}")
-        name = f"alpha-{one.alpha:g}.png"
-        with blender_at_work():
-            home = bpy.data.scenes.new("CTMC")
-            thing = scene.add_reconstruction(replace(result, mesh=one.mesh, surface=None), home)
-            try:
-                scene.render_figure(thing, home, folder / name)
-            finally:
-                bpy.data.meshes.remove(thing.data)  # and the object with it
-                bpy.data.scenes.remove(home)
-        pictures.append((name, f"alpha {one.alpha:g}"))
+    for at, item in enumerate(measured):
+        yield Step(at / len(measured), f"Rendering alpha {item.alpha:g}")
+        name = f"alpha-{item.alpha:g}.png"
+        with objects_of([replace(result, mesh=item.mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
+            render_figure(obj, scene, folder / name)
+        pictures.append((name, f"alpha {item.alpha:g}"))
     return pictures
 
 
 def rows_of(measured: Sequence[Measured]) -> list[Row]:
     """What table.json says of every alpha."""
     rows = []
-    for one in measured:
-        shapes = triangle_shapes(one.mesh)
+    for item in measured:
+        shapes = triangle_shapes(item.mesh)
         rows.append(
             {
-                "alpha": plain(one.alpha),
-                "roughness_deg": roughness(one.mesh),
+                "alpha": plain(item.alpha),
+                "roughness_deg": roughness(item.mesh),
                 "shape_mean": float(shapes.mean()),
                 "shape_worst": float(np.percentile(shapes, 1)),
-                "faces": len(one.mesh.faces),
-                "volume_mm3": one.mesh.enclosed_volume,
-                "area_mm2": one.mesh.area,
-                "mean_mm": one.mean_mm,
-                "max_mm": one.max_mm,
+                "faces": len(item.mesh.faces),
+                "volume_mm3": item.mesh.enclosed_volume,
+                "area_mm2": item.mesh.area,
+                "mean_mm": item.mean_mm,
+                "max_mm": item.max_mm,
             }
         )
     return rows

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 from typing import Any
 
-from . import alpha as experiment_alpha
-from . import rotation as experiment_rotation
-from . import simplify as experiment_simplify
-from . import voxels as experiment_voxels
+from . import alpha, rotation, simplify, voxels
+from .common import add_common
+from .table import experiment_folder
 
-EXPERIMENTS = (experiment_voxels, experiment_rotation, experiment_alpha, experiment_simplify)
+EXPERIMENTS = {"voxels": voxels, "rotation": rotation, "alpha": alpha, "simplify": simplify}
 
 
 def add_parser(commands: Any) -> None:
@@ -19,8 +19,18 @@ def add_parser(commands: Any) -> None:
         help="measure: larger voxels, rotation, alpha, simplification",
         description="Measure on your own data what the paper measured, and write table.csv, table.json, table.md "
         "and pictures into a folder.",
-        allow_abbrev=False,
     )
     experiments = parser.add_subparsers(dest="experiment", metavar="EXPERIMENT", required=True)
-    for experiment in EXPERIMENTS:
-        experiment.add_parser(experiments)
+    for name, experiment in EXPERIMENTS.items():
+        parser = experiments.add_parser(name, help=experiment.HELP, description=experiment.DESCRIPTION)
+        add_common(parser)
+        experiment.add_flags(parser)
+        parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Measure, write the table and its pictures, and print the table."""
+    with experiment_folder(args.output, args.overwrite) as folder:
+        table = EXPERIMENTS[args.experiment].table_of(args, folder)
+        table.write(folder)
+    print(table.printed())

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from ...core import ReconstructionSettings, SettingsError, Volume, within
+from ...core import ReconstructionSettings, Steps, Volume
 from ...core.mesh import SAMPLES, SEED
-from ..arguments import add_input, add_settings, command_of, settings_from
-from ..blender_host import load_scene
-from ..commands.reconstruct import Work, volume_steps
-from ..terminal import Progress, by
-from .table import once, plain
+from ..arguments import UsageError, add_input, add_settings, add_threads, command_of, reading_of
+from ..commands.reconstruct import volume_steps
+from ..terminal import dimensions
+from .table import plain, unique
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -21,49 +20,54 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, metavar="DIR", help="folder for table and pictures; made with its parents"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an older experiment in that folder")
-    parser.add_argument("--threads", type=int, metavar="N", help="default: one for each processor, at most 8")
+    add_threads(parser)
     add_settings(parser)
 
 
-def prepared(
-    chosen: argparse.Namespace, check: Callable[[ReconstructionSettings], None]
-) -> tuple[ReconstructionSettings, Volume, list[str], Progress]:
-    """Settings that pass the check, the volume, notes on which file it is, and the progress line so far."""
-    settings = settings_from(chosen)
-    check(settings)
-    load_scene()  # says so where there is no Blender, before anything is read
-    work, progress = Work(), Progress()
-    with progress:
-        volume = progress.drive(within(volume_steps(chosen, settings, work), 0.0, 0.1))
-    return settings, volume, work.notes, progress
+def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> None:
+    """Levels of simplification, per cent."""
+    parser.add_argument(
+        "--levels",
+        nargs="+",
+        type=level,
+        default=list(default),
+        metavar="PERCENT",
+        help=f"share of the triangles to remove, 0 to 99 (default {' '.join(f'{percent:g}' for percent in default)})",
+    )
+
+
+def level(word: str) -> float | int:
+    """A share of the triangles, per cent."""
+    percent = float(word)
+    if not 0 <= percent <= 99:
+        raise argparse.ArgumentTypeError(f"a level is from 0 to 99 per cent of the triangles to remove, not {word}")
+    return plain(percent)
+
+
+def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
+    """Read INPUT."""
+    return (yield from volume_steps(args.input, reading_of(args), settings.label))
 
 
 def require_builtin(settings: ReconstructionSettings) -> None:
-    """Raise `SettingsError` for a simplifier that works in Blender, after the stages that an experiment measures."""
+    """Raise `UsageError` for a simplifier that works in Blender, after the stages that an experiment measures."""
     if settings.simplifies and settings.simplifier == "decimate":
-        raise SettingsError(
+        raise UsageError(
             "this experiment simplifies with the built-in simplifier; leave --simplifier decimate out "
             "(`ctmc experiment simplify` compares the two)"
         )
-
-
-def levels_of(percents: Sequence[float]) -> list[float]:
-    """Simplification levels in per cent, each once, or a `SettingsError`."""
-    for percent in percents:
-        if not 0 <= percent <= 99:
-            raise SettingsError(f"a level must be from 0 to 99 per cent of the triangles to remove, not {percent:g}")
-    return once([plain(percent) for percent in percents])
 
 
 def facts_of(
     volume: Volume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
 ) -> list[tuple[str, str]]:
     """Input, settings and notes."""
+    spacing = [round(gap, 4) for gap in volume.spacing]
     facts = [
-        ("input", f"{volume.name}, {by(volume.size)} voxels of {by([round(gap, 4) for gap in volume.spacing])} mm"),
+        ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
         ("settings", f"{command_of(settings) or 'the defaults'} (surface at {threshold:.6g})"),
     ]
-    return facts + [("note", note) for note in once(notes)]
+    return facts + [("note", note) for note in unique(notes)]
 
 
 def measuring_fact() -> tuple[str, str]:

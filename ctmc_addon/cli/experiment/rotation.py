@@ -9,35 +9,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core import SettingsError, TriangleMesh, described, reconstruct_steps, within
-from ..arguments import flag_of, given_settings
-from ..blender_host import blender_at_work, load_scene, quiet
-from ..terminal import Progress, by
-from .common import add_common, facts_of, levels_of, prepared, require_builtin
+from ...core import CtmcError, Stages, TriangleMesh, described, reconstruct_steps
+from ..arguments import UsageError, at_least, flag_of, given_settings, settings_from
+from ..blender_host import blender_at_work, quiet_steps, require_blender
+from ..terminal import Progress, dimensions
+from .common import add_levels, facts_of, input_steps, require_builtin
 from .plot import Panel, write_plot
-from .table import Column, Row, Table, experiment_folder, number, once, plain
+from .table import Column, Row, Table, number, plain, unique
 
+STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 2, "Rotating": 6}
 ENGINES = {"workbench": "BLENDER_WORKBENCH", "cycles": "CYCLES"}
 TIMES = ("first", "second", "third", "fourth", "fifth")
+HELP = "table 2: rotation"
 DESCRIPTION = (
     "Turn a surface once around its z axis in several rounds, at several levels of simplification, and compare the "
     "time. INPUT may also be a mesh: .stl, .ply, .obj, .glb or .blend."
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the experiment to `ctmc experiment`."""
-    parser = commands.add_parser("rotation", help="table 2: rotation", description=DESCRIPTION, allow_abbrev=False)
-    add_common(parser)
-    parser.add_argument(
-        "--levels",
-        nargs="+",
-        type=float,
-        default=[0.0, 50.0, 90.0],
-        metavar="PERCENT",
-        help="share of the triangles to remove, 0 to 99 (default 0 50 90)",
-    )
-    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="turns of each level (default 5)")
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Which levels, and how they turn."""
+    add_levels(parser, (0, 50, 90))
+    parser.add_argument("--rounds", type=at_least(1), default=5, metavar="N", help="turns of each level (default 5)")
     parser.add_argument(
         "--step",
         type=float,
@@ -51,112 +44,111 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--engine", choices=tuple(ENGINES), help="default: Workbench where Blender can draw, else Cycles"
     )
-    parser.set_defaults(run=run)
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, simplify, rotate, write the table and the plot, and print the table."""
-    with experiment_folder(chosen.output, chosen.overwrite) as folder:
-        done = table_of(chosen, folder)
-        done.write(folder)
-    print(done.printed())
-
-
-def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its plot is written to `folder`."""
-    levels = levels_of(chosen.levels)
-    require_turning(chosen)
-    scene = load_scene()
-    engine, why = engine_of(chosen.engine, scene)
-    size = tuple(chosen.resolution) if chosen.resolution else scene.turntable.SIZES[engine]
-    mesh, facts, progress = surface_of(chosen)
-    with progress:
-        simplified = progress.drive(within(scene.turntable.simplified_steps(mesh, once(levels, first=0)), 0.2, 0.4))
-        steps = scene.turntable.rotation_test_steps(simplified, engine, chosen.rounds, chosen.step, size)
-        turned = progress.drive(within(quiet(steps), 0.4, 1.0))
-    frames = scene.turntable.frames_of(chosen.step)
-    turn = turn_told(frames, chosen.step)
+    require_turning(args)
+    require_blender("the rotation experiment")
+    from ...blender import rotation as timing
+
+    engine, reason = engine_of(args.engine)
+    size = tuple(args.resolution) if args.resolution else timing.SIZES[engine]
+    stages = Stages(STAGES)
+    with Progress() as progress:
+        mesh, facts = surface_of(args, stages, progress)
+        steps = timing.simplified_steps(mesh, unique(args.levels, first=0))
+        simplified = progress.finish(stages.run("Simplifying", steps))
+        test = timing.rotation_test_steps(simplified, engine, args.rounds, args.step, size)
+        turned = progress.finish(stages.run("Rotating", quiet_steps(test)))
+    frames = timing.frames_of(args.step)
+    turn = turn_text(frames, args.step)
     name = "Workbench" if engine == ENGINES["workbench"] else "Cycles"
     rows = rows_of(turned, name, size, frames)
     facts += [
-        ("engine", f"{name}, off screen, {by(size)} px{why}"),
-        ("timed", f"{turn} about z: {frames} frames, {chosen.step:g} degrees apart, each a whole render: Blender"),
+        ("engine", f"{name}, off screen, {dimensions(size)} px{reason}"),
+        ("timed", f"{turn} about z: {frames} frames, {args.step:g} degrees apart, each a whole render: Blender"),
         ("", "evaluates the scene, hands the mesh to the engine, draws, and reads the picture"),
         ("not timed", "reading, simplifying, building, and a first frame of every level in every round"),
-        ("rounds", f"{chosen.rounds}, the levels in turn; every level is a static mesh with no modifier and no key"),
+        ("rounds", f"{args.rounds}, the levels in turn; every level is a static mesh with no modifier and no key"),
     ]
     if rows[0]["draw_rounds"]:
         facts.append(("drawing", "the triangles alone, by GPUOffScreen: they are on the GPU before the clock starts"))
     write_plot(folder / "plot.png", panels(rows, turn))
-    return Table("Rotation", facts, columns(chosen.rounds), rows, [("plot.png", f"Time of {turn} over the level")])
+    return Table("Rotation", facts, columns(args.rounds), rows, [("plot.png", f"Time of {turn} over the level")])
 
 
-def turn_told(frames: int, step_degrees: float) -> str:
+def turn_text(frames: int, step_degrees: float) -> str:
     """How far the frames turn the surface.
 
     Examples
     --------
-    >>> turn_told(18, 20.0), turn_told(51, 7.0)
+    >>> turn_text(18, 20.0), turn_text(51, 7.0)
     ('one turn', '357 degrees')
     """
     degrees = frames * step_degrees
     return "one turn" if abs(degrees - 360.0) < 1e-6 else f"{degrees:g} degrees"
 
 
-def require_turning(chosen: argparse.Namespace) -> None:
-    """Raise `SettingsError` for rounds, steps or a resolution that nothing can be timed with."""
-    if chosen.rounds < 1:
-        raise SettingsError(f"rounds must be 1 or more, not {chosen.rounds}")
-    if not 1 <= chosen.step <= 180:
-        raise SettingsError(f"step must be from 1 to 180 degrees, not {chosen.step:g}")
-    if chosen.resolution and not all(16 <= side <= 8192 for side in chosen.resolution):
-        raise SettingsError(f"resolution must be from 16 to 8192 px a side, not {by(chosen.resolution)}")
+def require_turning(args: argparse.Namespace) -> None:
+    """Raise `UsageError` for steps or a resolution that nothing can be timed with."""
+    if not 1 <= args.step <= 180:
+        raise UsageError(f"step must be from 1 to 180 degrees, not {args.step:g}")
+    if args.resolution and not all(16 <= side <= 8192 for side in args.resolution):
+        raise UsageError(f"resolution must be from 16 to 8192 px a side, not {dimensions(args.resolution)}")
 
 
-def engine_of(asked: str | None, scene: Any) -> tuple[str, str]:
+def engine_of(name: str | None) -> tuple[str, str]:
     """Blender's name of the engine, and why it is not the usual one."""
-    if scene.can_draw():
-        return ENGINES[asked or "workbench"], ""
-    if asked == "workbench":
-        raise SettingsError("Workbench needs EGL, which this machine lacks; install libegl1, or leave --engine out")
+    from ...blender.rotation import can_draw
+
+    if can_draw():
+        return ENGINES[name or "workbench"], ""
+    if name == "workbench":
+        raise CtmcError("Workbench needs EGL, which this machine lacks; install libegl1, or leave --engine out")
     return ENGINES["cycles"], ", as this machine has no EGL to draw with"
 
 
-def surface_of(chosen: argparse.Namespace) -> tuple[TriangleMesh, list[tuple[str, str]], Progress]:
-    """The surface that is to turn, what the table says of it, and the progress line so far."""
-    path, scene = Path(chosen.input), load_scene()
-    if path.suffix.lower() in scene.MESH_SUFFIXES:
-        given = sorted(given_settings(chosen))
+def surface_of(
+    args: argparse.Namespace, stages: Stages, progress: Progress
+) -> tuple[TriangleMesh, list[tuple[str, str]]]:
+    """The surface that is to turn, and what the table says of it."""
+    from ...blender.import_mesh import MESH_SUFFIXES, read_mesh
+
+    path = Path(args.input)
+    if path.suffix.lower() in MESH_SUFFIXES:
+        given = sorted(given_settings(args))
         if given:
             flag = flag_of(given[0], described()[given[0]])
-            raise SettingsError(f"{path.name} is a mesh already; leave {flag} out")
+            raise UsageError(f"{path.name} is a mesh already; leave {flag} out")
         with blender_at_work():
-            mesh = scene.read_mesh(path)
-        return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")], Progress()
-    settings, volume, notes, progress = prepared(chosen, require_builtin)
+            mesh = read_mesh(path)
+        return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")]
+    settings = settings_from(args)
+    require_builtin(settings)
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-    with progress:
-        result = progress.drive(within(reconstruct_steps(volume, full, chosen.threads), 0.1, 0.2))
-    return result.mesh, facts_of(volume, full, result.threshold, [*notes, *result.notes]), progress
+    volume = progress.finish(stages.run("Reading", input_steps(args, full)))
+    result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+    return result.mesh, facts_of(volume, full, result.threshold, result.notes)
 
 
 def rows_of(turned: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
-    """What table.json says of every level; `turned` are those of scene/turntable.py."""
+    """What table.json says of every level; `turned` are those of blender/rotation/timing.py."""
     first = statistics.fmean(turned[0].rounds)
     drawn_first = statistics.fmean(turned[0].draw_rounds) if turned[0].draw_rounds else None
     rows = []
-    for one in turned:
-        average = statistics.fmean(one.rounds)
-        drawn = statistics.fmean(one.draw_rounds) if one.draw_rounds else None
+    for item in turned:
+        average = statistics.fmean(item.rounds)
+        drawn = statistics.fmean(item.draw_rounds) if item.draw_rounds else None
         rows.append(
             {
-                "level_percent": plain(one.percent),
-                "rounds": list(one.rounds),
+                "level_percent": plain(item.percent),
+                "rounds": list(item.rounds),
                 "average": average,
                 "saved_percent": 100.0 * (1.0 - average / first),
-                "faces": one.faces,
+                "faces": item.faces,
                 "engine": engine,
-                "draw_rounds": list(one.draw_rounds),
+                "draw_rounds": list(item.draw_rounds),
                 "draw_average": drawn,
                 "draw_saved_percent": None if drawn is None or not drawn_first else 100.0 * (1.0 - drawn / drawn_first),
                 "resolution": list(size),
@@ -188,13 +180,13 @@ def panels(rows: Sequence[Row], turn: str) -> list[Panel]:
     """The time of a turn, as whole frames and as drawing alone."""
     labels = [f"{row['level_percent']:g} %" for row in rows]
     across = "share of the triangles removed"
-    made = [
+    charts = [
         Panel(f"{turn.capitalize()}, whole frames, s", across, labels, {"seconds": [row["average"] for row in rows]})
     ]
     if rows[0]["draw_average"] is not None:
-        made.append(
+        charts.append(
             Panel(
                 f"{turn.capitalize()}, drawing alone, s", across, labels, {"s": [row["draw_average"] for row in rows]}
             )
         )
-    return made
+    return charts

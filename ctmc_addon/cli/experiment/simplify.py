@@ -9,16 +9,19 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from ...core import SettingsError, Step, Steps, TriangleMesh, reconstruct_steps, simplify, within
+from ...core import Stages, Step, Steps, TriangleMesh, equal_part, reconstruct_steps, simplify
 from ...core.mesh import ReferenceSurface, surface_distance_steps
-from ..blender_host import blender_at_work, load_scene
-from .common import add_common, facts_of, levels_of, measuring_fact, prepared, require_builtin
+from ..arguments import at_least, settings_from
+from ..blender_host import blender_at_work, require_blender
+from ..terminal import Progress
+from .common import add_levels, facts_of, input_steps, measuring_fact, require_builtin
 from .plot import Panel, write_plot
-from .table import Column, Row, Table, experiment_folder, number, runs_told
+from .table import Column, Row, Table, number, runs_text, unique
 
+STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 6, "Measuring": 2}
 BUILTIN, DECIMATE = "built-in", "Decimate"
+HELP = "the built-in simplifier and Decimate"
 DESCRIPTION = (
     "Simplify one surface by the built-in quadric error simplifier and by Blender's Decimate, to the same number of "
     "triangles, and compare time and distance."
@@ -37,48 +40,31 @@ class Measured:
     max_mm: float = 0.0
 
 
-def add_parser(commands: Any) -> None:
-    """Add the experiment to `ctmc experiment`."""
-    parser = commands.add_parser(
-        "simplify", help="the built-in simplifier and Decimate", description=DESCRIPTION, allow_abbrev=False
-    )
-    add_common(parser)
-    parser.add_argument(
-        "--levels",
-        nargs="+",
-        type=float,
-        default=[50.0, 90.0],
-        metavar="PERCENT",
-        help="share of the triangles to remove, 0 to 99 (default 50 90)",
-    )
-    parser.add_argument("--repeats", type=int, default=3, metavar="N", help="timed runs of each (default 3)")
-    parser.set_defaults(run=run)
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Which levels, and how often."""
+    add_levels(parser, (50, 90))
+    parser.add_argument("--repeats", type=at_least(1), default=3, metavar="N", help="timed runs of each (default 3)")
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, simplify, measure, write the table and the plot, and print the table."""
-    with experiment_folder(chosen.output, chosen.overwrite) as folder:
-        done = table_of(chosen, folder)
-        done.write(folder)
-    print(done.printed())
-
-
-def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its plot is written to `folder`."""
-    levels = levels_of(chosen.levels)
-    if chosen.repeats < 1:
-        raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
-    settings, volume, notes, progress = prepared(chosen, require_builtin)
+    settings = settings_from(args)
+    require_builtin(settings)
+    require_blender("a comparison with Decimate")
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-    with progress:
-        result = progress.drive(within(reconstruct_steps(volume, full, chosen.threads), 0.1, 0.2))
-        measured = progress.drive(within(simplify_levels_steps(result.mesh, levels, chosen.repeats), 0.2, 1.0))
+    stages = Stages(STAGES)
+    with Progress() as progress:
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
+        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+        steps = simplify_levels_steps(result.mesh, unique(args.levels), args.repeats)
+        measured = progress.finish(stages.run("Simplifying", steps))
+        progress.finish(stages.run("Measuring", distances_steps(result.mesh, measured)))
     rows = rows_of(measured)
     write_plot(folder / "plot.png", panels(rows))
     facts = [
-        *facts_of(volume, full, result.threshold, [*notes, *result.notes]),
+        *facts_of(volume, full, result.threshold, result.notes),
         ("surface", f"{len(result.mesh.faces)} triangles, {'closed' if result.mesh.closed else 'open'}"),
-        ("seconds", runs_told(chosen.repeats)),
+        ("seconds", runs_text(args.repeats)),
         ("timed", "built-in: arrays to arrays; Decimate: the modifier, from a mesh in Blender to its evaluated mesh"),
         ("compared", "with the surface before simplification"),
         measuring_fact(),
@@ -87,57 +73,60 @@ def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
 
 
 def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: int) -> Steps[list[Measured]]:
-    """Simplify `mesh` to every level both ways, `repeats` times in turn, and measure against it."""
-    share = 1.0 / (len(levels) * 2 * (repeats + 1))
-    done = 0.0
+    """Simplify `mesh` to every level both ways, `repeats` times in turn."""
     pairs = [(Measured(percent, BUILTIN, mesh), Measured(percent, DECIMATE, mesh)) for percent in levels]
-    measured = [one for pair in pairs for one in pair]
     for turn in range(repeats):
-        for ours, theirs in pairs:
-            yield Step(done, f"Simplifying by {ours.percent:g} %, run {turn + 1} of {repeats}")
-            run_builtin(mesh, ours)
-            yield Step(done + share, f"Decimating by {ours.percent:g} %, run {turn + 1} of {repeats}")
-            run_decimate(mesh, theirs, len(ours.mesh.faces))
-            done += 2 * share
+        for at, (builtin, decimate) in enumerate(pairs):
+            run = f"{builtin.percent:g} %, run {turn + 1} of {repeats}"
+            done = turn * len(pairs) + at
+            yield Step(done / (repeats * len(pairs)), f"Simplifying by {run}")
+            run_builtin(mesh, builtin)
+            yield Step((done + 0.5) / (repeats * len(pairs)), f"Decimating by {run}")
+            run_decimate(mesh, decimate, len(builtin.mesh.faces))
+    return [item for pair in pairs for item in pair]
+
+
+def distances_steps(mesh: TriangleMesh, measured: Sequence[Measured]) -> Steps[None]:
+    """Measure every simplified surface against `mesh`."""
     reference = ReferenceSurface(mesh)
-    for one in measured:
-        apart = yield from within(surface_distance_steps(one.mesh, reference), done, done + share)
-        one.mean_mm, one.max_mm = apart.mean, apart.largest
-        done += share
-    return measured
+    for at, item in enumerate(measured):
+        distance = yield from equal_part(surface_distance_steps(item.mesh, reference), at, len(measured))
+        item.mean_mm, item.max_mm = distance.mean, distance.largest
 
 
-def run_builtin(mesh: TriangleMesh, one: Measured) -> None:
+def run_builtin(mesh: TriangleMesh, item: Measured) -> None:
     """One run of the built-in simplifier."""
     gc.collect()
     start = time.perf_counter()
-    one.mesh = simplify(mesh, reduction=one.percent / 100)
-    one.runs.append(time.perf_counter() - start)
+    item.mesh = simplify(mesh, reduction=item.percent / 100)
+    item.runs.append(time.perf_counter() - start)
 
 
-def run_decimate(mesh: TriangleMesh, one: Measured, target_faces: int) -> None:
+def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
     """One run of Blender's Decimate."""
     gc.collect()
+    from ...blender.surface.decimate import decimated
+
     with blender_at_work():
-        one.mesh, seconds = load_scene().decimated(mesh, target_faces)
-    one.runs.append(seconds)
+        item.mesh, seconds = decimated(mesh, target_faces)
+    item.runs.append(seconds)
 
 
 def rows_of(measured: Sequence[Measured]) -> list[Row]:
     """What table.json says of every simplifier at every level."""
     return [
         {
-            "level_percent": one.percent,
-            "simplifier": one.simplifier,
-            "faces": len(one.mesh.faces),
-            "seconds": statistics.median(one.runs),
-            "mean_mm": one.mean_mm,
-            "max_mm": one.max_mm,
-            "closed": one.mesh.closed,
-            "volume_mm3": one.mesh.enclosed_volume,
-            "runs": one.runs,
+            "level_percent": item.percent,
+            "simplifier": item.simplifier,
+            "faces": len(item.mesh.faces),
+            "seconds": statistics.median(item.runs),
+            "mean_mm": item.mean_mm,
+            "max_mm": item.max_mm,
+            "closed": item.mesh.closed,
+            "volume_mm3": item.mesh.enclosed_volume,
+            "runs": item.runs,
         }
-        for one in measured
+        for item in measured
     ]
 
 

@@ -94,7 +94,7 @@ def as_csv(rows: Sequence[Row]) -> str:
     for row in rows:
         cells: Row = {}
         for name, value in row.items():
-            many = {f"{name}_{at + 1}": one for at, one in enumerate(value)} if isinstance(value, list) else None
+            many = {f"{name}_{at + 1}": item for at, item in enumerate(value)} if isinstance(value, list) else None
             cells |= {name: value} if many is None else many
         flat.append(cells)
     names = list(dict.fromkeys(name for row in flat for name in row))
@@ -121,12 +121,12 @@ def experiment_folder(path: str, overwrite: bool) -> Iterator[Path]:
         yield folder
 
 
-def runs_told(repeats: int) -> str:
+def runs_text(repeats: int) -> str:
     """How often each was timed.
 
     Examples
     --------
-    >>> runs_told(5), runs_told(1)
+    >>> runs_text(5), runs_text(1)
     ('median of 5 runs of each, in turn', 'one run of each')
     """
     return "one run of each" if repeats == 1 else f"median of {repeats} runs of each, in turn"
@@ -142,12 +142,12 @@ def plain(value: float) -> float | int:
     return int(value) if float(value).is_integer() else value
 
 
-def once(values: Sequence[Any], first: Any = None) -> list[Any]:
+def unique(values: Sequence[Any], first: Any = None) -> list[Any]:
     """The values in their order, each once, `first` ahead of all if it is given.
 
     Examples
     --------
-    >>> once([50, 90, 50], first=0)
+    >>> unique([50, 90, 50], first=0)
     [0, 50, 90]
     """
     return list(dict.fromkeys(values if first is None else [first, *values]))

@@ -8,31 +8,34 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from ...core import (
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
+    Stages,
     Step,
     Steps,
     Volume,
+    equal_part,
     finish,
     reconstruct_steps,
-    within,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ...reporting.captions import side_of
-from ..terminal import by
-from .common import add_common, facts_of, measuring_fact, prepared, require_builtin
+from ..arguments import at_least, flags_checked, settings_from
+from ..terminal import Progress, dimensions
+from .common import facts_of, input_steps, measuring_fact, require_builtin
 from .plot import Panel, write_plot
-from .table import Column, Row, Table, experiment_folder, number, once, runs_told
+from .table import Column, Row, Table, number, runs_text, unique
 
+STAGES = {"Reading": 1, "Reconstructing": 2, "Timing": 6, "Measuring": 1}
 Sides = tuple[int, int, int]
 # What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
 PREPARING = "Preparing values"
 # A single short reconstruction says more of what else the machine is doing than of itself.
 RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
+HELP = "table 1: larger voxels"
 DESCRIPTION = (
     "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
 )
@@ -50,10 +53,8 @@ class Measured:
     max_mm: float = 0.0
 
 
-def add_parser(commands: Any) -> None:
-    """Add the experiment to `ctmc experiment`."""
-    parser = commands.add_parser("voxels", help="table 1: larger voxels", description=DESCRIPTION, allow_abbrev=False)
-    add_common(parser)
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Which voxel sides, and how often."""
     parser.add_argument(
         "--strides",
         nargs="+",
@@ -62,8 +63,7 @@ def add_parser(commands: Any) -> None:
         metavar="N",
         help="voxel sides in x and y, px: 2, or 2x1 for x and y apart; z is that of --stride (default 1 2 3)",
     )
-    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="timed runs of each (default 5)")
-    parser.set_defaults(run=run)
+    parser.add_argument("--repeats", type=at_least(1), default=5, metavar="N", help="timed runs of each (default 5)")
 
 
 def sides_of(word: str) -> tuple[int, int]:
@@ -80,33 +80,28 @@ def sides_of(word: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, measure, write the table and the plot, and print the table."""
-    with experiment_folder(chosen.output, chosen.overwrite) as folder:
-        done = table_of(chosen, folder)
-        done.write(folder)
-    print(done.printed())
-
-
-def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
+def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its plot is written to `folder`."""
-    settings, volume, notes, progress = prepared(chosen, require_builtin)
-    if chosen.repeats < 1:
-        raise SettingsError(f"repeats must be 1 or more, not {chosen.repeats}")
-    sides = [(x, y, settings.stride[2]) for x, y in once(chosen.strides, first=(1, 1))]
-    every = [replace(settings, stride=stride) for stride in sides]  # checks the limits of all before the work
-    with progress:
-        steps = voxels_steps(volume, every, chosen.repeats, chosen.threads)
-        measured = progress.drive(within(steps, 0.1, 1.0))
+    settings = settings_from(args)
+    require_builtin(settings)
+    with flags_checked():
+        sides = [(x, y, settings.stride[2]) for x, y in unique(args.strides, first=(1, 1))]
+        variants = [replace(settings, stride=stride) for stride in sides]
+    stages = Stages(STAGES)
+    with Progress() as progress:
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
+        measured = progress.finish(stages.run("Reconstructing", surfaces_steps(volume, variants, args.threads)))
+        progress.finish(stages.run("Timing", timed_runs_steps(volume, measured, args.repeats, args.threads)))
+        progress.finish(stages.run("Measuring", distances_steps(measured)))
     rows = rows_of(measured, volume)
     write_plot(folder / "plot.png", panels(rows))
     result = measured[0].result
-    stages = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
+    timed = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
     facts = [
-        *facts_of(volume, every[0], result.threshold, [*notes, *result.notes]),
-        ("seconds", f"{runs_told(chosen.repeats)}, after one that is not counted; a run repeats "),
+        *facts_of(volume, variants[0], result.threshold, result.notes),
+        ("seconds", f"{runs_text(args.repeats)}, after one that is not counted; a run repeats "),
         ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
-        ("timed", f"{stages}; neither reading nor writing"),
+        ("timed", f"{timed}; neither reading nor writing"),
         ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
         ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
         measuring_fact(),
@@ -114,32 +109,35 @@ def table_of(chosen: argparse.Namespace, folder: Path) -> Table:
     return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
 
 
-def voxels_steps(
-    volume: Volume, every: Sequence[ReconstructionSettings], repeats: int, threads: int | None = None
+def surfaces_steps(
+    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
 ) -> Steps[list[Measured]]:
-    """Reconstruct with each of the settings, `repeats` times in turn, and measure against the first."""
-    share = 1.0 / (len(every) * (repeats + 2))
-    done = 0.0
+    """Reconstruct with each of the settings; these runs are not timed."""
     measured = []
-    for settings in every:
-        steps = reconstruct_steps(volume, settings, threads)
-        result = yield from within(steps, done, done + share)
+    for at, settings in enumerate(variants):
+        result = yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))
         measured.append(Measured(settings.stride, result))
-        done += share
-    for turn in range(repeats):
-        for one in measured:
-            yield Step(done, f"Timing voxel sides {by(one.sides[:2])}, run {turn + 1} of {repeats}")
-            gc.collect()
-            preparing, seconds = timed_run(volume, one.result.settings, threads)
-            one.preparing.append(preparing)
-            one.runs.append(seconds)
-            done += share
-    reference = ReferenceSurface(measured[0].result.mesh)
-    for one in measured[1:]:
-        apart = yield from within(surface_distance_steps(one.result.mesh, reference), done, done + share)
-        one.mean_mm, one.max_mm = apart.mean, apart.largest
-        done += share
     return measured
+
+
+def timed_runs_steps(volume: Volume, measured: Sequence[Measured], repeats: int, threads: int | None) -> Steps[None]:
+    """Time the reconstruction with each of the settings, `repeats` times in turn."""
+    for turn in range(repeats):
+        for at, item in enumerate(measured):
+            done = (turn * len(measured) + at) / (repeats * len(measured))
+            yield Step(done, f"Timing voxel sides {dimensions(item.sides[:2])}, run {turn + 1} of {repeats}")
+            gc.collect()
+            preparing, seconds = timed_run(volume, item.result.settings, threads)
+            item.preparing.append(preparing)
+            item.runs.append(seconds)
+
+
+def distances_steps(measured: Sequence[Measured]) -> Steps[None]:
+    """Measure every surface against the first."""
+    reference = ReferenceSurface(measured[0].result.mesh)
+    for at, item in enumerate(measured[1:]):
+        distance = yield from equal_part(surface_distance_steps(item.result.mesh, reference), at, len(measured) - 1)
+        item.mean_mm, item.max_mm = distance.mean, distance.largest
 
 
 def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
@@ -158,25 +156,25 @@ def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
     first = statistics.median(measured[0].runs)
     true = measured[0].result.mesh.enclosed_volume
     rows = []
-    for one in measured:
-        x, y, z = one.sides
-        seconds = statistics.median(one.runs)
-        volume_mm3 = one.result.mesh.enclosed_volume
+    for item in measured:
+        x, y, z = item.sides
+        seconds = statistics.median(item.runs)
+        volume_mm3 = item.result.mesh.enclosed_volume
         rows.append(
             {
                 "stride": x if x == y else f"{x}x{y}",
                 "seconds": seconds,
                 "improved_percent": 100.0 * (1.0 - seconds / first),
-                "voxels": one.result.voxels_visited,
-                "faces": len(one.result.mesh.faces),
+                "voxels": item.result.voxels_visited,
+                "faces": len(item.result.mesh.faces),
                 "volume_mm3": volume_mm3,
                 "volume_error_percent": (None if volume_mm3 is None or not true else 100.0 * (volume_mm3 / true - 1.0)),
-                "mean_mm": one.mean_mm,
-                "max_mm": one.max_mm,
-                "prepare_seconds": statistics.median(one.preparing),
-                "runs": one.runs,
+                "mean_mm": item.mean_mm,
+                "max_mm": item.max_mm,
+                "prepare_seconds": statistics.median(item.preparing),
+                "runs": item.runs,
                 "sides_px": [x, y, z],
-                "sides_mm": [side * gap for side, gap in zip(one.sides, volume.spacing, strict=True)],
+                "sides_mm": [side * gap for side, gap in zip(item.sides, volume.spacing, strict=True)],
             }
         )
     return rows
@@ -184,12 +182,12 @@ def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
 
 def sides_px(row: Row) -> str:
     """'2 x 2 px'."""
-    return f"{by(row['sides_px'][:2])} px"
+    return f"{dimensions(row['sides_px'][:2])} px"
 
 
 COLUMNS = (
     Column("voxel sides", sides_px),
-    Column("mm", lambda row: by([round(side, 2) for side in row["sides_mm"][:2]])),
+    Column("mm", lambda row: dimensions([round(side, 2) for side in row["sides_mm"][:2]])),
     Column("seconds", lambda row: number(row["seconds"], 4)),
     Column("improved, %", lambda row: number(row["improved_percent"], 1)),
     Column("preparing, s", lambda row: number(row["prepare_seconds"], 4)),
@@ -204,7 +202,7 @@ COLUMNS = (
 
 def panels(rows: Sequence[Row]) -> list[Panel]:
     """Time and error over the voxel side."""
-    labels = [by(row["sides_px"][:2]) for row in rows]
+    labels = [dimensions(row["sides_px"][:2]) for row in rows]
     across = "voxel sides in x and y, px"
     distances = {"mean": [row["mean_mm"] for row in rows], "maximum": [row["max_mm"] for row in rows]}
     return [

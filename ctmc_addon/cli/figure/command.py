@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core import within
-from ..blender_host import load_scene, quiet
-from ..commands.reconstruct import Work
+from ...blender.figure.spec import Cell
+from ...core import Stages
+from ..arguments import Parser
+from ..blender_host import objects_of, quiet_steps, require_blender
 from ..terminal import Progress
-from . import common
-from . import sheet as figure_sheet
-from . import turntable as figure_turntable
+from . import common, sheet, turntable
 
+STAGES = {"Reading": 1, "Reconstructing": 3, "Rendering": 6}
 DESCRIPTION = (
     "Render a surface, or several labels, to a PNG for print: framed, with a scale bar, the patient's axes and a "
     "caption, and write the .blend that made it. `ctmc figure sheet` compares settings, `ctmc figure turntable` turns "
@@ -23,46 +23,52 @@ DESCRIPTION = (
 
 
 def add_parser(commands: Any) -> None:
-    """Add the commands to `ctmc`."""
-    parser = commands.add_parser("figure", help="a figure for print", description=DESCRIPTION, allow_abbrev=False)
+    """Add the command to `ctmc`, and the commands below it."""
+    parser: Parser = commands.add_parser(
+        "figure", help="a figure for print, a sheet or a turntable", description=DESCRIPTION
+    )
     common.add_common(parser, "FILE.png; its folder is made", width_mm=85.0, dpi=300.0)
     common.add_surfaces(parser)
     common.add_map(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.in_made_folders(run))
-    figure_sheet.add_parser(commands)
-    figure_turntable.add_parser(commands)
+    sheet.add_flags(parser.add_command("sheet", sheet.DESCRIPTION))
+    turntable.add_flags(parser.add_command("turntable", turntable.DESCRIPTION))
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, reconstruct, render, and say what came out."""
-    every = common.settings_of(chosen)
-    if chosen.deviation:
-        common.only_one(every, "a map of distances")
-    common.require_names(chosen, len(every))
-    scene = load_scene()
-    page, look = common.page_of(chosen), common.look_of(chosen, len(every) > 1, "")
-    scene.require_png(Path(chosen.output))
-    scene.require_engine(chosen.engine, chosen.deviation)
-    target = Path(chosen.output)
-    blend = common.blend_of(chosen, target)
-    work = Work()
+def run(args: argparse.Namespace) -> None:
+    """Read, reconstruct, render, and print what came out."""
+    variants = common.settings_of(args)
+    if args.deviation:
+        common.only_one(variants, "a map of distances")
+    common.require_names(args, len(variants))
+    require_blender("a figure")
+    from ...blender.figure.render import figure_steps, require_png
+    from ...blender.figure.sheet import deviation_figure_steps
+    from ...blender.figure.styles import require_engine
+
+    page, style = common.page_of(args), common.style_of(args, len(variants) > 1)
+    target = Path(args.output)
+    require_png(target)
+    require_engine(args.engine, args.deviation)
+    blend = common.blend_of(args, target)
+    stages = Stages(STAGES)
     with Progress() as progress:
-        volume = common.volume_of(chosen, every[0], work, progress)
-        results = progress.drive(within(common.surfaces_steps(volume, every, chosen.threads), 0.1, 0.4))
-        if chosen.deviation:
-            steps = quiet(scene.deviation_figure_steps(volume, results[0], target, page, look, blend, chosen.limit_mm))
-            size = progress.drive(within(steps, 0.4, 1.0))
+        volume = progress.finish(stages.run("Reading", common.input_steps(args, variants[0])))
+        steps = common.surfaces_steps(volume, variants, args.threads)
+        results = progress.finish(stages.run("Reconstructing", steps))
+        if args.deviation:
+            figure = deviation_figure_steps(volume, results[0], target, page, style, blend, args.limit_mm)
+            size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
         else:
-            with common.objects_of(results) as (home, things, shown):
-                if chosen.caption is None:
-                    look = replace(look, caption=common.caption_of(shown, chosen.names or ()))
-                cell = scene.Cell(tuple(common.shown_of(chosen, things, shown)))
-                steps = quiet(scene.figure_steps([cell], target, page, look, blend, home))
-                size = progress.drive(within(steps, 0.4, 1.0))
-                results = shown
+            with objects_of(results) as (scene, objects, results):
+                if args.caption is None:
+                    style = replace(style, caption=common.caption_of(results, args.names or ()))
+                cell = Cell(common.shown_of(args, objects, results))
+                figure = figure_steps([cell], target, page, style, blend, scene)
+                size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
         ("figure", common.size_of(page, size)),
         ("triangles", ", ".join(f"{len(result.mesh.faces):,}" for result in results)),
     ]
-    print(common.told(facts, [*work.notes, *results[0].notes], [target, blend]))
+    print(common.summary(facts, results[0].notes, [target, blend]))

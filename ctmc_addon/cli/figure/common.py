@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...blender.figure.spec import ENGINES, STYLES
-from ...core import (
-    OutputError,
-    Reconstruction,
-    ReconstructionSettings,
-    SettingsError,
-    Steps,
-    Volume,
-    reconstruct_steps,
-    within,
-)
+from ...blender.colors import color_of
+from ...blender.figure.spec import ENGINES, OPACITIES, STYLES, FigureStyle, Page, ShownSurface, require_within
+from ...core import OutputError, Reconstruction, ReconstructionSettings, Steps, Volume, equal_part, reconstruct_steps
 from ...reporting.atomic_write import own_folder
 from ...reporting.captions import figure_caption
-from ..arguments import add_input, add_settings, given_settings, overridden
-from ..blender_host import blender_at_work, load_scene
-from ..commands.reconstruct import Work, volume_steps
-from ..terminal import Progress, by, listing
+from ..arguments import (
+    UsageError,
+    add_input,
+    add_settings,
+    add_threads,
+    flags_checked,
+    given_settings,
+    overridden,
+    reading_of,
+)
+from ..commands.reconstruct import volume_steps
+from ..terminal import dimensions, listing, titled
 
 
 def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dpi: float) -> None:
@@ -33,12 +31,12 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     add_input(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
     add_settings(parser, many=("label",))
-    parser.add_argument("--threads", type=int, metavar="N", help="default: one for each processor, at most 8")
+    add_threads(parser)
     group = parser.add_argument_group("figure")
     group.add_argument(
         "--style",
-        choices=STYLES,
-        help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colours (default for "
+        choices=tuple(STYLES),
+        help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colors (default for "
         "several labels); print: grey faces, dark edges",
     )
     group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
@@ -55,95 +53,74 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     )
     group.add_argument("--caption", metavar="TEXT", help="under the figure; '' for none")
     group.add_argument(
-        "--engine", choices=ENGINES, default="cycles", help="cycles works on any machine; the others need EGL on Linux"
+        "--engine",
+        choices=tuple(ENGINES),
+        default="cycles",
+        help="cycles works on any machine; the others need EGL on Linux",
     )
 
 
-def page_of(chosen: argparse.Namespace) -> Any:
-    """The page that was asked for."""
-    scene = load_scene()
-    return scene.Page(chosen.width_mm, chosen.dpi, chosen.height_mm, chosen.transparent, chosen.font_pt)
+def page_of(args: argparse.Namespace) -> Page:
+    """The page that the flags give."""
+    with flags_checked():
+        return Page(args.width_mm, args.dpi, args.height_mm, args.transparent, args.font_pt)
 
 
-def look_of(chosen: argparse.Namespace, several: bool, caption: str) -> Any:
-    """The look that was asked for; `caption` where none was."""
-    return load_scene().Look(
-        style=chosen.style or ("clinical" if several else "paper"),
-        engine=chosen.engine,
-        azimuth=chosen.azimuth,
-        elevation=chosen.elevation,
-        edges=chosen.edges,
-        scale_bar=chosen.scale_bar,
-        orientation=chosen.orientation,
-        caption=caption if chosen.caption is None else chosen.caption,
-    )
+def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
+    """How the flags have one or several surfaces look."""
+    with flags_checked():
+        return FigureStyle(
+            style=args.style or ("clinical" if several else "paper"),
+            engine=args.engine,
+            azimuth=args.azimuth,
+            elevation=args.elevation,
+            edges=args.edges,
+            scale_bar=args.scale_bar,
+            orientation=args.orientation,
+            caption=args.caption or "",
+        )
 
 
-def settings_of(chosen: argparse.Namespace) -> list[ReconstructionSettings]:
-    """The settings that were asked for, one for every label."""
-    values = given_settings(chosen)
+def settings_of(args: argparse.Namespace) -> list[ReconstructionSettings]:
+    """The settings that file and flags give, one for every label."""
+    values = given_settings(args)
     labels = values.get("label")
-    if not isinstance(labels, list):
-        return [ReconstructionSettings(**values)]
-    labels = list(dict.fromkeys(labels))
-    return [ReconstructionSettings(**overridden(values, {"label": label})) for label in labels]
+    with flags_checked():
+        if not isinstance(labels, list):
+            return [ReconstructionSettings(**values)]
+        return [ReconstructionSettings(**overridden(values, {"label": label})) for label in dict.fromkeys(labels)]
 
 
 def only_one(settings: Sequence[ReconstructionSettings], what: str) -> ReconstructionSettings:
-    """The only settings, or a `SettingsError`."""
+    """The only settings, or a `UsageError`."""
     if len(settings) > 1:
-        raise SettingsError(f"{what} shows one label, not {len(settings)}; leave the others out")
+        raise UsageError(f"{what} shows one label, not {len(settings)}; leave the others out")
     return settings[0]
 
 
 def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
     """`run` with the folders of its outputs made, and removed again if nothing is written to them."""
 
-    def running(chosen: argparse.Namespace) -> None:
-        with own_folder(Path(chosen.output).parent), own_folder(Path(chosen.blend or chosen.output).parent):
-            run(chosen)
+    def run_there(args: argparse.Namespace) -> None:
+        with own_folder(Path(args.output).parent), own_folder(Path(args.blend or args.output).parent):
+            run(args)
 
-    return running
+    return run_there
 
 
-def volume_of(chosen: argparse.Namespace, settings: ReconstructionSettings, work: Work, progress: Progress) -> Volume:
-    """Read INPUT, the first tenth of the work."""
-    return progress.drive(within(volume_steps(chosen, settings, work), 0.0, 0.1))
+def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
+    """Read INPUT."""
+    return (yield from volume_steps(args.input, reading_of(args), settings.label))
 
 
 def surfaces_steps(
-    volume: Volume, every: Sequence[ReconstructionSettings], threads: int | None
+    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
 ) -> Steps[list[Reconstruction]]:
     """A surface for each of the settings."""
     results = []
-    for at, settings in enumerate(every):
-        steps = reconstruct_steps(volume, settings, threads)
-        results.append((yield from within(steps, at / len(every), (at + 1) / len(every))))
+    for at, settings in enumerate(variants):
+        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
     return results
-
-
-@contextmanager
-def objects_of(results: Sequence[Reconstruction]) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
-    """A scene of its own with an object for every surface, and the surfaces as the objects show them."""
-    scene = load_scene()
-    import bpy
-
-    home = bpy.data.scenes.new("CTMC")
-    things: list[Any] = []
-    try:
-        with blender_at_work():
-            things += [scene.add_reconstruction(result, home) for result in results]
-            shown = [
-                replace(result, mesh=scene.evaluated_triangles(thing, home))
-                if result.settings.simplifies and result.settings.simplifier == "decimate"
-                else result
-                for result, thing in zip(results, things, strict=True)
-            ]
-        yield home, things, shown
-    finally:
-        for thing in things:
-            bpy.data.meshes.remove(thing.data)  # and the object with it
-        bpy.data.scenes.remove(home)
 
 
 def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:
@@ -154,14 +131,14 @@ def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> 
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
-    """Colours of distances."""
+    """Colors of distances."""
     group = parser.add_argument_group("map of distances")
     group.add_argument(
         "--deviation",
         action="store_true",
-        help="colour the surface by its distance to the surface of full resolution, with a colour bar",
+        help="color the surface by its distance to the surface of full resolution, with a color bar",
     )
-    group.add_argument("--limit-mm", type=float, metavar="MM", help="end of the colour bar (default: 99 %% are within)")
+    group.add_argument("--limit-mm", type=float, metavar="MM", help="end of the color bar (default: 99 %% are within)")
 
 
 def add_blend(parser: argparse.ArgumentParser) -> None:
@@ -170,13 +147,13 @@ def add_blend(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
 
 
-def blend_of(chosen: argparse.Namespace, target: Path) -> Path | None:
+def blend_of(args: argparse.Namespace, target: Path) -> Path | None:
     """Where the .blend goes."""
-    if chosen.no_blend:
+    if args.no_blend:
         return None
-    blend = Path(chosen.blend) if chosen.blend else target.with_suffix(".blend")
+    blend = Path(args.blend) if args.blend else target.with_suffix(".blend")
     if blend.suffix.lower() != ".blend":
-        raise OutputError(f"{blend.name} is no .blend; the figure's scene is written as .blend")
+        raise OutputError(f"{blend.name} is not a .blend; the figure's scene is written as .blend")
     return blend
 
 
@@ -189,51 +166,53 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
         type=int,
         action="append",
         metavar="N",
-        help="a label to see through (default: what holds the others)",
+        help="a transparent label (default: what holds the others)",
     )
-    group.add_argument("--opacity", type=float, default=0.3, metavar="A", help="of what is seen through (default 0.3)")
+    group.add_argument("--opacity", type=float, default=0.3, metavar="A", help="of transparent labels (default 0.3)")
 
 
-def require_names(chosen: argparse.Namespace, count: int) -> None:
-    """Raise `SettingsError` for names that are not one for every label, or an opacity out of its limits."""
-    if chosen.names and len(chosen.names) != count:
-        raise SettingsError(f"{len(chosen.names)} names for {count} surfaces; give one for each")
-    if not 0.02 <= chosen.opacity <= 1:
-        raise SettingsError(f"opacity must be from 0.02 to 1, not {chosen.opacity:g}")
+def require_names(args: argparse.Namespace, count: int) -> None:
+    """Raise `UsageError` for names that are not one for every label, or an opacity out of its limits."""
+    if args.names and len(args.names) != count:
+        raise UsageError(f"{len(args.names)} names for {count} surfaces; give one for each")
+    with flags_checked():
+        require_within("opacity", args.opacity, OPACITIES)
 
 
-def shown_of(chosen: argparse.Namespace, things: Sequence[Any], results: Sequence[Reconstruction]) -> list[Any]:
-    """How every surface is shown: several have a name and their label's colour, and the outermost is seen through."""
-    scene = load_scene()
+def shown_of(
+    args: argparse.Namespace, objects: Sequence[Any], results: Sequence[Reconstruction]
+) -> tuple[ShownSurface, ...]:
+    """How every surface is shown: several have a name and their label's color, and the outermost is transparent."""
+    from ...blender.figure.sheet import holds_others
+
     if len(results) == 1:
-        return [scene.Shown(things[0])]
+        return (ShownSurface(objects[0]),)
     labels = [result.settings.label for result in results]
-    names = chosen.names or [f"label {label}" for label in labels]
-    unknown = [label for label in chosen.see_through or () if label not in labels]
+    names = args.names or [f"label {label}" for label in labels]
+    unknown = [label for label in args.see_through or () if label not in labels]
     if unknown:
-        raise SettingsError(f"label {unknown[0]} is to be seen through and is not shown; the labels are {labels}")
+        raise UsageError(f"label {unknown[0]} is to be transparent and is not shown; the labels are {labels}")
     meshes = [result.mesh for result in results]
-    clear = chosen.see_through or [
-        label for label, mesh in zip(labels, meshes, strict=True) if scene.holds_others(mesh, meshes)
+    transparent = args.see_through or [
+        label for label, mesh in zip(labels, meshes, strict=True) if holds_others(mesh, meshes)
     ]
-    return [
-        scene.Shown(
-            thing,
+    return tuple(
+        ShownSurface(
+            obj,
             name,
-            scene.colour_of(label) if chosen.style != "print" else None,
-            chosen.opacity if label in clear else 1.0,
+            color_of(label) if args.style != "print" else None,
+            args.opacity if label in transparent else 1.0,
         )
-        for thing, name, label in zip(things, names, labels, strict=True)
-    ]
+        for obj, name, label in zip(objects, names, labels, strict=True)
+    )
 
 
-def size_of(page: Any, size: tuple[int, int]) -> str:
+def size_of(page: Page, size: tuple[int, int]) -> str:
     """A figure's size: '85 x 59.1 mm, 669 x 465 pixels, 200 dpi'."""
-    return f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {by(size)} pixels, {page.dpi:g} dpi"
+    return f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
 
 
-def told(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
+def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
     """What came out, for a person: facts, notes, and the files that were written."""
-    said = [("note" if not at else "", note) for at, note in enumerate(dict.fromkeys(notes))]
     written = ", ".join(file.name for file in files if file is not None)
-    return listing([*facts, *said, ("written", written)])
+    return listing([*facts, *titled("note", list(dict.fromkeys(notes))), ("written", written)])

@@ -1,29 +1,27 @@
-"""`ctmc figure turntable`: a surface turning about its vertical axis, as a film or as pictures."""
+"""`ctmc figure turntable`: a surface turning about its vertical axis, as a video or as pictures."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from ...core import within
-from ..blender_host import load_scene, quiet
-from ..commands.reconstruct import Work
-from ..terminal import Progress, by
+from ...blender.figure.spec import Cell, Turn
+from ...core import Stages
+from ..arguments import flags_checked
+from ..blender_host import objects_of, quiet_steps, require_blender
+from ..terminal import Progress, dimensions
 from . import common
 
+STAGES = {"Reading": 1, "Reconstructing": 1, "Rendering": 8}
 DESCRIPTION = (
-    "Turn a surface, or several labels, once or more about the vertical axis, in a loop without a seam: as a film by "
+    "Turn a surface, or several labels, once or more about the vertical axis, in a loop without a seam: as a video by "
     "the suffix of OUTPUT (.mp4, .mkv, .mov, .webm, .avi, .ogv), else as PNG frames in a folder of that name."
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command to `ctmc`."""
-    parser = commands.add_parser(
-        "figure turntable", help="the surface turning, as a film", description=DESCRIPTION, allow_abbrev=False
-    )
-    common.add_common(parser, "a film, such as FILE.mp4, or a folder for PNG frames", width_mm=120.0, dpi=150.0)
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """The flags of `ctmc figure turntable`."""
+    common.add_common(parser, "a video, such as FILE.mp4, or a folder for PNG frames", width_mm=120.0, dpi=150.0)
     common.add_surfaces(parser)
     group = parser.add_argument_group("turntable")
     group.add_argument("--seconds", type=float, default=6.0, metavar="S", help="of the loop (default 6)")
@@ -38,31 +36,35 @@ def add_parser(commands: Any) -> None:
     parser.set_defaults(run=common.in_made_folders(run), font_pt=12.0)
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Read, reconstruct, render every frame, write the film, and say what came out."""
-    every = common.settings_of(chosen)
-    common.require_names(chosen, len(every))
-    scene = load_scene()
-    turn = scene.Turn(chosen.seconds, chosen.fps, chosen.revolutions)
-    page, look = common.page_of(chosen), common.look_of(chosen, len(every) > 1, "")
-    scene.require_engine(chosen.engine)
-    target = Path(chosen.output)
-    scene.require_turntable(target, page, chosen.resume, chosen.overwrite)
-    if chosen.resume and scene.finished_film(target):
+def run(args: argparse.Namespace) -> None:
+    """Read, reconstruct, render every frame, write the video, and print what came out."""
+    variants = common.settings_of(args)
+    common.require_names(args, len(variants))
+    require_blender("a turntable")
+    from ...blender.figure.styles import require_engine
+    from ...blender.figure.turntable import is_finished_video, is_video, require_turntable, turntable_steps
+
+    with flags_checked():
+        turn = Turn(args.seconds, args.fps, args.revolutions)
+    page, style = common.page_of(args), common.style_of(args, len(variants) > 1)
+    require_engine(args.engine)
+    target = Path(args.output)
+    require_turntable(target, page, args.resume, args.overwrite)
+    if args.resume and is_finished_video(target):
         print(f"{target.name} is there already and was left as it is; --overwrite makes it anew")
         return
-    film = scene.is_film(target)
-    blend = common.blend_of(chosen, target if film else target.with_name(target.name + ".blend"))
-    work = Work()
+    blend = common.blend_of(args, target if is_video(target) else target.with_name(target.name + ".blend"))
+    stages = Stages(STAGES)
     with Progress(lines=True) as progress:
-        volume = common.volume_of(chosen, every[0], work, progress)
-        results = progress.drive(within(common.surfaces_steps(volume, every, chosen.threads), 0.1, 0.2))
-        with common.objects_of(results) as (home, things, shown):
-            cell = scene.Cell(tuple(common.shown_of(chosen, things, shown)))
-            steps = scene.turntable_steps(cell, target, page, look, turn, blend, home, chosen.resume, chosen.overwrite)
-            size, rendered = progress.drive(within(quiet(steps), 0.2, 1.0))
+        volume = progress.finish(stages.run("Reading", common.input_steps(args, variants[0])))
+        steps = common.surfaces_steps(volume, variants, args.threads)
+        results = progress.finish(stages.run("Reconstructing", steps))
+        with objects_of(results) as (scene, objects, shown):
+            cell = Cell(common.shown_of(args, objects, shown))
+            video = turntable_steps(cell, target, page, style, turn, blend, scene, args.resume, args.overwrite)
+            size, rendered = progress.finish(stages.run("Rendering", quiet_steps(video)))
     facts = [
-        ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {by(size)} pixels"),
+        ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {dimensions(size)} pixels"),
         ("rendered", f"{rendered} frames now" if rendered < turn.frames else "all frames"),
     ]
-    print(common.told(facts, [*work.notes, *results[0].notes], [target, blend]))
+    print(common.summary(facts, results[0].notes, [target, blend]))

@@ -34,38 +34,38 @@ def dicom_name(number: int) -> str:
     return f"slice_{number:04d}.dcm"
 
 
-def require_no_strangers(folder: Path, formats: list[str], slices: int) -> None:
+def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
     """Refuse folders that hold slices of something else, which a reader would take for this phantom's."""
     for name, namer in (("png", png_name), ("dicom", dicom_name)):
         if name not in formats or not (folder / name).is_dir():
             continue
         ours = {namer(number) for number in range(1, slices + 1)}
-        strangers = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
-        if strangers:
+        others = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
+        if others:
             raise OutputError(
-                f"{folder / name} holds {strangers[0]}, which is no slice of this phantom; choose another folder"
+                f"{folder / name} holds {others[0]}, which is not a slice of this phantom; choose another folder"
             )
 
 
-def write_png(made: Phantom, folder: Path) -> Steps[list[str]]:
-    """8 bit grey slices from the feet to the head, HU -160 to 240."""
+def write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
+    """8 bit gray slices from the feet to the head, HU -160 to 240."""
     image = library("PIL.Image", "Pillow")
     place = made_folder(folder / "png")
     low, high = WINDOW
-    for k, plane in enumerate(made.volume.values):
-        yield Step(k / len(made.volume.values), "Writing PNG")
-        grey = (np.clip(plane, low, high).astype(np.int32) - low) * 255 // (high - low)
+    for k, plane in enumerate(phantom.volume.values):
+        yield Step(k / len(phantom.volume.values), "Writing PNG")
+        gray = (np.clip(plane, low, high).astype(np.int32) - low) * 255 // (high - low)
         buffer = io.BytesIO()
-        image.fromarray(grey.astype(np.uint8)).save(buffer, "PNG")
+        image.fromarray(gray.astype(np.uint8)).save(buffer, "PNG")
         write_bytes(place / png_name(k + 1), buffer.getvalue())
     return ["png/"]
 
 
-def write_nifti(made: Phantom, folder: Path) -> Steps[list[str]]:
+def write_nifti_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """`volume-SEED.nii.gz` and `segmentation-SEED.nii.gz`, as in LiTS."""
     nibabel = library("nibabel", "nibabel")
     names = []
-    for at, volume in enumerate((made.volume, made.labels)):
+    for at, volume in enumerate((phantom.volume, phantom.labels)):
         name = f"{volume.name}.nii.gz"
         yield Step(at / 2, f"Writing {name}")
         image = nibabel.Nifti1Image(volume.values.transpose(2, 1, 0), volume.affine)
@@ -78,15 +78,15 @@ def write_nifti(made: Phantom, folder: Path) -> Steps[list[str]]:
     return names
 
 
-def write_dicom(made: Phantom, folder: Path) -> Steps[list[str]]:
+def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """CT Image Storage (PS3.3 A.3), explicit VR little endian, its identifiers worked out from the content."""
     pydicom = library("pydicom", "pydicom")
     place = made_folder(folder / "dicom")
     # Phantoms of one seed but another grid are other series.
-    root = f"ctmc phantom {made.seed} {made.volume.size} {made.volume.spacing}"
-    for k, plane in enumerate(made.volume.values):
-        yield Step(k / len(made.volume.values), "Writing DICOM")
-        dataset = dicom_slice(pydicom, made.volume, plane, k, root)
+    root = f"ctmc phantom {phantom.seed} {phantom.volume.size} {phantom.volume.spacing}"
+    for k, plane in enumerate(phantom.volume.values):
+        yield Step(k / len(phantom.volume.values), "Writing DICOM")
+        dataset = dicom_slice(pydicom, phantom.volume, plane, k, root)
         buffer = io.BytesIO()
         dataset.save_as(buffer, enforce_file_format=True)
         write_bytes(place / dicom_name(k + 1), buffer.getvalue())
@@ -96,8 +96,8 @@ def write_dicom(made: Phantom, folder: Path) -> Steps[list[str]]:
 def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, root: str) -> Any:
     """The dataset of slice `k`, with the attributes that CT Image Storage asks for."""
 
-    def uid(of: str) -> Any:
-        return pydicom.uid.generate_uid(entropy_srcs=[root, of])
+    def uid(purpose: str) -> Any:
+        return pydicom.uid.generate_uid(entropy_srcs=[root, purpose])
 
     meta = pydicom.dataset.FileMetaDataset()
     meta.MediaStorageSOPClassUID = CT_IMAGE_STORAGE
@@ -164,7 +164,7 @@ def library(module: str, package: str) -> Any:
 
 
 WRITERS: dict[str, Callable[[Phantom, Path], Steps[list[str]]]] = {
-    "png": write_png,
-    "dicom": write_dicom,
-    "nifti": write_nifti,
+    "png": write_png_steps,
+    "dicom": write_dicom_steps,
+    "nifti": write_nifti_steps,
 }

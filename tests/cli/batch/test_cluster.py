@@ -68,7 +68,7 @@ def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_
     for name in ("a", "b", "c"):
         content = (tmp_path / "out" / f"{name}.stl").read_bytes()
         assert len(content) == 84 + 50 * struct.unpack_from("<I", content, 80)[0] == 84 + 50 * rows[0]["faces"]
-    there = {path.name for path in (tmp_path / "out").iterdir()} - {".ctmc-unfinished"}
+    there = {path.name for path in (tmp_path / "out").iterdir()}
     assert there == {"a.json", "a.stl", "b.json", "b.stl", "c.json", "c.stl", "d.json", "summary.csv", "summary.html",
                      "summary.json"}  # fmt: skip
 
@@ -87,7 +87,7 @@ def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_pat
     ("reply", "words"),
     [
         (b"", "did not answer, tried for "),  # a scheduler that hangs
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "is no scheduler; check the port"),  # its web page
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "is not a scheduler; check the port"),  # its web page
     ],
 )
 def test_what_takes_the_call_and_is_no_scheduler_is_given_up(refused, tmp_path, monkeypatch, reply, words):
@@ -111,4 +111,6 @@ def test_what_takes_the_call_and_is_no_scheduler_is_given_up(refused, tmp_path, 
 def test_without_distributed_the_extra_is_named(refused, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     np.save(tmp_path / "a.npy", np.zeros((3, 3, 3), np.uint8))
-    assert "pip install 'ctmc[cluster]'" in refused("batch", tmp_path, "-o", tmp_path / "out", "--scheduler", "h:1")
+    assert "pip install 'ctmc-addon[cluster]'" in refused(
+        "batch", tmp_path, "-o", tmp_path / "out", "--scheduler", "h:1"
+    )

@@ -17,7 +17,6 @@ from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
 from ctmc_addon.cli.batch.command import FORMATS
-from ctmc_addon.cli.batch.lock import folder_of_one_batch
 from ctmc_addon.cli.batch.process import run_here
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -117,6 +116,7 @@ def test_a_cases_mesh_is_the_one_that_python_makes(done, cases):
     assert record["settings"] == settings.to_dict()
     assert record["version"]
     assert re.fullmatch("[0-9a-f]{32}", record["fingerprint"])
+    assert record["stages"][0]["name"] == "Reading"
 
 
 def test_an_error_gives_a_json_with_its_sentence(done):
@@ -220,22 +220,22 @@ def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    # The case that ran notices, and takes its own leavings with it.
-    wait_until(lambda: not any((out / ".ctmc-unfinished").iterdir()))
+    # The case that ran notices, and removes what it has not finished.
+    wait_until(lambda: not list(out.glob(".ctmc-*")))
     assert whole(out)
     before = written_at(out)
     assert list(before) == ["c0.json"]
     assert ctmc(*words, "--resume").code == 0
     assert set(states(out).values()) == {"done"}
     assert written_at(out)["c0.json"] == before["c0.json"]
-    assert not (out / ".ctmc-unfinished").exists()
+    assert not list(out.glob(".ctmc-*"))
 
 
 def plain_task(folder, name):
     return {
         "case": name, "input": str(folder / "in.npy"), "folder": str(folder), "version": "0", "threads": 1,
         "outputs": [{"name": name, "settings": {}}], "reading": {}, "format": ".stl", "space": "ras",
-        "thumbnails": False,
+        "thumbnails": False, "run": "1",
     }  # fmt: skip
 
 
@@ -248,7 +248,7 @@ def in_place_of_a_case(monkeypatch, script):
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "signal 9 (SIGKILL); perhaps memory ran out"),
         ("import os; os.abort()", "signal 6 (SIGABRT)"),
-        ("import sys; sys.exit(3)", "exit code 3: it said nothing"),
+        ("import sys; sys.exit(3)", "exit code 3: it printed nothing"),
         ("raise ValueError('in /some/where/x.py')", "exit code 1: ValueError: in x.py"),
         ("", "exit code 0"),
     ],
@@ -299,35 +299,75 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
     in_place_of_a_case(monkeypatch, "import sys; sys.stdin.read()")
     monkeypatch.setattr(batch_process.CaseProcess, "ended", interrupted)
     outcome = ctmc("batch", cases, "-o", tmp_path, *FLAGS)
-    assert (outcome.code, outcome.errors) == (130, [])
+    assert (outcome.code, outcome.errors) == (130, ["ctmc: interrupted"])
     assert set(states(tmp_path).values()) == {"waiting"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.html", "summary.json"]
 
 
-def test_two_batches_do_not_share_a_folder(refused, cases, scene, tmp_path):
-    with folder_of_one_batch(tmp_path):
-        assert "another batch is writing to" in refused("batch", cases, "-o", tmp_path, *FLAGS)
-    with folder_of_one_batch(tmp_path):
-        pass
-    assert list(tmp_path.iterdir()) == []
+def test_what_killed_runs_left_is_removed(ctmc, cases, tmp_path):
+    for name in (".ctmc-abc/large", "thumbnails/.ctmc-def"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / ".ctmc-0123456789ab.json").write_text("half")
+    assert ctmc("batch", cases / "small.npy", "-o", tmp_path, *FLAGS, "--overwrite", "--no-thumbnails").code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "small.json", "small.stl", "summary.csv", "summary.html", "summary.json", "thumbnails",
+    ]  # fmt: skip
+    assert list((tmp_path / "thumbnails").iterdir()) == []
+
+
+def test_overwrite_keeps_the_older_surface_until_there_is_a_new_one(ctmc, cases, tmp_path, monkeypatch):
+    words = ["batch", cases / "small.npy", "-o", tmp_path, *FLAGS, "--no-thumbnails"]
+    assert ctmc(*words).code == 0
+    before = (tmp_path / "small.stl").read_bytes()
+    with monkeypatch.context() as patched:
+        in_place_of_a_case(patched, "import sys; sys.exit(3)")
+        assert ctmc(*words, "--overwrite").code == 1
+    assert (tmp_path / "small.stl").read_bytes() == before
+    assert states(tmp_path) == {"small": "failed"}
+    assert json.loads((tmp_path / "small.json").read_text("utf-8"))["status"] == "failed"
+    assert ctmc(*words, "--overwrite", "--simplify", "0.5").code == 0
+    assert len((tmp_path / "small.stl").read_bytes()) < len(before)
+    assert states(tmp_path) == {"small": "done"}
+
+
+def test_verify_looks_at_the_content_and_not_at_the_time(ctmc, cases, tmp_path):
+    source = tmp_path / "small.npy"
+    source.write_bytes((cases / "small.npy").read_bytes())
+    words = ["batch", source, "-o", tmp_path / "out", *FLAGS, "--no-thumbnails"]
+    assert ctmc(*words, "--verify").code == 0
+    os.utime(source, (1, 1))
+    assert "1 done before" in ctmc(*words, "--resume", "--verify").out
+    assert "1 done before" not in ctmc(*words, "--resume").out  # another time: made again, and its content not kept
+    assert "1 done before" in ctmc(*words, "--resume").out
+    assert "1 done before" not in ctmc(*words, "--resume", "--verify").out
 
 
 def test_the_formats_are_those_that_blender_writes(scene):
-    assert tuple(f".{end}" for end in FORMATS) == tuple(scene.SUFFIXES)
+    assert {f".{end}" for end in FORMATS} == set(scene.SUFFIXES)
 
 
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--jobs", "0"], "--jobs must be 1 or more, not 0"),
-        (["--threads", "0"], "--threads must be 1 or more"),
-        (["--alpha", "2"], "alpha must be from 0 to 1"),
+        (["--jobs", "0"], "--jobs: must be 1 or more, not 0"),
+        (["--threads", "0"], "--threads: must be 1 or more"),
+        (["--alpha", "2"], "--alpha: must be from 0 to 1"),
         (["--spacing", "0"], "above 0 mm"),
-        (["--settings", "none.toml"], "none.toml cannot be read"),
-        (["--scheduler", "nonsense"], "'nonsense' is no scheduler's address"),
     ],
 )
-def test_bad_flags_are_refused_before_anything_is_made(refused, cases, scene, tmp_path, flags, words):
+def test_flags_outside_their_limits_are_wrong_usage(misused, cases, tmp_path, flags, words):
+    assert words in misused("batch", cases, "-o", tmp_path / "out", *flags)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--settings", "none.toml"], "none.toml cannot be read"),
+        (["--scheduler", "nonsense"], "'nonsense' is not a scheduler's address"),
+    ],
+)
+def test_a_bad_file_or_scheduler_is_refused_before_anything_is_made(refused, cases, tmp_path, flags, words):
     if "--scheduler" in flags:
         pytest.importorskip("distributed", reason="dask.distributed is not installed")
     assert words in refused("batch", cases, "-o", tmp_path / "out", *flags)

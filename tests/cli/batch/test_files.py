@@ -5,13 +5,11 @@ import pytest
 from PIL import Image
 
 from ctmc_addon.cli.batch.files import (
-    UNFINISHED,
     failed_record,
-    fingerprint_of,
-    put_record,
-    put_text,
+    input_key,
+    is_same_input,
+    put_output,
     read_record,
-    remove_output,
     stands_for,
     without_folders,
 )
@@ -25,34 +23,47 @@ def task(tmp_path):
     return {
         "case": "a", "input": str(tmp_path / "in" / "a.nii"), "folder": str(tmp_path), "outputs": [output],
         "reading": {"spacing": None, "flip": "", "series": None, "strict": False}, "format": ".stl", "space": "ras",
+        "run": "1",
     }  # fmt: skip
 
 
 def finished(task):
-    record = failed_record(task, task["outputs"][0], "", 1.0, "abc")
+    record = failed_record(task, task["outputs"][0], "", 1.0)
     return record | {"status": "done", "error": None, "file_bytes": {"a.stl": 3}}
 
 
-def test_a_fingerprint_follows_content_and_not_time_or_place(tmp_path):
-    (tmp_path / "x").mkdir()
+def key_of(path, verify=True):
+    return input_key(open_volume(path), verify)
+
+
+def test_an_input_is_known_by_name_size_and_time_or_by_its_content(tmp_path):
+    file = tmp_path / "a.npy"
     values = np.zeros((2, 30, 40), np.uint8)
-    for name in ("a.npy", "x/b.npy"):
-        np.save(tmp_path / name, values)
-    first = fingerprint_of(tmp_path / "a.npy")
-    os.utime(tmp_path / "a.npy", (1, 1))
-    assert fingerprint_of(tmp_path / "a.npy") == first == fingerprint_of(tmp_path / "x" / "b.npy")
+    np.save(file, values)
+    os.utime(file, ns=(1, 1))
+    first = key_of(file)
+    assert key_of(file, verify=False) == {"fingerprint": first["fingerprint"]}
+    os.utime(file, ns=(1, 2))
+    assert not is_same_input(first, file, verify=False)
+    assert is_same_input(first, file, verify=True)
     values[1, 15, 0] = 1
-    np.save(tmp_path / "a.npy", values)
-    assert fingerprint_of(tmp_path / "a.npy") != first
+    np.save(file, values)
+    os.utime(file, ns=(1, 1))
+    assert is_same_input(first, file, verify=False)
+    assert not is_same_input(first, file, verify=True)
+    file.unlink()
+    assert not is_same_input(first, file, verify=False)
 
 
-def test_the_fingerprint_of_slices_knows_their_order(tmp_path):
+def test_the_key_of_slices_knows_their_order(tmp_path):
     for number in (1, 2):
         Image.new("L", (3, 4), number).save(tmp_path / f"{number}.png")
-    first = fingerprint_of(tmp_path)
-    assert fingerprint_of(tmp_path / "1.png") == first  # a lone slice stands for its folder
+    first = key_of(tmp_path)
+    assert key_of(tmp_path / "1.png") == first  # a lone slice stands for its folder
     (tmp_path / "1.png").rename(tmp_path / "3.png")
-    assert fingerprint_of(tmp_path) != first
+    second = key_of(tmp_path)
+    assert second["fingerprint"] != first["fingerprint"]
+    assert second["content_hash"] != first["content_hash"]
 
 
 def test_a_detached_header_brings_its_data_along(tmp_path):
@@ -84,24 +95,20 @@ def test_half_a_json_is_no_record(tmp_path):
         assert read_record(tmp_path, "a") is None
 
 
-def test_an_old_output_goes_with_its_json_first(tmp_path, monkeypatch):
-    gone = []
-    monkeypatch.setattr(type(tmp_path), "unlink", lambda path, missing_ok=False: gone.append(path.name))
-    remove_output(tmp_path, "a", ".stl")
-    assert gone == ["a.json", "a.stl", "a.png"]
+def test_new_files_come_after_the_older_json_has_gone_and_before_the_new_one(tmp_path, monkeypatch):
+    (tmp_path / "run").mkdir()
+    for name in ("a.stl", "a.json", "run/a.stl", "run/a.png"):
+        (tmp_path / name).write_text(name)
 
+    def full(path, record):
+        assert not (tmp_path / "a.json").exists()
+        raise OutputError("the disk is full")
 
-def test_a_full_disk_leaves_the_old_summary(tmp_path, monkeypatch):
-    put_text(tmp_path / "summary.json", "old")
-
-    def full(self, content):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(type(tmp_path), "write_bytes", full)
-    with pytest.raises(OutputError, match="the disk is full"):
-        put_record(tmp_path, "summary", {"new": np.pi})
-    assert (tmp_path / "summary.json").read_text() == "old"
-    assert list((tmp_path / UNFINISHED).iterdir()) == []
+    monkeypatch.setattr("ctmc_addon.cli.batch.files.write_json", full)
+    with pytest.raises(OutputError, match="disk is full"):
+        put_output(tmp_path, "a", tmp_path / "run" / "a.stl", tmp_path / "run" / "a.png", {})
+    assert (tmp_path / "a.stl").read_text() == "run/a.stl"
+    assert (tmp_path / "thumbnails" / "a.png").read_text() == "run/a.png"
 
 
 @pytest.mark.parametrize(

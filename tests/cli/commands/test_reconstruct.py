@@ -76,7 +76,7 @@ def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.obj", "--label", "2")
     for word in ("seconds", "Reading", "Writing .obj", "triangles", " ml (", "cm2", "Euler", "visited", "t.obj"):
         assert word in outcome.out
-    assert "alpha does nothing" in outcome.out
+    assert "alpha has no effect" in outcome.out
 
 
 def test_without_threshold_or_label_otsu_is_used_and_said(ctmc, phantom_folder, tmp_path):
@@ -140,14 +140,12 @@ def test_nothing_is_left_in_blender_afterwards(ctmc, phantom_folder, tmp_path):
     assert [len(getattr(bpy.data, kind)) for kind in ("scenes", "objects", "meshes", "cameras", "lights")] == before
 
 
-BAD_FLAGS = [
-    (["--threshold", "5000"], ["5000", "range -1024 to"]),
-    (["--threshold", "-5000"], ["-5000", "-1024"]),
-    (["--threshold", "nan"], ["threshold must be a finite number"]),
-    (["--stride", "0"], ["stride must be from 1 to 16, not 0"]),
-    (["--stride", "1", "1", "16"], ["16", "stride"]),
-    (["--min-part", "-1"], ["--min-part must be 0 or more, not -1"]),
-    (["--alpha", "1.5"], ["alpha must be from 0 to 1, not 1.5"]),
+# What no input could be reconstructed with.
+WRONG_USAGE = [
+    (["--threshold", "nan"], ["--threshold: must be a finite number"]),
+    (["--stride", "0"], ["--stride: must be from 1 to 16, not 0"]),
+    (["--min-part", "-1"], ["--min-part: must be 0 or more, not -1"]),
+    (["--alpha", "1.5"], ["--alpha: must be from 0 to 1, not 1.5"]),
     (["--simplify", "1"], ["at least 0 and below 1"]),
     (["--simplify", "-0.5"], ["at least 0 and below 1"]),
     (["--triangles", "2"], ["4 or more, not 2"]),
@@ -155,13 +153,28 @@ BAD_FLAGS = [
     (["--spacing", "0", "1", "1"], ["spacing", "above 0"]),
     (["--spacing", "nan"], ["spacing"]),
     (["--flip", "q"], ["flip", "'q'"]),
-    (["--region", "500", "500", "0", "600", "600", "5"], ["region"]),
     (["--region", "5", "5", "5", "1", "1", "1"], ["region"]),
-    (["--simplifier", "decimate", "--max-error", "1"], ["Decimate"]),
+    (["--simplifier", "decimate", "--max-error", "1"], ["--max-error", "decimate"]),
+    (["--threads", "0"], ["--threads: must be 1 or more, not 0"]),
+]
+
+
+@pytest.mark.parametrize(("flags", "words"), WRONG_USAGE, ids=lambda value: " ".join(value))
+def test_flags_outside_their_limits_are_wrong_usage(misused, tmp_path, flags, words):
+    sentence = misused("reconstruct", tmp_path / "no input", "-o", tmp_path / "x.stl", *flags)
+    for word in words:
+        assert word in sentence
+    assert files_in(tmp_path) == []
+
+
+BAD_FLAGS = [
+    (["--threshold", "5000"], ["5000", "range -1024 to"]),
+    (["--threshold", "-5000"], ["-5000", "-1024"]),
+    (["--stride", "1", "1", "16"], ["16", "stride"]),
+    (["--region", "500", "500", "0", "600", "600", "5"], ["region"]),
     (["--label", "2", "--soften", "1"], []),
     (["--label", "9"], ["9", "1, 2"]),
-    (["--min-part", "1e12"], ["no part"]),
-    (["--threads", "0"], ["threads must be 1 or more"]),
+    (["--min-part", "1e12"], ["1e+12 mm3"]),
 ]
 
 
@@ -253,7 +266,7 @@ def test_an_interrupt_is_quiet_and_leaves_no_file(ctmc, phantom_folder, tmp_path
     monkeypatch.setattr(Reconstruction, "report", interrupted)
     words = ["-o", tmp_path / "x.stl", "--report", tmp_path / "x.json", "--label", "2"]
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", *words)
-    assert (outcome.code, outcome.out, outcome.errors) == (130, "", [])
+    assert (outcome.code, outcome.out, outcome.errors) == (130, "", ["ctmc: interrupted"])
     assert files_in(tmp_path) == []
 
 
@@ -295,17 +308,61 @@ def test_the_module_runs_in_a_process_of_its_own(phantom_folder, tmp_path):
     assert said["faces"] == len(stl_triangles(tmp_path / "Lösung 結果.stl"))
 
 
-def test_without_blender_there_is_one_sentence(tmp_path):
-    script = "import sys; sys.modules['bpy'] = None; from ctmc_addon.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", script, "reconstruct", str(tmp_path), "-o", str(tmp_path / "x.stl")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 1
+WITHOUT_BLENDER = "import sys; sys.modules['bpy'] = None; from ctmc_addon.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def without_blender(*words):
+    command = [sys.executable, "-c", WITHOUT_BLENDER, *map(str, words)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["reconstruct", "in", "-o", "x.obj"],
+        ["reconstruct", "in", "-o", "x.glb"],
+        ["reconstruct", "in", "-o", "x.blend"],
+        ["reconstruct", "in", "-o", "x.stl", "--figure", "x.png"],
+        ["reconstruct", "in", "-o", "x.stl", "--simplifier", "decimate"],
+        ["figure", "in", "-o", "x.png"],
+        ["figure", "sheet", "in", "-o", "x.png", "--levels", "0"],
+        ["figure", "turntable", "in", "-o", "x.mp4"],
+        ["experiment", "rotation", "in", "-o", "out"],
+    ],
+    ids=" ".join,
+)
+def test_what_only_blender_does_says_what_to_install(tmp_path, monkeypatch, flags):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    command = [sys.executable, "-c", WITHOUT_BLENDER, *flags]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stdout) == (1, "")
     assert len(done.stderr.splitlines()) == 1
-    assert "needs Blender" in done.stderr
+    assert "pip install 'ctmc-addon[blender]'" in done.stderr
+    assert files_in(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply"])
+def test_stl_and_ply_need_no_blender_and_are_the_same_bytes(ctmc, phantom_folder, tmp_path, suffix):
+    words = ["reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "--space", "lps"]
+    done = without_blender(*words, "-o", tmp_path / f"without.{suffix}", "--report", tmp_path / "without.json")
+    assert (done.returncode, done.stderr) == (0, "")
+    figure = ["--figure", tmp_path / "f.png"]  # brings Blender in
+    assert ctmc(*words, "-o", tmp_path / f"with.{suffix}", *figure).code == 0
+    assert (tmp_path / f"without.{suffix}").read_bytes() == (tmp_path / f"with.{suffix}").read_bytes()
+
+
+def test_a_stl_does_not_load_blender(phantom_folder, tmp_path):
+    script = "import sys; from ctmc_addon.cli import main; main(sys.argv[1:]); assert 'bpy' not in sys.modules"
+    words = ["reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "-o", tmp_path / "x.stl"]
+    subprocess.run([sys.executable, "-c", script, *map(str, words)], cwd=ROOT, check=True, timeout=120)
 
 
 @pytest.mark.parametrize("there", [False, True])
-@pytest.mark.parametrize("fails", ["blender.export", "blender.render_figure", "cli.commands.reconstruct.write_json"])
+@pytest.mark.parametrize(
+    "fails",
+    ["reporting.mesh_files.write_mesh", "blender.figure.render.render_figure", "cli.commands.reconstruct.write_json"],
+)
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
     names = ["f.png", "r.json", "t.stl"]
     if there:

@@ -100,4 +100,4 @@ def test_a_bad_file_is_named_with_what_is_wrong(refused, tmp_path, text, words):
 def test_a_missing_file_and_noise_are_said(refused, tmp_path):
     assert "cannot be read" in refused("settings", "--settings", tmp_path / "none.toml")
     (tmp_path / "noise.toml").write_bytes(bytes(range(128, 256)))
-    assert "is no text" in refused("settings", "--settings", tmp_path / "noise.toml")
+    assert "is not text" in refused("settings", "--settings", tmp_path / "noise.toml")

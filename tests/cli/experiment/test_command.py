@@ -114,7 +114,7 @@ def test_the_side_of_one_pixel_is_always_measured(ctmc, segmentation, tmp_path):
     outcome = ctmc("experiment", "voxels", segmentation, *words)
     assert outcome.code == 0, outcome.errors
     assert [row["stride"] for row in rows_in(tmp_path / "t")] == [1, 3]
-    assert "alpha does nothing" in outcome.out
+    assert "alpha has no effect" in outcome.out
     assert "one run of each, after one that is not counted" in outcome.out
     assert "improved, %" in outcome.out
 
@@ -203,11 +203,11 @@ def test_a_folder_that_holds_something_is_refused_unless_it_may_be_overwritten(c
         (["simplify", "--levels", "-1"], "0 to 99"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_in_one_sentence_and_leaves_no_folder(
-    refused, segmentation, tmp_path, words, said
+def test_flags_that_cannot_be_measured_with_are_wrong_usage_and_leave_no_folder(
+    misused, segmentation, tmp_path, words, said
 ):
     out = tmp_path / "out"
-    assert said in refused("experiment", words[0], segmentation, "--label", "2", "-o", out, *words[1:])
+    assert said in misused("experiment", words[0], segmentation, "--label", "2", "-o", out, *words[1:])
     assert not out.exists()
 
 

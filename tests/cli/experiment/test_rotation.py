@@ -5,7 +5,7 @@ import statistics
 import pytest
 
 from ctmc_addon.cli.experiment.rotation import engine_of
-from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.errors import CtmcError
 
 pytestmark = pytest.mark.usefixtures("scene")
 SMALL = ["--rounds", "2", "--step", "60", "--resolution", "64", "48"]
@@ -83,16 +83,16 @@ def test_cycles_draws_where_it_is_asked_for(ctmc, segmentation, tmp_path):
     ] * 2
 
 
-def test_a_machine_without_egl_gets_cycles_and_says_so(scene, monkeypatch):
-    monkeypatch.setattr(scene, "can_draw", lambda: False)
-    name, why = engine_of(None, scene)
+def test_a_machine_without_egl_gets_cycles_and_says_so(monkeypatch):
+    monkeypatch.setattr("ctmc_addon.blender.rotation.can_draw", lambda: False)
+    name, why = engine_of(None)
     assert name == "CYCLES"
     assert "no EGL" in why
-    with pytest.raises(SettingsError, match="libegl1"):
-        engine_of("workbench", scene)
+    with pytest.raises(CtmcError, match="libegl1"):
+        engine_of("workbench")
 
 
-def test_a_mesh_that_is_none_and_settings_for_a_mesh_are_refused(refused, tmp_path):
+def test_a_mesh_that_is_none_and_settings_for_a_mesh_are_refused(refused, misused, tmp_path):
     out = tmp_path / "out"
     assert "check the path" in refused("experiment", "rotation", tmp_path / "no.stl", "-o", out)
     (tmp_path / "noise.stl").write_bytes(b"noise")
@@ -101,5 +101,5 @@ def test_a_mesh_that_is_none_and_settings_for_a_mesh_are_refused(refused, tmp_pa
     assert "noise.blend" in refused("experiment", "rotation", tmp_path / "noise.blend", "-o", out)
     (tmp_path / "noise.glb").write_bytes(b"noise")
     assert "noise.glb" in refused("experiment", "rotation", tmp_path / "noise.glb", "-o", out)
-    assert "leave --label out" in refused("experiment", "rotation", tmp_path / "noise.stl", "--label", "2", "-o", out)
+    assert "leave --label out" in misused("experiment", "rotation", tmp_path / "noise.stl", "--label", "2", "-o", out)
     assert not out.exists()

@@ -71,25 +71,37 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--dpi", 1200), "from 36 to 600 dpi, not 1200"),
         (("figure", "-o", "a.png", "--width-mm", 0), "width must be from 20 to 400 mm"),
         (("figure", "-o", "a.png", "--elevation", 100), "from -90 to 90 degrees"),
-        (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is no .blend"),
         (("figure", "-o", "a.png", "--names", "a", "b"), "2 names for 1 surfaces"),
         (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a map of distances shows one label, not 2"),
-        (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be seen through"),
+        (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be transparent"),
+        (("figure", "sheet", "-o", "a.png"), "give one or two"),
+        (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
+        (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "--columns: must be 1 or more"),
+        (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
+        (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120"),
+    ],
+)
+def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    count = 2 if words[1] in ("sheet", "turntable") else 1
+    assert said in misused(*words[:count], ct, *words[count:])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
+        (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
+        (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
         (("figure", "-o", "a.png", "--label", 9), "9"),
         (("figure", "-o", "new/deep/a.png", "--label", 9, "--blend", "other/a.blend"), "9"),
         (("figure", "sheet", "-o", "new/a.png", "--label", 9, "--levels", 0), "9"),
-        (("figure", "sheet", "-o", "a.png"), "give one or two"),
-        (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
-        (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "columns must be 1 or more"),
-        (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
-        (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
         (("figure", "turntable", "-o", "a.gif"), ".gif is not a video"),
-        (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120"),
         (("figure", "turntable", "-o", ".", "--overwrite"), "and not a turntable"),
     ],
 )
@@ -110,5 +122,7 @@ def test_a_turntable_of_nothing_leaves_no_folder(ctmc, ct, tmp_path, name):
 
 
 def test_help_names_the_commands(ctmc):
-    assert "figure sheet" in ctmc("--help").out
+    listed = [line.split()[0] for line in ctmc("--help").out.splitlines() if line[:5].strip() and line[:4] == "    "]
+    assert listed == ["info", "phantom", "reconstruct", "batch", "experiment", "figure", "settings"]
+    assert "ctmc figure sheet" in ctmc("figure", "--help").out
     assert "--revolutions" in ctmc("figure", "turntable", "--help").out

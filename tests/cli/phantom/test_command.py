@@ -89,14 +89,14 @@ def test_one_format_alone_leaves_the_others_out(tmp_path, ctmc):
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--slices", "2"], "3 slices or more, not 2"),
-        (["--size", "4"], "16 rows and columns or more, not 4"),
-        (["--seed", "-1"], "a seed is 0 or more, not -1"),
+        (["--slices", "2"], "--slices: must be 3 or more, not 2"),
+        (["--size", "4"], "--size: must be 16 or more, not 4"),
+        (["--seed", "-1"], "--seed: must be 0 or more, not -1"),
         (["--spacing", "1", "0", "1"], "above 0 mm"),
     ],
 )
-def test_an_impossible_phantom_is_refused_and_leaves_no_file(tmp_path, refused, flags, words):
-    assert words in refused("phantom", tmp_path, *flags)
+def test_an_impossible_phantom_is_refused_and_leaves_no_file(tmp_path, misused, flags, words):
+    assert words in misused("phantom", tmp_path, *flags)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 

@@ -27,7 +27,7 @@ from ctmc_addon.blender.figure.spec import (
     Turn,
 )
 from ctmc_addon.cli.figure.common import page_of
-from ctmc_addon.cli.main import parser
+from ctmc_addon.cli.program import parser
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.ui.operators import figure
 from ctmc_addon.ui.panels import figure as figure_panel
@@ -323,7 +323,7 @@ def test_limits_and_defaults_are_those_of_the_scene_room(scene):
 
 
 def test_the_command_line_starts_from_the_same_pages():
-    for kind, words in (("figure", ["figure"]), ("sheet", ["figure sheet"]), ("turntable", ["figure turntable"])):
+    for kind, words in (("figure", ["figure"]), ("sheet", ["figure", "sheet"]), ("turntable", ["figure", "turntable"])):
         chosen = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
         assert page_of(chosen) == PAGES[kind]
         assert getattr(chosen, "opacity", OPACITY) == OPACITY

@@ -1,0 +1,55 @@
+"""Ctrl-C and SIGTERM: both raise `KeyboardInterrupt`, and neither inside a block that it would break."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def sigterm_raised() -> Iterator[None]:
+    """Clean up after SIGTERM, which SLURM, Docker and Snakemake send, as after Ctrl-C."""
+    # Only the main thread gets signals, and whoever handles this one already goes on doing so.
+    if not in_main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, raise_terminated)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def raise_terminated(_number: int, _frame: Any) -> None:
+    """Handle SIGTERM."""
+    raise KeyboardInterrupt("terminated")
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` after the block instead of inside it.
+
+    Inside, Blender would crash while it is loaded, and swallow it while it renders, leaving half a picture.
+    """
+    if not in_main_thread():
+        yield
+        return
+    received: list[int] = []
+    handlers = {number: signal.signal(number, lambda number, _: received.append(number)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+    if received:
+        signal.raise_signal(received[0])
+
+
+def in_main_thread() -> bool:
+    """Whether this is the thread that Python handles signals in."""
+    return threading.current_thread() is threading.main_thread()
