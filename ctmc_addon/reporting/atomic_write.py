@@ -1,7 +1,7 @@
-"""Write a file whole or not at all, and find out before the work whether a place can be written to.
+"""Write a file whole or not at all, and check before the work whether a file can be written.
 
-A file is made beside its place under another name and moved there once it is complete: neither a full
-disk nor a crash leaves half of one, and an older file stays until the new one is ready.
+A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a
+crash leaves half of one, and an older file stays until the new one is ready.
 """
 
 from __future__ import annotations
@@ -145,13 +145,13 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def refused(path: Path, error: OSError) -> OutputError:
-    """What an `OSError` means for whoever wanted `path`, with a remedy."""
+    """Return an `OutputError` that says what an `OSError` about `path` means, with a remedy."""
     remedy = REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
     return OutputError(f"{path} cannot be written: {remedy}")
 
 
 def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = ()) -> Path:
-    """`path` if a file can be put there and has one of the suffixes, else an `OutputError`; leaves nothing behind."""
+    """Return `path` if a file can be written there and has one of the suffixes; raise an `OutputError` otherwise."""
     target = Path(path)
     if suffixes and target.suffix.lower() not in suffixes:
         name = target.name or "an empty name"
@@ -168,7 +168,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
 
 
 def made_folder(path: str | os.PathLike[str]) -> Path:
-    """The folder `path`, made with its parents if need be, or an `OutputError`."""
+    """Make the folder `path` and its parents where they do not exist, and return it; else raise an `OutputError`."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -179,15 +179,15 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """`made_folder`; of what was made, that which has nothing in it at the end is removed again."""
+    """`made_folder`, and remove at the end the new folders that are still empty."""
     folder = Path(path)
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         yield made_folder(folder)
     finally:
         with suppress(OSError):  # rmdir removes no folder that holds something
-            for one in missing:
-                one.rmdir()
+            for parent in missing:
+                parent.rmdir()
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

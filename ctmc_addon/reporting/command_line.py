@@ -1,4 +1,4 @@
-"""Settings as the flags of `ctmc`, for whoever prints or copies a command."""
+"""Settings as flags of `ctmc`, to print or copy a command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..core import ReconstructionSettings, Setting, described
 
 
 def flag_of(name: str, about: Setting) -> str:
-    """The flag of a setting: its own, else its name with dashes.
+    """Return the flag of a setting: its own, else its name with dashes.
 
     Examples
     --------
@@ -23,7 +23,7 @@ def flag_of(name: str, about: Setting) -> str:
 
 
 def command_of(settings: ReconstructionSettings) -> str:
-    """The flags that give these settings, those at their default left out.
+    """Return the flags that give these settings, without those at their default.
 
     Examples
     --------
@@ -35,14 +35,14 @@ def command_of(settings: ReconstructionSettings) -> str:
         value = getattr(settings, name)
         if value == getattr(ReconstructionSettings, name):
             continue
-        many = value if isinstance(value, tuple) else (value,)
+        items = value if isinstance(value, tuple) else (value,)
         words.append(flag_of(name, about))
-        words += [] if about.type is bool else [str(one) if isinstance(one, str) else f"{one:.12g}" for one in many]
+        words += [] if about.type is bool else [item if isinstance(item, str) else f"{item:.12g}" for item in items]
     return " ".join(words)
 
 
 def reading_flags(reading: Mapping[str, Any]) -> list[str]:
-    """The flags that say how INPUT is read, from the keyword arguments of `read_volume`.
+    """Return the flags that say how INPUT is read, from the keyword arguments of `read_volume`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def reading_flags(reading: Mapping[str, Any]) -> list[str]:
 
 
 def command_line(source: str, output: str, settings: ReconstructionSettings, reading: Mapping[str, Any]) -> str:
-    """The whole line, its words quoted for this system's shell.
+    """Return the whole line, its words quoted for this system's shell.
 
     Examples
     --------

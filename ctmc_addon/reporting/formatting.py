@@ -1,4 +1,4 @@
-"""Numbers as a person reads them, in panels and reports."""
+"""Numbers and sentences as a person reads them, in panels and reports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I":
 
 
 def count(number: int) -> str:
-    """A count, its thousands parted.
+    """Return a count with thousands separators.
 
     Examples
     --------
@@ -19,7 +19,7 @@ def count(number: int) -> str:
 
 
 def size_of_bytes(number: float) -> str:
-    """Bytes in MiB or GiB.
+    """Return bytes in MiB or GiB.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def size_of_bytes(number: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds, with no more digits than are known.
+    """Return seconds or minutes, with no more digits than an estimate has.
 
     Examples
     --------
@@ -43,22 +43,22 @@ def duration(seconds: float) -> str:
 
 
 def voxel_sides(stride: Sequence[int], spacing: Sequence[float]) -> str:
-    """Sides of a voxel in pixels and millimetres; equal ones are said once.
+    """Return the sides of a voxel in pixels and millimetres, equal ones once.
 
     Examples
     --------
     >>> voxel_sides((2, 2, 1), (0.745, 0.745, 2.0))
     'x y 2 px = 1.49 mm, z 1 px = 2 mm'
     """
-    said: dict[str, str] = {}
+    axes_of: dict[str, str] = {}
     for axis, step, side in zip("xyz", stride, spacing, strict=True):
         text = f"{step} px = {step * side:.3g} mm"
-        said[text] = f"{said[text]} {axis}" if text in said else axis
-    return ", ".join(f"{axes} {text}" for text, axes in said.items())
+        axes_of[text] = f"{axes_of[text]} {axis}" if text in axes_of else axis
+    return ", ".join(f"{axes} {text}" for text, axes in axes_of.items())
 
 
 def directions(orientation: str) -> tuple[str, str, str]:
-    """Where columns, rows and slices run to.
+    """Return the sides that columns, rows and slices run towards.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def directions(orientation: str) -> tuple[str, str, str]:
 
 
 def in_lines(text: str, width: int) -> list[str]:
-    """A sentence in lines of at most `width` letters; signs without spaces, such as Chinese, may break anywhere.
+    """Return a sentence in lines of at most `width` letters; text without spaces, such as Chinese, breaks anywhere.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def in_lines(text: str, width: int) -> list[str]:
         rest = word
         while len(rest) > width:
             lines += [line] if line else []
-            line, rest = "", rest
+            line = ""
             lines.append(rest[:width])
             rest = rest[width:]
         if line and len(line) + 1 + len(rest) > width:

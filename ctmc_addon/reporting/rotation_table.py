@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..core import SettingsError
-
 
 @dataclass(frozen=True)
 class RotationTable:
-    """What was timed.
+    """The times of a rotation test.
 
     Parameters
     ----------
@@ -40,7 +38,7 @@ class RotationTable:
         return tuple(100.0 * (1.0 - mean / first) for mean in self.averages)
 
     def rows(self, round_name: str = "Round", average: str = "Average", saving: str = "Saving") -> list[list[str]]:
-        """The table as text: a head, a row for each round, average, saving.
+        """Return the table as text: a head, a row for each round, average, saving.
 
         Examples
         --------
@@ -60,7 +58,7 @@ class RotationTable:
         return out
 
     def csv(self) -> str:
-        """The table with plain numbers, seconds, for a spreadsheet."""
+        """Return the table with plain numbers, seconds, for a spreadsheet."""
         lines = [["removed_percent", *(f"{percent:g}" for percent in self.percents)]]
         lines.append(["triangles", *(str(count) for count in self.faces)])
         for number, times in enumerate(zip(*self.rounds, strict=True), 1):
@@ -68,21 +66,3 @@ class RotationTable:
         lines.append(["average_s", *(f"{mean:.6f}" for mean in self.averages)])
         lines.append(["saving_percent", *(f"{share:.3f}" for share in self.savings)])
         return "\n".join(",".join(line) for line in lines) + "\n"
-
-
-def parsed_levels(text: str) -> tuple[float, ...]:
-    """Levels as a person types them, per cent of the triangles to remove.
-
-    Examples
-    --------
-    >>> parsed_levels("0, 50 90")
-    (0.0, 50.0, 90.0)
-    """
-    words = text.replace(",", " ").replace(";", " ").replace("%", " ").split()
-    try:
-        levels = tuple(float(word) for word in words)
-    except ValueError:
-        levels = ()
-    if not levels or not all(0 <= level < 100 for level in levels) or len(set(levels)) < len(levels):
-        raise SettingsError(f"levels are shares of triangles to remove, each once, from 0 to 99, not '{text}'")
-    return levels

@@ -15,7 +15,7 @@ WIDTH = 100
 
 
 def to_toml(settings: ReconstructionSettings) -> str:
-    """Every setting with its text, unit, limits and value.
+    """Return every setting with its text, unit, limits and value.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def to_toml(settings: ReconstructionSettings) -> str:
 
 
 def comment_of(about: Setting) -> list[str]:
-    """Text, unit and limits as lines of comment."""
+    """Return text, unit and limits as lines of comment."""
     facts = [about.unit] if about.unit else []
     if about.choices or about.low is not None or about.high is not None:
         facts.append(about.limits)
@@ -40,14 +40,14 @@ def comment_of(about: Setting) -> list[str]:
 
 
 def value_line(name: str, value: Any, about: Setting) -> str:
-    """`name = value`; an example behind a comment sign where nothing is set."""
+    """Return `name = value`; where there is no value, an example as a comment."""
     if value is None:
         return f"# {name} = {toml_value(about.start)}"
     return f"{name} = {toml_value(value)}"
 
 
 def toml_value(value: Any) -> str:
-    """A switch, number, word or list of numbers in TOML.
+    """Return a switch, number, word or list of numbers in TOML.
 
     Examples
     --------
@@ -55,14 +55,14 @@ def toml_value(value: Any) -> str:
     ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
     """
     if isinstance(value, tuple):
-        return "[" + ", ".join(toml_value(one) for one in value) + "]"
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
 def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
-    """The settings that stand in a TOML text, by name.
+    """Return the settings in a TOML text, by name.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
     Raises
     ------
     SettingsError
-        If it is no TOML, or holds an unknown name, a wrong type or a value outside its limits.
+        If it is not TOML, or holds an unknown name, a wrong type or a value outside its limits.
     """
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"{name} is no TOML: {error}; `ctmc settings` writes one to start from") from error
+        raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
         for key, value in values.items():
             require_type(key, value)
@@ -88,14 +88,14 @@ def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
 
 
 def require_type(name: str, value: Any) -> None:
-    """Refuse what Python would convert without a word: "false" to true, true to 1."""
+    """Raise a `SettingsError` for what Python would convert silently: "false" to true, true to 1."""
     about = described().get(name)
     if about is None:
         return  # refused by name later
-    many = value if isinstance(value, list) and about.size > 1 else [value]
-    wanted, said = {bool: (bool, "true or false"), str: (str, "a word in quotes")}.get(
+    items = value if isinstance(value, list) and about.size > 1 else [value]
+    types, expected = {bool: (bool, "true or false"), str: (str, "a word in quotes")}.get(
         about.type, ((int, float), "a number" if about.size == 1 else f"{about.size} numbers in brackets")
     )
-    for one in many:
-        if not isinstance(one, wanted) or (isinstance(one, bool) and about.type is not bool):
-            raise SettingsError(f"{name} must be {said}, not {value!r}")
+    for item in items:
+        if not isinstance(item, types) or (isinstance(item, bool) and about.type is not bool):
+            raise SettingsError(f"{name} must be {expected}, not {value!r}")

@@ -22,7 +22,7 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
-from ...reporting.captions import side_of
+from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked, settings_from
 from ..terminal import Progress, dimensions
 from .common import facts_of, input_steps, measuring_fact, require_builtin
@@ -75,7 +75,7 @@ def sides_of(word: str) -> tuple[int, int]:
     ((2, 2), (2, 1))
     """
     try:
-        return side_of(word)
+        return parsed_stride(word)
     except SettingsError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

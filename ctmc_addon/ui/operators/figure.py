@@ -24,7 +24,8 @@ from ...blender.materials import material_color
 from ...blender.studio import angles_of
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
-from ...reporting.captions import figure_caption, parsed_numbers, parsed_sides
+from ...reporting.captions import figure_caption
+from ...reporting.parse import parsed_numbers, parsed_strides
 from .. import jobs
 from ..properties.figure import FRAMES
 from ..properties.preferences import machine
@@ -235,7 +236,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
 def comparison_of(chosen: Any) -> Any:
     """What a sheet compares, as it was typed."""
     return Comparison(
-        parsed_sides(chosen.strides) if chosen.use_strides else (),
+        parsed_strides(chosen.strides) if chosen.use_strides else (),
         parsed_numbers(chosen.alphas, "alphas", "0 0.5 1") if chosen.use_alphas else (),
         parsed_numbers(chosen.levels, "levels", "0 50 90") if chosen.use_levels else (),
     )

@@ -16,7 +16,8 @@ from ...blender.rotation import can_draw
 from ...blender.surface import SCALE, evaluated_triangles, placement_of
 from ...core import CtmcError, MeshError, SettingsError, Stages, Steps, TriangleMesh
 from ...reporting.atomic_write import write_text
-from ...reporting.rotation_table import RotationTable, parsed_levels
+from ...reporting.parse import parsed_levels
+from ...reporting.rotation_table import RotationTable
 from .. import jobs
 from ..state import session, surfaces
 from ..translations import translate

@@ -264,7 +264,7 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
     chosen.revolutions = 0
     refused("figure_turntable", "revolutions must be from 1 to 100", filepath=str(tmp_path / "a.mp4"))
     chosen.strides = "two"
-    refused("figure_sheet", "'two' is no voxel side")
+    refused("figure_sheet", "'two' is not a voxel side")
     chosen.strides = " "
     refused("figure_sheet", "voxel sides to compare are missing")
     chosen.use_strides = False
