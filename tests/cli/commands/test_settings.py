@@ -75,7 +75,7 @@ def test_reconstruct_takes_the_file(ctmc, phantom_folder, tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("alpha = x", "no TOML: Invalid value (at line 1, column 9)"),
+        ("alpha = x", "not TOML: Invalid value (at line 1, column 9)"),
         ("alfa = 1", "unknown setting 'alfa'; the settings are threshold"),
         ("alpha = 2", "alpha must be from 0 to 1, not 2"),
         ('alpha = "1"', "alpha must be a number, not '1'"),
