@@ -45,3 +45,12 @@ def canonical(triangles):
         for triangle in np.round(np.asarray(triangles, float) + 0.000137, 3)  # no coordinate lies on a rounding edge
     ]
     return np.array(sorted(turned))
+
+
+def by_edge(vertices):
+    """Vertices (n, 3) in the order of the edges they lie on: two coordinates are whole, and one lies between."""
+    vertices = np.asarray(vertices, float)
+    axis = np.abs(vertices - vertices.round()).argmax(axis=1)
+    low = vertices.round()
+    low[np.arange(len(low)), axis] = np.floor(vertices[np.arange(len(low)), axis])
+    return vertices[np.lexsort((axis, *low.T))]

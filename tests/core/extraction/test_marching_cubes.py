@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from oracles.marching_cubes import canonical, reference_triangles
+from oracles.marching_cubes import by_edge, canonical, reference_triangles
 from oracles.trilinear import grid_topology
 
 from ctmc_addon.core import marching_cubes
 from ctmc_addon.core.errors import CtmcError, SettingsError, ThresholdError, VolumeError
-from ctmc_addon.core.extraction.classify import lowest_inside
 from ctmc_addon.core.extraction.grid import make_grid
-from ctmc_addon.core.extraction.marching_cubes import count_steps, extract_steps
-from ctmc_addon.core.progress import finish
+from ctmc_addon.core.extraction.marching_cubes import extract_steps
 
 
 def noise(shape, seed=0, dtype=np.uint8):
@@ -34,15 +32,6 @@ def test_the_fast_extraction_equals_three_loops(stride, alpha, close_border):
     np.testing.assert_allclose(canonical(mesh.vertices[mesh.faces]), canonical(expected), atol=1.5e-3)
 
 
-@pytest.mark.parametrize("shape", [(2, 2, 2), (2, 3, 63), (3, 2, 64), (2, 2, 65), (4, 3, 129)])
-def test_rows_of_every_length_around_a_word_are_right(shape):
-    values = noise(shape, seed=5)
-    mesh = marching_cubes(values, 100)
-    np.testing.assert_allclose(
-        canonical(mesh.vertices[mesh.faces]), canonical(reference_triangles(values, 100)), atol=1.5e-3
-    )
-
-
 @pytest.mark.parametrize("shape", [(5, 30, 130), (40, 17, 64)])
 def test_vertices_are_those_of_scikit_image(shape):
     measure = pytest.importorskip("skimage.measure", reason="scikit-image is not installed")
@@ -50,9 +39,9 @@ def test_vertices_are_those_of_scikit_image(shape):
     peer = np.unique(measure.marching_cubes(values, 127.25, method="lorensen")[0][:, ::-1].round(4), axis=0)
     ours = marching_cubes(values, 127.25).vertices
     assert len(ours) == len(peer)
-    order = np.lexsort(ours.round(3).T)
-    peer_order = np.lexsort(peer.round(3).T)
-    np.testing.assert_allclose(np.sort(ours[order], axis=0), np.sort(peer[peer_order], axis=0), atol=1e-4)
+    np.testing.assert_allclose(by_edge(ours), by_edge(peer), atol=1e-4)
+    scrambled = np.stack([ours[:, 0], np.roll(ours[:, 1], 1), ours[:, 2]], axis=1)
+    assert np.abs(by_edge(scrambled) - by_edge(peer)).max() > 0.5
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -73,14 +62,6 @@ def test_an_open_surface_ends_at_the_border_and_nowhere_else(seed):
     ends = mesh.vertices[mesh.boundary_edges]  # (n, 2, 3)
     on_side = (ends == 0) | (ends == np.array([11, 7, 8]))
     assert on_side.all(axis=1).any(axis=1).all()
-
-
-@pytest.mark.parametrize("value", [0, 127, 254])
-def test_a_threshold_equal_to_voxel_values_leaves_no_hole_and_no_two_vertices_in_one_place(value):
-    values = np.random.default_rng(3).choice([0, 127, 254], (12, 12, 12)).astype(np.int16)
-    mesh = marching_cubes(values, max(value, 1), close_border=True)
-    assert mesh.closed
-    assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
 
 
 def test_inside_is_at_or_above_the_threshold():
@@ -109,61 +90,6 @@ def test_the_area_of_a_sphere_converges_with_the_square_of_the_voxel_side():
         errors.append(1 - marching_cubes(values, 0.0).area * spacing**2 / (4 * np.pi * 100))
     assert 3.5 < errors[0] / errors[1] < 4.5
     assert 3.5 < errors[1] / errors[2] < 4.5
-
-
-def test_normals_point_outward_within_half_a_degree_of_a_spheres():
-    values, middle = sphere(12.0)
-    mesh = marching_cubes(values, 0.0)
-    exact = (mesh.vertices - middle) / np.linalg.norm(mesh.vertices - middle, axis=1, keepdims=True)
-    assert np.degrees(np.arccos(np.clip((mesh.normals * exact).sum(axis=1), -1, 1))).max() < 0.5
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
-
-
-def test_under_a_stride_normals_are_those_of_the_full_resolution():
-    """A ripple of four pixels is not seen by samples four apart, but it tilts the surface between them."""
-    _, y, x = np.indices((5, 9, 13)).astype(float)
-    mesh = marching_cubes(y + 3 * np.sin(x * np.pi / 2), 3.5, stride=(4, 1, 1))
-    np.testing.assert_allclose(mesh.vertices[:, 1], 3.5, atol=1e-6)
-    slope = np.array([3, 1, 0]) / np.sqrt(10)  # inside is where y is large, so the outside is against it
-    np.testing.assert_allclose(mesh.normals, np.tile(-slope, (len(mesh.normals), 1)), atol=1e-6)
-
-
-def test_a_plane_has_the_closed_form_normal_at_the_border_too():
-    z, y, x = np.indices((6, 7, 8)).astype(float)
-    direction = np.array([2.0, -1.0, 0.5])
-    values = x * direction[0] + y * direction[1] + z * direction[2]
-    mesh = marching_cubes(values, 4.1)
-    np.testing.assert_allclose(
-        mesh.normals, np.tile(-direction / np.linalg.norm(direction), (len(mesh.normals), 1)), atol=1e-6
-    )
-    np.testing.assert_allclose(mesh.vertices @ direction, 4.1, atol=2e-3)
-
-
-def test_caps_have_the_border_normals_and_lie_half_a_pixel_outside():
-    values = np.ones((5, 6, 7), np.uint8)
-    mesh = marching_cubes(values, 0.5, stride=(2, 2, 1), close_border=True)
-    np.testing.assert_array_equal(mesh.vertices.min(axis=0), [-0.5, -0.5, -0.5])
-    np.testing.assert_array_equal(mesh.vertices.max(axis=0), [6.5, 5.5, 4.5])
-    top = (mesh.vertices[:, 2] == 4.5) & (np.abs(mesh.vertices[:, :2] - [3, 2.5]) < 1.6).all(axis=1)
-    np.testing.assert_allclose(mesh.normals[top], [[0, 0, 1]] * top.sum(), atol=1e-6)
-
-
-def test_alpha_blends_midpoint_and_linear_crossing_and_keeps_the_triangles():
-    values = noise((8, 9, 10))
-    grid = make_grid(values)
-    surface = finish(extract_steps(grid, 127.5))
-    for alpha in (0.0, 0.37, 1.0):
-        mesh = marching_cubes(values, 127.5, alpha=alpha)
-        np.testing.assert_array_equal(mesh.faces, surface.faces)
-        np.testing.assert_array_equal(mesh.vertices, surface.at(alpha).vertices)
-    assert (surface.midpoints * 2 == np.round(surface.midpoints * 2)).all()
-    moved = surface.linear != surface.midpoints
-    assert (moved.sum(axis=1) <= 1).all()
-
-
-def test_on_a_mask_every_crossing_is_the_midpoint():
-    mask = noise((8, 8, 8)) > 127
-    np.testing.assert_array_equal(marching_cubes(mask, 0.5).vertices, marching_cubes(mask, 0.5, alpha=0).vertices)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
@@ -207,41 +133,6 @@ def test_any_memory_layout_gives_the_same_mesh(layout):
         mesh, expected = marching_cubes(other, threshold, stride), marching_cubes(values, 127.5, stride)
         for name in ("vertices", "faces", "normals"):
             assert getattr(mesh, name).tobytes() == getattr(expected, name).tobytes()
-
-
-@pytest.mark.parametrize("threshold", [0.7, 0.1, 1 / 3, -0.7, 1e300])
-def test_values_are_compared_with_the_lowest_of_their_type_that_reaches_the_threshold(threshold):
-    lowest = lowest_inside(threshold, np.dtype(np.float32))
-    assert float(np.nextafter(lowest, np.float32(-np.inf))) < threshold <= float(lowest)
-
-
-def test_the_counts_are_those_of_the_surface():
-    values = noise((20, 21, 66))
-    for stride, closed in (((1, 1, 1), False), ((2, 3, 1), True)):
-        grid = make_grid(values, stride, closed)
-        counts = finish(count_steps(grid, 127.5))
-        surface = finish(extract_steps(grid, 127.5))
-        assert (counts.vertices, counts.faces) == (len(surface.midpoints), len(surface.faces))
-    counts = finish(count_steps(make_grid(values), 127.5))
-    inside = sum((values[z : 19 + z, y : 20 + y, x : 65 + x] > 127.5).astype(int) for x, y, z in np.ndindex(2, 2, 2))
-    assert counts.voxels == 19 * 20 * 65
-    assert counts.active == ((inside > 0) & (inside < 8)).sum()
-
-
-def test_a_coarse_surface_is_not_cut_short():
-    values = np.zeros((5, 12, 12), np.uint8)
-    values[:, 3:, 3:] = 200
-    mesh = marching_cubes(values, 100, stride=(5, 5, 3))
-    np.testing.assert_array_equal(mesh.vertices.max(axis=0), [11, 11, 4])
-
-
-def test_a_window_gives_the_surface_inside_it():
-    values = noise((12, 13, 14))
-    window = ((3, 10), (2, 9), (4, 11))
-    surface = finish(extract_steps(make_grid(values, (2, 2, 2), False, window), 127.5))
-    cut = marching_cubes(values[4:11, 2:9, 3:10], 127.5, (2, 2, 2))
-    np.testing.assert_allclose(surface.at(1.0).vertices - np.float32([3, 2, 4]), cut.vertices, atol=1e-6)
-    np.testing.assert_array_equal(surface.faces, cut.faces)
 
 
 def test_steps_can_be_closed_at_any_moment_and_rise():
@@ -306,14 +197,6 @@ def test_a_broken_voxel_is_refused_beside_the_surface_and_harmless_elsewhere(bro
     assert 0 < refused < 60
 
 
-def test_normals_are_of_unit_length_where_a_gradient_reaches_a_nan_voxel():
-    values = np.zeros((9, 9, 9), np.float32)
-    values[3:6, 3:6, 3:6] = 1
-    values[7, 4, 4] = np.nan
-    mesh = marching_cubes(values, 0.5)
-    assert np.allclose(np.sqrt((mesh.normals.astype(float) ** 2).sum(axis=1)), 1.0, atol=1e-5)
-
-
 def test_values_that_are_all_nan_have_no_surface():
     with pytest.raises(ThresholdError, match="no voxel has a finite value"):
         marching_cubes(np.full((3, 3, 3), np.nan), 0.5)
@@ -340,15 +223,3 @@ def test_the_trilinear_topology_is_that_of_the_resampled_interpolant(seed):
     values[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).uniform(-1, 1, (4, 4, 4))
     mesh = marching_cubes(values, 0.0, topology="trilinear")
     assert (mesh.euler, mesh.components) == grid_topology(values, 0.0)
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_own_vertices_do_not_depend_on_threads_and_classic_cases_are_untouched(threads):
-    values = np.random.default_rng(4).normal(size=(40, 130, 70))
-    one = marching_cubes(values, 0.0, threads=1, topology="trilinear")
-    many = marching_cubes(values, 0.0, threads=threads, topology="trilinear")
-    assert one.vertices.tobytes() == many.vertices.tobytes()
-    assert one.faces.tobytes() == many.faces.tobytes()
-    smooth, _ = sphere(9.0)
-    classic, exact = marching_cubes(smooth, 0.0), marching_cubes(smooth, 0.0, topology="trilinear")
-    assert classic.faces.tobytes() == exact.faces.tobytes()

@@ -1,22 +1,15 @@
 """The trilinear topology against an oracle that resamples, and the tables against what a surface must be."""
 
 import zlib
-from collections import Counter
 from itertools import permutations
 
 import numpy as np
 import pytest
+from oracles.triangles import is_closed_manifold, sides, topology
 from oracles.trilinear import grid_topology, united, voxel_topology
 
-from ctmc_addon.core.extraction.case_table import CLASSIC, EDGES, FACES_OF_EDGE, loops
-from ctmc_addon.core.extraction.trilinear_cases import (
-    INTERIOR,
-    ambiguous_faces,
-    contours,
-    spread,
-    surface,
-    tunnels,
-)
+from ctmc_addon.core.extraction.case_table import CLASSIC, EDGES, loops
+from ctmc_addon.core.extraction.trilinear_cases import INTERIOR, ambiguous_faces
 from ctmc_addon.core.extraction.trilinear_decider import (
     AMBIGUOUS,
     NEEDS_DECISION,
@@ -31,16 +24,9 @@ CHECKERBOARD = 1 - 2 * (CORNERS.sum(axis=1) % 2)
 
 
 def configuration_triangles(row):
-    first = trilinear_tables().first_triangle[row]
-    return [
-        tuple(t)
-        for t in trilinear_tables().triangle_edges[first : first + trilinear_tables().triangle_count[row]].tolist()
-    ]
-
-
-def sides(triangles):
-    """Every triangle's sides, each from its first to its second end."""
-    return [(t[i - 1], t[i]) for t in triangles for i in range(3)]
+    tables = trilinear_tables()
+    first = tables.first_triangle[row]
+    return [tuple(edges) for edges in tables.triangle_edges[first : first + tables.triangle_count[row]].tolist()]
 
 
 def cases_of(values, threshold=0.0):
@@ -68,34 +54,6 @@ def assembled(grid, threshold=0.0, inside=None):
     return triangles
 
 
-def topology(triangles):
-    """Euler number and number of parts."""
-    used, corner = np.unique(np.array(triangles).reshape(-1, 3), return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    label = united(len(used), np.concatenate([corner[:, :2], corner[:, 1:]]))
-    edges = {frozenset(side) for side in sides(triangles)}
-    return len(used) - len(edges) + len(triangles), len(set(label.tolist()))
-
-
-def is_closed_manifold(triangles):
-    """Every side has its opposite once, and the triangles at a vertex are one fan."""
-    count = Counter(sides(triangles))
-    if set(count.values()) - {1} or any((b, a) not in count for a, b in count):
-        return False
-    following = {}
-    for triangle in triangles:
-        for i in range(3):
-            following.setdefault(triangle[i], {})[triangle[i - 2]] = triangle[i - 1]
-    for around in following.values():
-        start = step = next(iter(around))
-        turns = 0
-        while turns == 0 or step != start:
-            step, turns = around[step], turns + 1
-        if turns != len(around):
-            return False
-    return True
-
-
 def closed(inner, outside=-1.0):
     """A grid with a border of outside values."""
     return np.pad(inner, 1, constant_values=outside)
@@ -120,7 +78,6 @@ def test_the_first_configurations_are_the_classic_cases():
 def test_the_tables_are_the_same_in_every_python_and_numpy():
     # Python 3.12 began to add fractions up more exactly than before: no choice among triangles may hang on that.
     assert zlib.crc32(trilinear_tables().triangle_edges.astype("<i2").tobytes()) == 3292774164
-    assert {type(spread(edges)) for edges in ((0, 1, 2), (0, 1, 2, 3, 4, 5, 6))} == {int}
 
 
 def test_a_case_needs_a_decision_where_it_has_an_ambiguous_face_or_two_loops():
@@ -128,38 +85,9 @@ def test_a_case_needs_a_decision_where_it_has_an_ambiguous_face_or_two_loops():
         faces = ambiguous_faces(case)
         assert np.flatnonzero(AMBIGUOUS[case]).tolist() == faces
         assert NEEDS_DECISION[case] == (bool(faces) or len(loops(case)) > 1)
-        assert sorted(contours(case, 0)) == sorted(loops(case))
 
 
-def every_surface():
-    """Case, connected faces, rims and (triangles, groups) of everything a voxel can have."""
-    for case in np.flatnonzero(NEEDS_DECISION).tolist():
-        faces = ambiguous_faces(case)
-        for decisions in range(1 << len(faces)):
-            connected = sum(1 << face for bit, face in enumerate(faces) if decisions >> bit & 1)
-            for rims in [(), *(rims for _, rims in tunnels(case, connected))]:
-                yield case, connected, rims, surface(case, connected, rims)
-
-
-def test_every_surface_is_a_manifold_that_ends_in_its_loops():
-    for case, connected, rims, (triangles, _) in every_surface():
-        count = Counter(sides(triangles))
-        assert set(count.values()) == {1}
-        found = contours(case, connected)
-        rim = {(a, b): loop for loop in found for a, b in zip(loop, loop[1:] + loop[:1], strict=True)}
-        assert {side for side in count if side[::-1] not in count} == set(rim)
-        lids = [(b, a, loop) for (a, b), loop in rim.items()]  # a loop names its lid's middle
-        assert is_closed_manifold([*triangles, *lids])
-        assert topology(triangles) == (len(found) - len(rims), len(found) - len(rims) // 2)
-
-
-def test_no_inner_edge_of_any_surface_lies_in_a_face_of_the_cube():
-    for _, _, _, (triangles, _) in every_surface():
-        both_ways = set(sides(triangles)) & {(b, a) for a, b in sides(triangles)}
-        assert not [(a, b) for a, b in both_ways if max(a, b) < INTERIOR and FACES_OF_EDGE[a] & FACES_OF_EDGE[b]]
-
-
-def test_own_vertices_are_inside_the_voxel_and_apart():
+def test_interior_vertices_are_inside_the_voxel_and_apart():
     values = random_corners(100_000, 6, checkerboard=True)
     rows = decide(values, 0.0, cases_of(values))
     count = trilinear_tables().interior_count[rows]
