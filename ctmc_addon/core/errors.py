@@ -1,12 +1,12 @@
-"""What may go wrong through no fault of this code, each with one sentence for the user.
+"""Errors that are not defects of this code, each with one sentence for the user.
 
 A message names the value, the limit and the remedy. Callers turn a `CtmcError` into a message;
-anything else is a defect and stays a traceback.
+any other exception is a defect and stays a traceback.
 """
 
 
 class CtmcError(Exception):
-    """A sentence for the user; the base of every error this project raises on purpose."""
+    """The base of all errors that this project raises; its text is a sentence for the user."""
 
 
 class SettingsError(CtmcError):

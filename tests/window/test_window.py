@@ -54,8 +54,8 @@ PATCHES = """
 import numpy as np
 slicing, volume = ours("core.volume"), ours("ui.state.volumes").current(bpy.context.scene)
 view, settings = bpy.context.scene.ctmc_view, bpy.context.scene.ctmc
-place = slicing.slice_place(volume, view.plane, view.position)
-colours = slicing.picture(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
+place = slicing.slice_at(volume, view.plane, view.position)
+colours = slicing.windowed(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
 answer = []
 for row in range(136, 400, 24):
     for column in range(76, 436, 24):

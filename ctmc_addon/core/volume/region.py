@@ -64,7 +64,7 @@ def region_corners(volume: Volume, region: Region, unit: str) -> NDArray[np.floa
     return corners if unit == "mm" else transform_points(volume.affine, corners)
 
 
-def region_directions(volume: Volume, unit: str) -> NDArray[np.float64]:
+def region_axes(volume: Volume, unit: str) -> NDArray[np.float64]:
     """Return one unit along each of a region's axes, (3, 3) RAS+ mm, a row for each axis."""
     return np.eye(3) if unit == "mm" else volume.affine[:3, :3].T.copy()
 
@@ -100,14 +100,14 @@ def region_limits(volume: Volume, unit: str) -> Region:
     return tuple(float(end) for end in ends)
 
 
-def region_with(region: Region, face: int, value: float, limits: Region) -> Region:
+def with_moved_face(region: Region, face: int, value: float, limits: Region) -> Region:
     """Return a region with one face (0..5) moved to `value`, inside the limits and short of its opposite.
 
     Examples
     --------
-    >>> region_with((0, 0, 0, 9, 9, 9), 3, 20.0, (0, 0, 0, 15, 15, 15))
+    >>> with_moved_face((0, 0, 0, 9, 9, 9), 3, 20.0, (0, 0, 0, 15, 15, 15))
     (0, 0, 0, 15.0, 9, 9)
-    >>> region_with((0, 0, 0, 9, 9, 9), 0, 12.0, (0, 0, 0, 15, 15, 15))
+    >>> with_moved_face((0, 0, 0, 9, 9, 9), 0, 12.0, (0, 0, 0, 15, 15, 15))
     (8.0, 0, 0, 9, 9, 9)
     """
     axis = face % 3
@@ -116,12 +116,12 @@ def region_with(region: Region, face: int, value: float, limits: Region) -> Regi
     return (*region[:face], float(value), *region[face + 1 :])
 
 
-def region_moved(region: Region, axis: int, shift: float, limits: Region) -> Region:
+def moved_region(region: Region, axis: int, shift: float, limits: Region) -> Region:
     """Return a region shifted along one axis, as far as the limits allow.
 
     Examples
     --------
-    >>> region_moved((2, 0, 0, 9, 9, 9), 0, 20.0, (0, 0, 0, 15, 15, 15))
+    >>> moved_region((2, 0, 0, 9, 9, 9), 0, 20.0, (0, 0, 0, 15, 15, 15))
     (8.0, 0, 0, 15.0, 9, 9)
     """
     low, high = region[axis], region[axis + 3]
@@ -131,13 +131,13 @@ def region_moved(region: Region, axis: int, shift: float, limits: Region) -> Reg
     return tuple(moved)
 
 
-def side_places(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, NDArray[np.float64]]:
+def side_positions(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str, NDArray[np.float64]]:
     """Return where to write R, L, A, P, S and I around a box: letter to (3,) RAS+ mm, outside by a share of its size.
 
     Examples
     --------
     >>> ball = Volume(np.zeros((11, 11, 11)), np.eye(4))
-    >>> side_places(volume_box(ball), gap=0.1)["L"].tolist()
+    >>> side_positions(volume_box(ball), gap=0.1)["L"].tolist()
     [-1.0, 5.0, 5.0]
     """
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -1,7 +1,7 @@
-"""Usual thresholds of tissues in CT, Hounsfield units: where a surface around them is sought.
+"""Usual thresholds of tissues in CT, Hounsfield units.
 
 Round numbers between a tissue and what lies around it, in the ranges of Kalender, Computed Tomography (2011), ch. 1;
-contrast and dose move them, so they are where to begin and not an answer.
+contrast and dose move them, so they are a first guess.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Tissue(NamedTuple):
-    """A name, the threshold in HU, and what the surface then encloses."""
+    """The name of a tissue, its threshold in HU, and what the surface then encloses."""
 
     name: str
     threshold: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...core.volume import slice_middle, slice_place
+from ...core.volume import slice_at, slice_position_text
 from .. import jobs
 from ..state import volumes
 from ..translations import translate
@@ -44,9 +44,9 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.prop(view, "position", slider=True)
         row.operator("ctmc.slice_step", text="", icon="TRIA_LEFT").by = -1
         row.operator("ctmc.slice_step", text="", icon="TRIA_RIGHT").by = 1
-        place = slice_place(volume, view.plane, view.position)
+        place = slice_at(volume, view.plane, view.position)
         text = translate("Slice {number} of {count}, {place}")
-        text = text.format(number=place.index + 1, count=place.count, place=slice_middle(volume, place))
+        text = text.format(number=place.index + 1, count=place.count, place=slice_position_text(volume, place))
         layout.label(text=text, translate=False)
         column = layout.column(align=True)
         column.prop(view, "window")

@@ -13,7 +13,7 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
-from ...core.volume import slice_place, usual_window, value_range
+from ...core.volume import default_window, slice_at, value_range
 from .kinds import boolean, choice, decimal
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
@@ -35,7 +35,7 @@ def window_and_level(view: Any) -> tuple[float, float]:
     if volume is None:
         return (1.0, 0.5)
     if volume not in _usual:
-        _usual[volume] = usual_window(volume, *value_range(volume.values))
+        _usual[volume] = default_window(volume, *value_range(volume.values))
     return _usual[volume]
 
 
@@ -117,7 +117,7 @@ class CTMCView(PropertyGroup):
 
     def step(self, volume: Volume, by: int) -> None:
         """Move the slice by whole samples, towards the head, front or right where `by` is above zero."""
-        count = slice_place(volume, self.plane, 0.0).count
+        count = slice_at(volume, self.plane, 0.0).count
         number = int(self.position * (count - 1) + 0.5) + by
         self.position = min(max(number / (count - 1), 0.0), 1.0)
 

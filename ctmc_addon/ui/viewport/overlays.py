@@ -14,13 +14,13 @@ from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
     EDGES,
-    picture,
     region_corners,
-    side_places,
+    side_positions,
+    slice_at,
     slice_corners,
-    slice_place,
     slice_values,
     volume_box,
+    windowed,
 )
 from ..operators.threshold import used_threshold
 from ..properties.preferences import machine
@@ -53,14 +53,14 @@ def wanted_labels(settings: Any) -> tuple[int, ...]:
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     """The slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
-    place = slice_place(volume, view.plane, view.position)
+    place = slice_at(volume, view.plane, view.position)
     labels = wanted_labels(settings)
     above = None if labels else used_threshold(scene)
     window, level = window_and_level(view)
     scale = machine().scale
     key = (place, window, level, above, labels, scale)
     if _last.get("volume") is not volume or _last.get("key") != key:
-        colours = picture(slice_values(volume, place), window, level, above, labels)
+        colours = windowed(slice_values(volume, place), window, level, above, labels)
         drawn = Picture(colours, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
@@ -94,7 +94,7 @@ def draw_on_top() -> None:
     corners = volume_box(volume) * machine().scale
     size = LETTER_PIXELS * context.preferences.system.ui_scale
     middle = (corners[0] + corners[7]) / 2
-    draw_letters(context.region, context.region_data, side_places(corners), middle, size)
+    draw_letters(context.region, context.region_data, side_positions(corners), middle, size)
 
 
 def register() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core import Volume
-from ...core.volume import region_corners, region_directions, region_limits, region_moved, region_shift, region_with
+from ...core.volume import moved_region, region_axes, region_corners, region_limits, region_shift, with_moved_face
 from ..properties.preferences import machine
 from ..state import volumes
 
@@ -31,7 +31,7 @@ class RegionFace:
         settings, scale = scene.ctmc, machine().scale
         self.settings, self.face, self.axis = settings, face, face % 3
         self.limits = region_limits(volume, settings.region_unit)
-        step = region_directions(volume, settings.region_unit)[self.axis] * scale
+        step = region_axes(volume, settings.region_unit)[self.axis] * scale
         self.unit = float(np.sqrt((step * step).sum()))
         self.outward = -1.0 if face < 3 else 1.0
         self.direction = self.outward * step / self.unit
@@ -47,7 +47,7 @@ class RegionFace:
     def move(self, offset: float) -> None:
         """Bring the side there."""
         value = self.outward * offset / self.unit
-        self.settings.region = region_with(tuple(self.settings.region), self.face, value, self.limits)
+        self.settings.region = with_moved_face(tuple(self.settings.region), self.face, value, self.limits)
 
     def matrix(self) -> Matrix:
         """The arrow's base, pointing outwards."""
@@ -97,7 +97,7 @@ def write_middle(place: Any) -> None:
     limits = region_limits(volume, settings.region_unit)
     shift = region_shift(volume, settings.region_unit, (np.array(place) - np.array(read_middle())) / machine().scale)
     for axis in range(3):
-        region = region_moved(region, axis, float(shift[axis]), limits)
+        region = moved_region(region, axis, float(shift[axis]), limits)
     settings.region = region
 
 

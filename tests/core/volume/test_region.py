@@ -8,15 +8,15 @@ import pytest
 from ctmc_addon.core import ReconstructionSettings, Volume
 from ctmc_addon.core.volume.region import (
     EDGES,
+    moved_region,
+    region_axes,
     region_box,
     region_corners,
-    region_directions,
     region_limits,
-    region_moved,
     region_shift,
-    region_with,
-    side_places,
+    side_positions,
     volume_box,
+    with_moved_face,
 )
 
 SHEARED = np.array([[-0.7, 0.05, 0.3, 40.0], [0.1, -0.8, 0.4, -12.0], [0.02, 0.1, -2.5, 90.0], [0.0, 0.0, 0.0, 1.0]])
@@ -35,7 +35,7 @@ def test_a_box_has_twelve_edges_and_three_at_every_corner():
 def test_the_voxel_boxs_edges_run_along_the_volumes_own_axes(volume):
     corners = region_corners(volume, (1, 2, 0, 4, 5, 3), "voxel")
     for axis in range(3):
-        assert corners[1 << axis] - corners[0] == pytest.approx(3 * region_directions(volume, "voxel")[axis])
+        assert corners[1 << axis] - corners[0] == pytest.approx(3 * region_axes(volume, "voxel")[axis])
 
 
 @pytest.mark.parametrize("unit", ["voxel", "mm"])
@@ -58,7 +58,7 @@ def test_a_shift_in_the_patient_and_the_regions_own_shift_are_one(volume):
 @pytest.mark.parametrize("value", [-100.0, 3.3, 100.0])
 def test_a_moved_side_keeps_the_region_whole_and_inside(face, value):
     limits = (0.0, 0.0, 0.0, 20.0, 20.0, 20.0)
-    region = region_with((2.0, 2.0, 2.0, 9.0, 9.0, 9.0), face, value, limits)
+    region = with_moved_face((2.0, 2.0, 2.0, 9.0, 9.0, 9.0), face, value, limits)
     assert all(limits[at] <= region[at] <= limits[at + 3] for at in range(3))
     assert all(region[at] + 1 <= region[at + 3] <= limits[at + 3] for at in range(3))
     assert sum(a != b for a, b in zip(region, (2.0, 2.0, 2.0, 9.0, 9.0, 9.0), strict=True)) == 1
@@ -67,14 +67,14 @@ def test_a_moved_side_keeps_the_region_whole_and_inside(face, value):
 def test_a_moved_region_keeps_its_size():
     limits = (0.0, 0.0, 0.0, 20.0, 20.0, 20.0)
     for shift in (-50.0, -1.5, 4.0, 50.0):
-        region = region_moved((2.0, 2.0, 2.0, 9.0, 9.0, 9.0), 1, shift, limits)
+        region = moved_region((2.0, 2.0, 2.0, 9.0, 9.0, 9.0), 1, shift, limits)
         assert region[4] - region[1] == 7.0
         assert 0 <= region[1] < region[4] <= 20.0
 
 
 def test_letters_stand_outside_on_their_side(volume):
     corners = volume_box(volume)
-    places = side_places(corners)
+    places = side_positions(corners)
     assert places["R"][0] > corners[:, 0].max()
     assert places["L"][0] < corners[:, 0].min()
     assert places["A"][1] > corners[:, 1].max()
