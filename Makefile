@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window lint types build bench accuracy topology experiments figures sidebar-pictures translations clean
+.PHONY: help setup demo test test-all test-window test-package package lint types build bench accuracy topology experiments figures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -23,6 +23,12 @@ test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3
 
 test-window: setup  ## mouse and keys in real windows of Blender 4.3 and 5.2, pictures in out/window; needs root and debootstrap
 	@$(python) tests/window/run.py $(ARGS)
+
+package: setup  ## the Python package's wheel and source archive, in dist
+	@$(python) -m build --outdir dist .
+
+test-package: setup  ## that package in empty environments without Blender, in every Python from 3.11 to 3.14 that is there
+	@$(python) tools/run_tests.py -m packaging tests/packaging
 
 lint: setup  ## ruff: rules and layout
 	@.venv/bin/ruff check
