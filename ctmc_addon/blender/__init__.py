@@ -11,9 +11,9 @@ from typing import Any
 
 MODULES = {
     "export": "SUFFIXES export",
-    "figure.spec": "Cell ENGINES Page STYLES Turn FigureStyle ShownSurface",
+    "figure.spec": "Cell Comparison ENGINES Page STYLES Turn FigureStyle ShownSurface",
     "figure.render": "figure_steps render_figure require_png",
-    "figure.sheet": "Compared Comparison deviation_figure_steps holds_others sheet_steps",
+    "figure.sheet": "Compared deviation_figure_steps holds_others sheet_steps",
     "figure.styles": "require_engine",
     "figure.turntable": "is_finished_video is_video require_turntable turntable_steps",
     "import_mesh": "MESH_SUFFIXES read_mesh",

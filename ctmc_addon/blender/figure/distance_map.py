@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, TriangleMesh, within
+from ...core import PAUSE, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, longest_edges, subdivided, vertex_distances_steps
 from ..materials import mixed, principled, surface_input, use_nodes
 from .spec import ColorScale
@@ -26,24 +26,26 @@ VIRIDIS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779",
 
 
 @dataclass(frozen=True)
-class Measured:
+class DistanceMap:
     """A finely cut surface with the distance of every vertex, mm."""
 
     mesh: TriangleMesh
     distances_mm: NDArray[np.float64]
 
 
-def measured_steps(mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None) -> Steps[Measured]:
+def distance_map_steps(
+    mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None
+) -> Steps[DistanceMap]:
     """The distance of a surface to another, at the vertices of its triangles and of their parts."""
-    yield Step(0.0, "Cutting triangles for the map")
+    yield PAUSE
     fine = subdivided(mesh, float(longest_edges(reference.mesh).mean()))
-    distances = yield from within(vertex_distances_steps(fine, reference, threads), 0.2, 1.0)
-    return Measured(fine, distances)
+    distances = yield from vertex_distances_steps(fine, reference, threads)
+    return DistanceMap(fine, distances)
 
 
-def color_scale(measured: Sequence[Measured], limit_mm: float | None = None) -> ColorScale:
+def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> ColorScale:
     """Colors for these surfaces together: up to the 99th percentile of their distances, rounded up."""
-    every = np.concatenate([one.distances_mm for one in measured])
+    every = np.concatenate([one.distances_mm for one in maps])
     most = float(every.max())
     if limit_mm is None:
         limit_mm = rounded_up(float(np.percentile(every, 99))) if most > 1e-6 else 1.0

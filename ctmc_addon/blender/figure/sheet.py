@@ -6,100 +6,34 @@ voxel sides of one pixel, no simplification, and alpha 1 where alphas are compar
 
 from __future__ import annotations
 
-import itertools
 import os
 import statistics
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ...core import (
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
+    Stages,
     Steps,
     TriangleMesh,
     Volume,
+    equal_part,
     reconstruct_steps,
-    within,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ..surface.objects import temporary_surfaces
 from .annotations import NO_BREAK
-from .distance_map import Measured, color_scale, keep_distances, measured_steps
+from .distance_map import DistanceMap, color_scale, distance_map_steps, keep_distances
 from .render import figure_steps
-from .spec import Cell, FigureStyle, Page, ShownSurface
+from .spec import Cell, Comparison, FigureStyle, Page, ShownSurface
 
-MOST_CELLS = 26
 SHORT_SECONDS = 1.0
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What a sheet compares: one of these, or two of them crossed, the first down and the second across.
-
-    Parameters
-    ----------
-    strides : sequence of (x, y)
-        Voxel sides, px.
-    alphas : sequence of float
-    levels : sequence of float
-        Share of the triangles to remove, per cent.
-
-    Raises
-    ------
-    SettingsError
-        If none or all three are given, or they make too many cells.
-    """
-
-    strides: Sequence[tuple[int, int]] = ()
-    alphas: Sequence[float] = ()
-    levels: Sequence[float] = ()
-
-    def __post_init__(self) -> None:
-        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
-        if not 1 <= len(many) <= 2:
-            raise SettingsError("a sheet compares strides, alphas or levels, or two of them crossed; give one or two")
-        count = many[0] * many[-1] if len(many) == 2 else many[0]
-        if count > MOST_CELLS:
-            raise SettingsError(f"{count} cells are more than there are letters; compare at most {MOST_CELLS}")
-        for level in self.levels:
-            if not 0 <= level <= 99:
-                raise SettingsError(f"a level must be from 0 to 99 per cent of the triangles to remove, not {level:g}")
-
-    @property
-    def columns(self) -> int | None:
-        """Cells side by side where two are crossed, else None."""
-        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
-        return many[1] if len(many) == 2 else None
-
-    def variants(self, settings: ReconstructionSettings) -> list[tuple[str, ReconstructionSettings]]:
-        """The title and the settings of every cell."""
-        axes: list[list[tuple[str, dict[str, Any]]]] = []
-        if self.strides:
-            z = settings.stride[2]
-            axes.append([(f"voxel sides {x} × {y} px", {"stride": (x, y, z)}) for x, y in self.strides])
-        if self.alphas:
-            axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
-        if self.levels:
-            free = {"target_faces": None, "max_error_mm": None, "simplifier": "builtin"}
-            axes.append(
-                [
-                    (
-                        f"{level:g} % simplified" if level else "not simplified",
-                        {**free, "reduction": level / 100 or None},
-                    )
-                    for level in self.levels
-                ]
-            )
-        out = []
-        for choice in itertools.product(*axes):
-            changes: dict[str, Any] = {}
-            for _, change in choice:
-                changes |= change
-            out.append((", ".join(title for title, _ in choice), replace(settings, **changes)))
-        return out
+STAGES = {"Reconstructing in full resolution": 10, "Comparing": 50, "Rendering": 40}
+MEASURING = {"Measuring the error": 10, "Measuring the map": 20}
+CELL_STAGES = {"Reconstructing": 10, **MEASURING}
 
 
 @dataclass(frozen=True)
@@ -162,27 +96,40 @@ def sheet_steps(
     if comparison.alphas and not settings.alpha_matters:
         raise SettingsError(
             "alpha moves vertices between grey values, and a bare label has none: "
-            "choose a threshold, or soften the label (--threshold T, or --label N with --soften MM)"
+            "choose a threshold, or smooth the label (--threshold T, or --label N with --soften MM)"
         )
-    variants = comparison.variants(settings)
-    reference = yield from within(reference_steps(volume, settings, bool(comparison.alphas), threads), 0.0, 0.1)
-    compared, maps = [], []
-    for at, (title, changed) in enumerate(variants):
-        low, width = 0.1 + 0.5 * at / len(variants), 0.5 / len(variants)
-        result, seconds = yield from within(timed_steps(volume, changed, threads), low, low + width / 3)
-        apart = yield from within(
-            surface_distance_steps(result.mesh, reference, threads), low + width / 3, low + 2 * width / 3
-        )
-        compared.append(Compared(string.ascii_lowercase[at], title, result, seconds, apart.mean, apart.largest))
-        if deviation:
-            measuring = measured_steps(result.mesh, reference, threads)
-            maps.append((yield from within(measuring, low + 2 * width / 3, low + width)))
+    stages = Stages(STAGES)
+    full = reference_steps(volume, settings, bool(comparison.alphas), threads)
+    reference = yield from stages.run("Reconstructing in full resolution", full)
+    comparing = cells_steps(volume, comparison.variants(settings), reference, deviation, threads)
+    compared, maps = yield from stages.run("Comparing", comparing)
     distances = color_scale(maps, limit_mm) if deviation else None
     style = replace(style, columns=style.columns or comparison.columns, distances=distances)
-    shown = [(one.result, one.lines) for one in compared]
-    steps = shown_steps(shown, maps, path, page, style, blend)
-    size = yield from within(steps, 0.6, 1.0)
+    results = [(cell.result, cell.lines) for cell in compared]
+    size = yield from stages.run("Rendering", rendered_steps(results, maps, path, page, style, blend))
     return size, compared
+
+
+def cells_steps(
+    volume: Volume,
+    variants: Sequence[tuple[str, ReconstructionSettings]],
+    reference: ReferenceSurface,
+    deviation: bool,
+    threads: int | None,
+) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
+    """Every cell of a sheet, and its map of distances if there is to be one."""
+    compared, maps = [], []
+    for number, (title, settings) in enumerate(variants):
+        stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
+        extracting = stages.run("Reconstructing", timed_steps(volume, settings, threads))
+        result, seconds = yield from equal_part(extracting, number, len(variants))
+        measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, threads))
+        apart = yield from equal_part(measuring, number, len(variants))
+        compared.append(Compared(string.ascii_lowercase[number], title, result, seconds, apart.mean, apart.largest))
+        if deviation:
+            mapping = stages.run("Measuring the map", distance_map_steps(result.mesh, reference, threads))
+            maps.append((yield from equal_part(mapping, number, len(variants))))
+    return compared, maps
 
 
 def timed_steps(
@@ -191,8 +138,7 @@ def timed_steps(
     """A reconstruction and its seconds, the median of three if one is short."""
     runs: list[float] = []
     while not runs or (len(runs) < 3 and runs[0] < SHORT_SECONDS):
-        steps = reconstruct_steps(volume, settings, threads)
-        result = yield from within(steps, len(runs) / 3, (len(runs) + 1) / 3)
+        result = yield from equal_part(reconstruct_steps(volume, settings, threads), len(runs), 3)
         runs.append(sum(stage.seconds for stage in result.stages))
     return result, statistics.median(runs)
 
@@ -209,16 +155,21 @@ def deviation_figure_steps(
 ) -> Steps[tuple[int, int]]:
     """A figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
-    reference = yield from within(reference_steps(volume, result.settings, False, threads), 0.0, 0.2)
-    apart = yield from within(surface_distance_steps(result.mesh, reference, threads), 0.2, 0.3)
-    measured = yield from within(measured_steps(result.mesh, reference, threads), 0.3, 0.5)
+    stages = Stages({"Reconstructing in full resolution": 20, **MEASURING, "Rendering": 50})
+    full = reference_steps(volume, result.settings, False, threads)
+    reference = yield from stages.run("Reconstructing in full resolution", full)
+    measuring = surface_distance_steps(result.mesh, reference, threads)
+    apart = yield from stages.run("Measuring the error", measuring)
+    mapping = distance_map_steps(result.mesh, reference, threads)
+    distance_map = yield from stages.run("Measuring the map", mapping)
     caption = style.caption or (
         f"Distance to the surface of full resolution: mean {apart.mean:.3g}{NO_BREAK}mm, "
         f"at most {apart.largest:.3g}{NO_BREAK}mm; "
         f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
     )
-    style = replace(style, distances=color_scale([measured], limit_mm), caption=caption)
-    return (yield from within(shown_steps([(result, ())], [measured], path, page, style, blend), 0.5, 1.0))
+    style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)
+    rendering = rendered_steps([(result, ())], [distance_map], path, page, style, blend)
+    return (yield from stages.run("Rendering", rendering))
 
 
 def require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
@@ -247,9 +198,9 @@ def reference_steps(
     return ReferenceSurface(result.mesh)
 
 
-def shown_steps(
+def rendered_steps(
     results: Sequence[tuple[Reconstruction, tuple[str, ...]]],
-    maps: Sequence[Measured],
+    maps: Sequence[DistanceMap],
     path: str | os.PathLike[str],
     page: Page,
     style: FigureStyle,

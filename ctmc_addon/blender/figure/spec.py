@@ -1,14 +1,16 @@
-"""What a figure is: page, style, cells, and a turntable's turn; with their names, choices and limits.
+"""What a figure is: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
 
 No Blender here: the flags of the command line and the properties of the sidebar are made from this.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import SettingsError
+from ...core import ReconstructionSettings, SettingsError
 from ..colors import GRAY, INK, RED, YELLOW, Color
 
 MM_PER_INCH = 25.4
@@ -20,6 +22,7 @@ PIXELS = 80_000_000  # what Cycles can hold on a usual machine
 AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
 ELEVATIONS = (-90.0, 90.0)
 OPACITY, OPACITIES = 0.3, (0.02, 1.0)  # of a transparent surface
+MOST_CELLS = 26  # of a sheet: there is a letter for each
 SECONDS, FPS, REVOLUTIONS = 3600.0, (1, 120), 100  # of a turntable: at most, from and to, at most
 
 Box = tuple[float, float, float, float]  # left, bottom, right, top, mm from the page's lower left corner
@@ -273,3 +276,70 @@ class Turn:
     def degrees(self, frame: int) -> float:
         """How far the surface has turned in frame 0, 1, ..."""
         return 360.0 * self.revolutions * frame / self.frames
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a sheet compares: one of these, or two of them crossed, the first down and the second across.
+
+    Parameters
+    ----------
+    strides : sequence of (x, y)
+        Voxel sides, px.
+    alphas : sequence of float
+    levels : sequence of float
+        Share of the triangles to remove, per cent.
+
+    Raises
+    ------
+    SettingsError
+        If none or all three are given, or they make too many cells.
+    """
+
+    strides: Sequence[tuple[int, int]] = ()
+    alphas: Sequence[float] = ()
+    levels: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
+        if not 1 <= len(many) <= 2:
+            raise SettingsError("a sheet compares strides, alphas or levels, or two of them crossed; give one or two")
+        count = many[0] * many[-1] if len(many) == 2 else many[0]
+        if count > MOST_CELLS:
+            raise SettingsError(f"{count} cells are more than there are letters; compare at most {MOST_CELLS}")
+        for level in self.levels:
+            if not 0 <= level <= 99:
+                raise SettingsError(f"a level must be from 0 to 99 per cent of the triangles to remove, not {level:g}")
+
+    @property
+    def columns(self) -> int | None:
+        """Cells side by side where two are crossed, else None."""
+        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
+        return many[1] if len(many) == 2 else None
+
+    def variants(self, settings: ReconstructionSettings) -> list[tuple[str, ReconstructionSettings]]:
+        """The title and the settings of every cell."""
+        axes: list[list[tuple[str, dict[str, Any]]]] = []
+        if self.strides:
+            z = settings.stride[2]
+            axes.append([(f"voxel sides {x} × {y} px", {"stride": (x, y, z)}) for x, y in self.strides])
+        if self.alphas:
+            axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
+        if self.levels:
+            free = {"target_faces": None, "max_error_mm": None, "simplifier": "builtin"}
+            axes.append(
+                [
+                    (
+                        f"{level:g} % simplified" if level else "not simplified",
+                        {**free, "reduction": level / 100 or None},
+                    )
+                    for level in self.levels
+                ]
+            )
+        out = []
+        for choice in itertools.product(*axes):
+            changes: dict[str, Any] = {}
+            for _, change in choice:
+                changes |= change
+            out.append((", ".join(title for title, _ in choice), replace(settings, **changes)))
+        return out

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Steps, finish, said
+from ...core import Steps, finish
 from ...core.mesh import edges_steps as topology_edges_steps
 
 Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
@@ -58,7 +58,7 @@ def new_mesh(
 def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
     """The edges of (F, 3) faces for `new_mesh`."""
     columns = np.ascontiguousarray(faces.T)
-    return (yield from said(topology_edges_steps(columns, vertex_count), 0.0, "Adding the surface"))
+    return (yield from topology_edges_steps(columns, vertex_count))
 
 
 def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:

@@ -16,8 +16,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...blender.figure.render import figure_steps, require_png
-from ...blender.figure.sheet import Comparison, deviation_figure_steps, holds_others, sheet_steps
-from ...blender.figure.spec import PAGES, Cell, FigureStyle, ShownSurface, Turn
+from ...blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
+from ...blender.figure.spec import PAGES, Cell, Comparison, FigureStyle, ShownSurface, Turn
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
 from ...blender.materials import material_color

@@ -1,4 +1,4 @@
-"""Sheets and maps of distances: what is compared, measured and coloured."""
+"""Sheets and maps of distances: what is compared, measured and colored."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.distance_map import (
     color_scale,
+    distance_map_steps,
     linear,
-    measured_steps,
     rounded_up,
 )
-from ctmc_addon.blender.figure.sheet import Comparison, deviation_figure_steps, holds_others, sheet_steps
-from ctmc_addon.blender.figure.spec import FigureStyle, Page
+from ctmc_addon.blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
+from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish
 from ctmc_addon.core.errors import OutputError, SettingsError
 from ctmc_addon.core.mesh import ReferenceSurface
@@ -96,22 +96,22 @@ def test_the_inside_of_a_large_triangle_is_measured_too(ball):
     a, b, c = 0, 1, 2
     faces = [(a, b, c), (b, 3, c), (3, 4, c), (4, a, c), (b, a, 5), (3, b, 5), (4, 3, 5), (a, 4, 5)]
     coarse = TriangleMesh(octahedron, np.array(faces, np.int32))
-    measured = finish(measured_steps(coarse, reference))
+    measured = finish(distance_map_steps(coarse, reference))
     # Its corners lie on the ball, the middles of its faces 8 - 8 / sqrt(3) mm below.
     assert measured.distances_mm[:6].max() < 0.05
     assert measured.distances_mm.max() == pytest.approx(8 - 8 / np.sqrt(3), abs=0.15)
 
 
-def test_the_colour_bar_ends_where_nearly_all_is_within(ball):
-    measured = finish(measured_steps(ball(stride=(3, 3, 3)).mesh, ReferenceSurface(ball().mesh)))
-    heat = color_scale([measured])
-    assert np.percentile(measured.distances_mm, 99) <= heat.limit_mm <= 1.3 * np.percentile(measured.distances_mm, 99)
-    assert heat.beyond == (measured.distances_mm.max() > heat.limit_mm)
+def test_the_color_bar_ends_where_nearly_all_is_within(ball):
+    measured = finish(distance_map_steps(ball(stride=(3, 3, 3)).mesh, ReferenceSurface(ball().mesh)))
+    scale = color_scale([measured])
+    assert np.percentile(measured.distances_mm, 99) <= scale.limit_mm <= 1.3 * np.percentile(measured.distances_mm, 99)
+    assert scale.beyond == (measured.distances_mm.max() > scale.limit_mm)
     assert color_scale([measured], 0.01).beyond
     assert [rounded_up(value) for value in (0.011, 1.0, 9.0)] == [0.012, 1.0, 10.0]
 
 
-def test_colours_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
+def test_colors_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
     result = sheet(volume, tmp_path / "s.png", strides=[(3, 3)])[1][0].result
     path = tmp_path / "a.png"
     finish(deviation_figure_steps(volume, result, path, Page(60.0, 80.0), FigureStyle()))
@@ -119,8 +119,8 @@ def test_colours_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
         picture = np.asarray(image, np.float64) / 255
     assert linear("ffffff") == (1.0, 1.0, 1.0, 1.0)
     lower = picture[int(0.6 * len(picture)) :]
-    for colour in ("440154", "fde725"):
-        exact = np.array([int(colour[at : at + 2], 16) / 255 for at in (0, 2, 4)])
+    for color in ("440154", "fde725"):
+        exact = np.array([int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)])
         assert np.abs(lower - exact).max(axis=2).min() < 0.08, "the bar has both ends"
 
 

@@ -147,7 +147,7 @@ def test_several_surfaces_stand_in_one_figure_each_in_its_colour(loaded, surface
     assert (green > red + 0.2).mean() > 0.02
     assert (blue > green + 0.2).mean() > 0.005
     loaded.ctmc_figure.style = "print"
-    assert {shown.colour for shown in figure.cell_of(bpy.context)[0].shown} == {None}
+    assert {shown.color for shown in figure.cell_of(bpy.context)[0].surfaces} == {None}
 
 
 def test_no_background_is_none(loaded, surface, tmp_path):
