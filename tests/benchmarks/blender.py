@@ -68,7 +68,7 @@ def alpha(session: Session) -> None:
     """The key `alpha` moved on about a million vertices, until the evaluated mesh is ready."""
     import bpy
 
-    from ctmc_addon.blender import add_reconstruction
+    from ctmc_addon.blender.surface import add_reconstruction
 
     values = scenes.abdomen(session.scratch)
     volume = Volume(values, scenes.affine(), kind="HU")

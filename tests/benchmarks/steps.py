@@ -21,7 +21,7 @@ from typing import Any
 import bpy
 
 import ctmc_addon
-from ctmc_addon.blender import export
+from ctmc_addon.blender.export import export
 from ctmc_addon.blender.surface.readback import own_mesh
 from ctmc_addon.cli.phantom.files import write_dicom_steps, write_nifti_steps
 from ctmc_addon.core import ReconstructionSettings

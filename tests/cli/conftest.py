@@ -70,8 +70,5 @@ def truth(phantom_folder):
 
 @pytest.fixture(scope="session")
 def scene():
-    """The package that needs Blender; tests that write surfaces skip without it."""
-    pytest.importorskip("bpy", reason="the Python package bpy is not installed")
-    from ctmc_addon import blender as scene
-
-    return scene
+    """Blender; tests that need it skip without it."""
+    return pytest.importorskip("bpy", reason="the Python package bpy is not installed")

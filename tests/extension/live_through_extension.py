@@ -70,7 +70,7 @@ def reconstruct_a_box(folder: Path) -> dict[str, Any]:
     scene.ctmc.threshold = 127.5
     steps.append(bpy.ops.ctmc.reconstruct())
     thing = bpy.context.view_layer.objects.active
-    mesh = importlib.import_module(f"{MODULE}.ctmc_addon.blender").evaluated_triangles(thing)
+    mesh = importlib.import_module(f"{MODULE}.ctmc_addon.blender.surface").evaluated_triangles(thing)
     return {"steps": [sorted(step) for step in steps], "name": thing.name, "volume": mesh.volume, "euler": mesh.euler}
 
 

@@ -12,14 +12,10 @@ from .objects import (
     update_reconstruction,
 )
 from .placement import SCALE
-from .provenance import PROPERTY as MEMORY
 from .provenance import Provenance, read_provenance, require_provenance, settings_of
 from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
 
-require_changeable = require_editable
-
 __all__ = [
-    "MEMORY",
     "SCALE",
     "Provenance",
     "add_reconstruction",
@@ -32,7 +28,6 @@ __all__ = [
     "read_back",
     "read_provenance",
     "refresh_normals",
-    "require_changeable",
     "require_editable",
     "require_provenance",
     "set_alpha",

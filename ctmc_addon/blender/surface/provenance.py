@@ -155,12 +155,6 @@ def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> Non
     write_provenance(obj, replace(require_provenance(obj), settings=settings))
 
 
-def remembered(obj: bpy.types.Object) -> dict[str, Any]:
-    """The provenance as plain data; empty where there is none."""
-    made = read_provenance(obj)
-    return {} if made is None else {**asdict(made), "settings": made.settings.to_dict()}
-
-
 def settings_of(obj: bpy.types.Object) -> ReconstructionSettings:
     """The settings an object was made with."""
     return require_provenance(obj).settings

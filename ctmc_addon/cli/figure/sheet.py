@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from ...blender.figure.spec import Comparison
 from ...core import Stages
 from ..arguments import at_least, flags_checked
 from ..blender_host import quiet_steps, require_blender
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     settings = common.only_one(common.settings_of(args), "a sheet")
     require_blender("a figure")
     from ...blender.figure.render import require_png
-    from ...blender.figure.sheet import Comparison, sheet_steps
+    from ...blender.figure.sheet import sheet_steps
     from ...blender.figure.styles import require_engine
 
     with flags_checked():

@@ -343,7 +343,9 @@ def test_verify_looks_at_the_content_and_not_at_the_time(ctmc, cases, tmp_path):
 
 
 def test_the_formats_are_those_that_blender_writes(scene):
-    assert {f".{end}" for end in FORMATS} == set(scene.SUFFIXES)
+    from ctmc_addon.blender.export import SUFFIXES
+
+    assert {f".{end}" for end in FORMATS} == set(SUFFIXES)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,9 @@ def segmentation(phantom_folder):
 @pytest.fixture
 def engine(scene):
     """The engine of this machine, as the tables name it."""
-    return "Workbench" if scene.can_draw() else "Cycles"
+    from ctmc_addon.blender.rotation import can_draw
+
+    return "Workbench" if can_draw() else "Cycles"
 
 
 def test_rotation_has_a_row_for_every_level_with_its_rounds(ctmc, segmentation, tmp_path, engine):

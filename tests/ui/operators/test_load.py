@@ -13,7 +13,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import ctmc_addon
-from ctmc_addon.blender import evaluated_triangles
+from ctmc_addon.blender.surface import evaluated_triangles
 from ctmc_addon.core import reconstruct
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.state import volumes
@@ -121,7 +121,7 @@ def test_python_ends_in_peace_while_the_extension_is_registered():
 
 def test_python_ends_in_peace_after_a_glb(tmp_path):
     program = (
-        "import sys, bpy; from ctmc_addon.blender import export; "
+        "import sys, bpy; from ctmc_addon.blender.export import export; "
         "bpy.context.view_layer.update(); export(bpy.data.objects['Cube'], sys.argv[1])"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "a.glb")]
