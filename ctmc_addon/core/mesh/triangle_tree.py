@@ -88,35 +88,39 @@ class TriangleTree:
         extent = float((high - low).max())
         self._low, self._cells_per_unit = low, (2**CODE_BITS - 1) / (extent or 1.0)
         self._middle = ((low + high) / 2)[:, None]
-        codes = np.empty(len(mesh.faces), np.uint64)
-        for start in range(0, len(codes), FACES_PER_STEP):
-            block = slice(start, start + FACES_PER_STEP)
-            codes[block] = self._codes(mesh.vertices[mesh.faces[block]].sum(axis=1, dtype=np.float64) / 3.0)
-            yield PAUSE
+
+        def middles(block: slice) -> Doubles:
+            return mesh.vertices[mesh.faces[block]].sum(axis=1, dtype=np.float64) / 3.0
+
+        codes = yield from self._codes_steps(len(mesh.faces), middles)
         self.order = yield from _order_steps(codes)
         self._sorted_codes = codes[self.order]
         yield PAUSE
         self.corners = np.empty((3, 3, len(codes)))
-        low_box, high_box = np.empty((2, 3, len(codes)), np.float32)
+        bounds = np.empty((2, 3, len(codes)), np.float32)  # lows and negative highs
+        columns = np.ascontiguousarray(mesh.vertices.T)
+        centered = (columns - self._middle).astype(np.float32)
         for start in range(0, len(codes), FACES_PER_STEP):
             block = slice(start, start + FACES_PER_STEP)
-            corners = mesh.vertices[mesh.faces[self.order[block]]].transpose(1, 2, 0).astype(np.float64)
-            self.corners[:, :, block] = corners
-            corners -= self._middle
-            low_box[:, block] = corners.min(axis=0) - extent * MARGIN
-            high_box[:, block] = corners.max(axis=0) + extent * MARGIN
-            yield PAUSE
-        # From the triangles upwards, the lows and the negative highs of every four boxes: (2, 3, 4, boxes / 4).
-        self._levels: list[NDArray[np.float32]] = []
-        count = len(codes)
-        while count > 1 or not self._levels:
-            parents = -(-count // BRANCH)
-            boxes = np.full((2, 3, parents * BRANCH), np.inf, np.float32)  # no point is near what fills the last parent
-            boxes[0, :, :count], boxes[1, :, :count] = low_box, -high_box
-            boxes = np.ascontiguousarray(boxes.reshape(2, 3, parents, BRANCH).transpose(0, 1, 3, 2))
+            numbers = np.ascontiguousarray(mesh.faces[self.order[block]].T)  # (3, f)
+            for axis in range(3):
+                self.corners[:, axis, block] = columns[axis].take(numbers)
+                a, b, c = centered[axis].take(numbers)
+                bounds[0, axis, block] = np.minimum(np.minimum(a, b), c)
+                bounds[1, axis, block] = -np.maximum(np.maximum(a, b), c)
+                yield PAUSE
+        bounds -= np.float32(extent * MARGIN)
+        self._levels: list[NDArray[np.float32]] = []  # bounds of every four boxes, (2, 3, 4, boxes / 4), upwards
+        while bounds.shape[2] > 1 or not self._levels:
+            parents = -(-bounds.shape[2] // BRANCH)
+            boxes = np.empty((2, 3, BRANCH, parents), np.float32)
+            for side, axis in np.ndindex(2, 3):
+                row = np.full(parents * BRANCH, np.inf, np.float32)  # no point is near what fills the last parent
+                row[: bounds.shape[2]] = bounds[side, axis]
+                boxes[side, axis] = row.reshape(parents, BRANCH).T
+                yield PAUSE
             self._levels.append(boxes)
-            low_box, high_box, count = boxes[0].min(axis=1), -boxes[1].min(axis=1), parents
-            yield PAUSE
+            bounds = boxes.min(axis=2)
 
     def distances(self, points: NDArray[Any], limit: float = np.inf) -> Doubles:
         """Distance from every point (n, 3) to the surface, (n,); inf where it is above the limit, which saves time."""
@@ -156,7 +160,7 @@ class TriangleTree:
     ) -> Steps[None]:
         """Call `measure` for blocks of near points (3, n) and their numbers (n,)."""
         points = np.asarray(points, np.float64).reshape(-1, 3)
-        order = yield from _order_steps(self._codes(points))
+        order = yield from _order_steps((yield from self._codes_steps(len(points), lambda block: points[block])))
         blocks = range(0, len(order), BLOCK)
 
         def measure_block(start: int) -> None:
@@ -218,6 +222,15 @@ class TriangleTree:
         after = np.minimum(np.searchsorted(self._sorted_codes, self._codes(points.T)), len(self.order) - 1)
         every = np.arange(points.shape[1])
         return np.minimum(self._squared(points, every, after), self._squared(points, every, np.maximum(after - 1, 0)))
+
+    def _codes_steps(self, count: int, points_of: Callable[[slice], Doubles]) -> Steps[NDArray[np.uint64]]:
+        """`_codes` of so many points, of which `points_of` gives any block."""
+        codes = np.empty(count, np.uint64)
+        for start in range(0, count, FACES_PER_STEP):
+            block = slice(start, start + FACES_PER_STEP)
+            codes[block] = self._codes(points_of(block))
+            yield PAUSE
+        return codes
 
     def _codes(self, points: NDArray[Any]) -> NDArray[np.uint64]:
         """Place of every point (n, 3) on a curve through the mesh's box that keeps neighbors together."""
