@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 
 from ..core import MeshError, ReadError, TriangleMesh
+from ..core.volume import transform_points
 from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_object
-from .surface.placement import moved
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".blend")
 # Every kind of data that an importer may leave in the file.
@@ -81,7 +81,7 @@ def part_of(thing: bpy.types.Object, home: bpy.types.Scene) -> TriangleMesh:
     """An object's evaluated triangles where they stand in the scene."""
     evaluated, _ = evaluated_object(thing, home)
     matrix = np.array([list(row) for row in evaluated.matrix_world], np.float64)
-    vertices = moved(matrix, meshes.read_positions(evaluated.data)).astype(np.float32)
+    vertices = transform_points(matrix, meshes.read_positions(evaluated.data)).astype(np.float32)
     return TriangleMesh(vertices, meshes.read_triangles(evaluated.data))
 
 

@@ -14,11 +14,12 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.volume import transform_points
 from .figure.spec import AZIMUTH, ELEVATION
 from .materials import use_nodes
 from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_object
-from .surface.placement import matrix_of, moved
+from .surface.placement import matrix_of
 
 SIZE = (1200, 900)
 MARGIN = 1.12
@@ -48,7 +49,7 @@ def prepare_scene(
     """
     axes = view_axes(azimuth, elevation)
     evaluated, _ = evaluated_object(obj, scene)
-    points = moved(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+    points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     frame(eye, points, axes, size)

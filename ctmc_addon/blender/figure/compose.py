@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import MeshError
+from ...core.volume import transform_points
 from ..datablocks import remove_render_results, render_results
 from ..studio import add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_copy
-from ..surface.placement import matrix_of, moved
+from ..surface.placement import matrix_of
 from ..surface.readback import placement_of
 from .annotations import CAP, LEADING, Board, color_bar, legend, orientation_marker, round_length, scale_bar
 from .layout import Layout, make_layout
@@ -161,7 +162,7 @@ def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
 
 def world_positions(obj: bpy.types.Object) -> NDArray[np.float64]:
     """An object's vertices in Blender units, (V, 3)."""
-    return moved(matrix_of(obj.matrix_world), meshes.read_positions(obj.data))
+    return transform_points(matrix_of(obj.matrix_world), meshes.read_positions(obj.data))
 
 
 def all_positions(figure: FigureScene) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import TriangleMesh
+from ...core.volume import transform_faces, transform_normals, transform_points
 
 SCALE = 0.01
 
@@ -69,27 +70,10 @@ def matrix_of(matrix: Any) -> NDArray[np.float64]:
     return np.array([list(row) for row in matrix], np.float64)
 
 
-def moved(matrix: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64]:
-    """(n, 3) points moved by a (4, 4) matrix, (n, 3) float64, as sums in a fixed order."""
-    x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
-    out = np.empty((len(points), 3))
-    for row in range(3):
-        out[:, row] = ((x * matrix[row, 0] + y * matrix[row, 1]) + z * matrix[row, 2]) + matrix[row, 3]
-    return out
-
-
 def moved_mesh(matrix: NDArray[np.float64], mesh: TriangleMesh) -> TriangleMesh:
-    """A mesh moved by a (4, 4) matrix, its normals with it; a mirrored one turns the winding too."""
+    """A mesh moved by a (4, 4) matrix, with its normals, and its faces still pointing outwards."""
     if (matrix == np.eye(4)).all():
         return mesh
-    faces, normals = mesh.faces, mesh.normals
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        faces = np.ascontiguousarray(faces[:, ::-1])
-    if normals is not None:
-        inverse_transpose = np.eye(4)
-        inverse_transpose[:3, :3] = np.linalg.inv(matrix[:3, :3]).T
-        turned = moved(inverse_transpose, normals)
-        length = np.sqrt(turned[:, 0] ** 2 + turned[:, 1] ** 2 + turned[:, 2] ** 2)
-        length[length == 0] = 1.0
-        normals = (turned / length[:, None]).astype(np.float32)
-    return TriangleMesh(moved(matrix, mesh.vertices).astype(np.float32), faces, normals)
+    vertices = transform_points(matrix, mesh.vertices).astype(np.float32)
+    normals = None if mesh.normals is None else transform_normals(matrix, mesh.normals)
+    return TriangleMesh(vertices, transform_faces(matrix, mesh.faces), normals)
