@@ -21,8 +21,11 @@ TAGS = [
     "SOPClassUID",
     "Modality",
     "ImageType",
+    "SOPInstanceUID",
     "SeriesInstanceUID",
     "InstanceNumber",
+    "AcquisitionNumber",
+    "TemporalPositionIdentifier",
     "ImagePositionPatient",
     "ImageOrientationPatient",
     "NumberOfFrames",
@@ -70,13 +73,33 @@ class ImageFile:
     modality: str
     rows: int
     columns: int
+    uid: str  # SOPInstanceUID
     instance: int
+    acquisition: tuple[str, str]  # its number, and that of the time point; empty where there is none
     scout: bool
     gray: bool
     hounsfield: bool
     lookup: bool  # a modality look-up table in place of slope and intercept
     pixels: Pixels
     frames: tuple[FrameGeometry, ...]
+
+
+class Slice(NamedTuple):
+    """One frame of one file."""
+
+    image: ImageFile
+    frame: int
+
+    @property
+    def geometry(self) -> FrameGeometry:
+        """Place and scale of this frame."""
+        return self.image.frames[self.frame]
+
+    @property
+    def name(self) -> str:
+        """For errors: the file, and the frame where there are several."""
+        several = len(self.image.frames) > 1
+        return f"{self.image.path.name} frame {self.frame + 1}" if several else self.image.path.name
 
 
 class Broken(NamedTuple):
@@ -225,7 +248,12 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
         modality=modality,
         rows=int(dataset.Rows),
         columns=int(dataset.Columns),
+        uid=str(dataset.get("SOPInstanceUID", None) or ""),
         instance=int(dataset.get("InstanceNumber", None) or 0),
+        acquisition=(
+            str(dataset.get("AcquisitionNumber", None) or ""),
+            str(dataset.get("TemporalPositionIdentifier", None) or ""),
+        ),
         scout="LOCALIZER" in words,
         gray=int(dataset.get("SamplesPerPixel", 1)) == 1 and "MONOCHROME" in str(dataset.PhotometricInterpretation),
         hounsfield=modality == "CT" and unit == "HU" and all(frame.unit in ("", "HU") for frame in frames),

@@ -21,32 +21,14 @@ from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_memory
-from .frames import FrameGeometry
-from .header import Broken, ImageFile, has_other_suffix, may_be_dicom, read_header
+from .acquisitions import one_acquisition
+from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
 from .pixels import DoesNotFit, check_codec, fill_slice, next_frame, output_types, padding_mark, stored_frames
 from .stack_geometry import Stack, stack_up
 
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
 MOST_LISTED = 12  # series in one note
 STEEPEST = 1e9  # a larger RescaleSlope or RescaleIntercept is damage
-
-
-class Slice(NamedTuple):
-    """One frame of one file."""
-
-    image: ImageFile
-    frame: int
-
-    @property
-    def geometry(self) -> FrameGeometry:
-        """Place and scale of this frame."""
-        return self.image.frames[self.frame]
-
-    @property
-    def name(self) -> str:
-        """For errors: the file, and the frame where there are several."""
-        several = len(self.image.frames) > 1
-        return f"{self.image.path.name} frame {self.frame + 1}" if several else self.image.path.name
 
 
 class FolderContent(NamedTuple):
@@ -93,6 +75,8 @@ class DicomSource(VolumeSource):
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
         check_whole(self.content, uid)
+        slices, left_out = one_acquisition(slices)
+        notes += left_out
         color = sum(image.series == uid for image in self.content.color)
         if color:
             notes.append(f"{color} color image{'s' * (color > 1)} of the series left out")
