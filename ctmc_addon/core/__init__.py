@@ -1,4 +1,4 @@
-"""Numbers: from grey values to triangles, with NumPy and the standard library alone."""
+"""Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError

@@ -12,7 +12,7 @@ from .errors import MemoryLimitError
 
 
 def available_bytes() -> int | None:
-    """Memory that can be had without swapping, in bytes; None where the system does not say."""
+    """Return the bytes of memory that can be used without swapping; None where the system does not tell."""
     if sys.platform == "win32":
         return _windows_available()
     if sys.platform.startswith("linux"):
@@ -21,7 +21,7 @@ def available_bytes() -> int | None:
 
 
 def linux_available(root: Path) -> int | None:
-    """The least of what the machine has left, what its control groups allow and what the process may address.
+    """Return the least of what the machine has left, what the control groups allow and what the process may address.
 
     In a container or a batch system's job (SLURM) the control group's limit is below the machine's memory.
 
@@ -30,9 +30,9 @@ def linux_available(root: Path) -> int | None:
     root : Path
         Folder that holds `proc` and `sys`.
     """
-    known = [_meminfo_available(root), *_cgroups_available(root), _address_space_available(root)]
-    limits = [limit for limit in known if limit is not None]
-    return max(0, min(limits)) if limits else _half_of_physical()
+    limits = [_meminfo_available(root), *_cgroups_available(root), _address_space_available(root)]
+    known = [limit for limit in limits if limit is not None]
+    return max(0, min(known)) if known else _half_of_physical()
 
 
 def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None = None) -> None:

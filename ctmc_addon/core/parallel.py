@@ -21,7 +21,7 @@ MOST_THREADS = 8
 
 
 def worker_count(threads: int | None) -> int:
-    """How many threads to use: those asked for, or one for each processor, at most 8."""
+    """Return how many threads to use: `threads`, or by default one for each processor, at most 8."""
     if threads is None:
         return min(MOST_THREADS, os.cpu_count() or 1)
     if threads < 1:
@@ -32,7 +32,7 @@ def worker_count(threads: int | None) -> int:
 def map_steps(
     work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str = "", batches: int = 16
 ) -> Steps[list[Result]]:
-    """`work` of every item, in the items' order; about `batches` steps, after as many items each.
+    """Return `work` of every item, in the items' order, in about `batches` steps.
 
     The error of the earliest item is raised, whichever thread met one first.
     """

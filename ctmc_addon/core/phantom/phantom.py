@@ -37,7 +37,7 @@ class Phantom:
     volume : Volume
         (slices, size, size) int16 HU, axes towards the patient's left, back and head (LPS).
     labels : Volume
-        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its centre.
+        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its center.
     tumour_volumes_mm3 : tuple of float
         True volume of every tumour, largest first: the integral of its analytic surface over the sphere of
         directions, exact to rounding. Counting labelled voxels gives another number, `counted_mm3`, which
@@ -47,7 +47,7 @@ class Phantom:
     tumour_centres_ras_mm : tuple of (x, y, z) float
         In the order of the volumes.
     seed : int
-        What it was made from.
+        Of the random numbers.
     """
 
     volume: Volume
@@ -58,7 +58,7 @@ class Phantom:
     seed: int
 
     def counted_mm3(self, label: int = TUMOUR) -> float:
-        """Number of voxels with this label times the volume of a voxel."""
+        """Return the number of voxels with this label times the volume of a voxel."""
         x, y, z = self.volume.spacing
         return int(np.count_nonzero(self.labels.values == label)) * x * y * z
 
@@ -95,8 +95,8 @@ def phantom(
 
     Examples
     --------
-    >>> made = phantom(slices=5, size=64)
-    >>> made.volume.values.shape, made.volume.orientation, sorted(set(made.labels.values.ravel().tolist()))
+    >>> ct = phantom(slices=5, size=64)
+    >>> ct.volume.values.shape, ct.volume.orientation, sorted(set(ct.labels.values.ravel().tolist()))
     ((5, 64, 64), 'LPS', [0, 1, 2])
     """
     return finish(phantom_steps(slices, size, spacing, seed))
@@ -108,24 +108,24 @@ def phantom_steps(
     """The same as `phantom`, a slice a step."""
     spacing = checked_grid(slices, size, spacing, seed)
     require(3 * slices * size * size, f"a phantom of {slices} slices of {size} x {size}", "make it smaller")
-    axes = [centred(size, spacing[0]), centred(size, spacing[1]), centred(slices, spacing[2])]
+    axes = [centered(size, spacing[0]), centered(size, spacing[1]), centered(slices, spacing[2])]
     scale = min(spacing[0], spacing[1]) * size / FIELD_MM
-    chance = np.random.Generator(np.random.PCG64(seed))
-    liver = liver_shape(chance, scale, spacing[2])
-    tumours = grow_tumours(chance, liver, scale, spacing, axes)
+    rng = np.random.Generator(np.random.PCG64(seed))
+    liver = liver_shape(rng, scale, spacing[2])
+    tumours = grow_tumours(rng, liver, scale, spacing, axes)
 
     values = np.empty((slices, size, size), np.int16)
     labels = np.zeros((slices, size, size), np.uint8)
-    backdrop = Backdrop(axes[0], axes[1], scale)
+    background = Background(axes[0], axes[1], scale)
     for k, z in enumerate(axes[2].tolist()):
         yield Step(k / slices, "Making the phantom")
         paint_label(labels[k], LIVER, liver, axes, z)
         for tumour in tumours:
             paint_label(labels[k], TUMOUR, tumour, axes, z)
-        tissue = backdrop.slice_at(z)
+        tissue = background.slice_at(z)
         tissue[labels[k] == LIVER] = LIVER_HU
         tissue[labels[k] == TUMOUR] = TUMOUR_HU
-        values[k] = exposed(tissue, np.random.Generator(np.random.PCG64([seed, k])))
+        values[k] = scanned(tissue, np.random.Generator(np.random.PCG64([seed, k])))
 
     affine = np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
     affine[:3, 3] = -axes[0][0], -axes[1][0], axes[2][0]
@@ -141,7 +141,7 @@ def phantom_steps(
         ),
         tumour_volumes_mm3=tuple(round(tumour.volume_mm3(), 3) for tumour in tumours),
         liver_volume_mm3=round(liver.volume_mm3(half_height), 3),
-        tumour_centres_ras_mm=tuple((-t.centre[0], -t.centre[1], t.centre[2]) for t in tumours),
+        tumour_centres_ras_mm=tuple((-t.center[0], -t.center[1], t.center[2]) for t in tumours),
         seed=seed,
     )
 
@@ -149,7 +149,7 @@ def phantom_steps(
 def checked_grid(
     slices: int, size: int, spacing: tuple[float, float, float] | None, seed: int
 ) -> tuple[float, float, float]:
-    """The spacing to use, mm, or a `SettingsError`."""
+    """Return the spacing, mm; raise a `SettingsError` for a grid outside its limits."""
     if slices < 3:
         raise SettingsError(f"a phantom needs 3 slices or more, not {slices}, for a tumour to be in two of them")
     if size < 16:
@@ -164,13 +164,13 @@ def checked_grid(
     return (float(spacing[0]), float(spacing[1]), float(spacing[2]))
 
 
-def centred(count: int, gap: float) -> NDArray[np.float64]:
-    """Positions of `count` samples about zero, mm."""
+def centered(count: int, gap: float) -> NDArray[np.float64]:
+    """Return the positions of `count` samples centered at zero, mm."""
     return (np.arange(count) - (count - 1) / 2) * gap
 
 
 def paint_label(labels: NDArray[np.uint8], label: int, shape: Blob, axes: list[NDArray[np.float64]], z: float) -> None:
-    """Set `label` in one slice, (rows, columns), where the pixel's centre is inside the shape."""
+    """Set `label` in one slice, (rows, columns), where the pixel's center is inside the shape."""
     window = []
     for axis in (1, 0):
         low, high = shape.box(axis)
@@ -180,7 +180,7 @@ def paint_label(labels: NDArray[np.uint8], label: int, shape: Blob, axes: list[N
     labels[rows, columns][inside] = label
 
 
-class Backdrop:
+class Background:
     """Everything but the liver: body wall, ribs, spine and aorta, (rows, columns) float32 HU a slice."""
 
     def __init__(self, x: NDArray[np.float64], y: NDArray[np.float64], scale: float) -> None:
@@ -190,7 +190,7 @@ class Backdrop:
         self.wall = (self.girth > 0.66) & (self.girth < 0.76) & (self.y > -75) & (np.abs(self.x) > 30)
 
     def slice_at(self, z_mm: float) -> NDArray[np.float32]:
-        """HU of the slice at height `z_mm`, sharp and without noise."""
+        """Return the HU of the slice at height `z_mm`, sharp and without noise."""
         z = z_mm / self.scale
         waist = 1.0 - 0.05 / (1.0 + (z / 80.0) ** 2)  # a little slimmer half-way
         code = np.zeros(self.girth.shape, np.uint8)
@@ -227,14 +227,14 @@ class Backdrop:
         tissue[top:bottom, left:right][across + along < 1.0] = hu
 
 
-def exposed(tissue: NDArray[np.float32], chance: np.random.Generator) -> NDArray[np.int16]:
-    """The slice as a scanner shows it: blurred by about a pixel, with grainy noise of about 14 HU.
+def scanned(tissue: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.int16]:
+    """Return the slice as a scanner shows it: blurred by about a pixel, with noise of about 14 HU.
 
     Weights and noise are whole multiples of 2^-10 HU, so float32 holds every sum exactly.
     """
     image = blurred(tissue)
     # Four bytes a pixel add up to nearly a normal deviate of mean 510 and standard deviation 148.
-    dice = chance.integers(0, 2**32, image.shape, np.uint32)
+    dice = rng.integers(0, 2**32, image.shape, np.uint32)
     pairs = (dice & 0x00FF00FF) + ((dice >> 8) & 0x00FF00FF)
     sums = (pairs & 0xFFFF) + (pairs >> 16)
     image += (sums.astype(np.float32) - 510) * np.float32(0.25)
@@ -242,7 +242,7 @@ def exposed(tissue: NDArray[np.float32], chance: np.random.Generator) -> NDArray
 
 
 def blurred(image: NDArray[Any]) -> NDArray[np.float32]:
-    """One pass of the weights 1/4, 1/2, 1/4 along rows and columns, the border repeated, float32."""
+    """Return one pass of the weights 1/4, 1/2, 1/4 along rows and columns, the border repeated, float32."""
     out: NDArray[np.float32] = image
     for axis in range(2):
         padded = np.moveaxis(np.pad(out, [(1, 1) if at == axis else (0, 0) for at in range(2)], mode="edge"), axis, 0)

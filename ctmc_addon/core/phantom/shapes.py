@@ -1,4 +1,4 @@
-"""Star-shaped bodies of known volume, and where the phantom's liver and tumours are.
+"""Star-shaped bodies of known volume: the phantom's liver and tumours.
 
 A blob is an ellipsoid whose radius rises or falls towards some directions. In the space where the
 ellipsoid is the unit ball the radius along the unit vector n is a polynomial,
@@ -24,7 +24,7 @@ class Blob:
 
     Parameters
     ----------
-    centre, half_axes : (x, y, z) float, millimetres
+    center, half_axes : (x, y, z) float, millimetres
         Of the ellipsoid it starts from.
     lobes : (n, 3) float64
         Unit vectors of the directions in which it rises or falls, in the space of the unit ball.
@@ -32,13 +32,13 @@ class Blob:
         How far, in radii.
     """
 
-    centre: Point
+    center: Point
     half_axes: Point
     lobes: NDArray[np.float64]
     heights: NDArray[np.float64]
 
     def radius(self, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """r(n) for the unit vectors (x, y, z), in radii of the ellipsoid."""
+        """Return r(n) for the unit vectors (x, y, z), in radii of the ellipsoid."""
         total = np.ones(x.shape)
         for (a, b, c), height in zip(self.lobes.tolist(), self.heights.tolist(), strict=True):
             rise = (x * a + y * b + z * c) * 0.5 + 0.5
@@ -54,58 +54,58 @@ class Blob:
 
     @cached_property
     def limits(self) -> tuple[float, float]:
-        """Bounds of r(n): what is seen at `directions()` and a margin for what lies between them."""
+        """Bounds of r(n): its extremes at `directions()` and a margin for what lies between them."""
         return (float(self.rim.min()) - 0.1, float(self.rim.max()) + 0.1)
 
     def box(self, axis: int) -> tuple[float, float]:
-        """Lowest and highest position along an axis, mm, not exceeded by the body."""
+        """Return bounds of the body along an axis, mm."""
         reach = self.limits[1] * self.half_axes[axis]
-        return (self.centre[axis] - reach, self.centre[axis] + reach)
+        return (self.center[axis] - reach, self.center[axis] + reach)
 
     def reach(self, axis: int, sign: float) -> float:
-        """How far the body goes from its centre along +axis or -axis, in half axes, with a small margin."""
+        """Return how far the body reaches from its center along +axis or -axis, in half axes, with a small margin."""
         return float((directions()[0][:, axis] * sign * self.rim).max()) + 0.03
 
     def inside(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether the points (n, 3), mm, are inside, (n,)."""
-        x, y, z = ((points[:, axis] - self.centre[axis]) / self.half_axes[axis] for axis in range(3))
-        return self.holds(x, y, z)
+        """Return whether the points (n, 3), mm, are inside, (n,)."""
+        x, y, z = ((points[:, axis] - self.center[axis]) / self.half_axes[axis] for axis in range(3))
+        return self.contains(x, y, z)
 
     def inside_slice(self, x: NDArray[np.float64], y: NDArray[np.float64], z: float) -> NDArray[np.bool_]:
-        """Whether the pixels at columns `x` and rows `y` of the slice at `z` are inside, (rows, columns), mm."""
+        """Return whether the pixels at columns `x` and rows `y` of the slice at `z` are inside, (rows, columns), mm."""
         inside = np.zeros((len(y), len(x)), bool)
         low, high = self.box(2)
         if not (len(x) and len(y) and low < z < high):
             return inside
-        u = np.broadcast_to((x - self.centre[0]) / self.half_axes[0], inside.shape)
-        v = np.broadcast_to(((y - self.centre[1]) / self.half_axes[1])[:, None], inside.shape)
-        w = (z - self.centre[2]) / self.half_axes[2]
+        u = np.broadcast_to((x - self.center[0]) / self.half_axes[0], inside.shape)
+        v = np.broadcast_to(((y - self.center[1]) / self.half_axes[1])[:, None], inside.shape)
+        w = (z - self.center[2]) / self.half_axes[2]
         square = u * u + v * v + w * w
         inside[square < self.limits[0] ** 2] = True
         near = (square >= self.limits[0] ** 2) & (square < self.limits[1] ** 2)
-        inside[near] = self.holds(u[near], v[near], np.full(int(near.sum()), w))
+        inside[near] = self.contains(u[near], v[near], np.full(int(near.sum()), w))
         return inside
 
-    def holds(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether positions in the space of the unit ball, (n,) each, are inside."""
+    def contains(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether positions in the space of the unit ball, (n,) each, are inside."""
         length = np.sqrt(u * u + v * v + w * w)
         unit = np.where(length > 0, length, 1.0)
         return length < self.radius(u / unit, v / unit, w / unit)
 
     def surface(self, factor: float = 1.0, margin_mm: float = 0.0) -> NDArray[np.float64]:
-        """Points of the surface at `directions()`, moved out by a factor and a margin, (338, 3) mm."""
+        """Return the points of the surface at `directions()`, moved out by a factor and a margin, (338, 3) mm."""
         out = directions()[0] * (self.rim * factor)[:, None] * np.array(self.half_axes)
         length = np.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + out[:, 2] ** 2)
-        return out * (1.0 + margin_mm / length)[:, None] + np.array(self.centre)
+        return out * (1.0 + margin_mm / length)[:, None] + np.array(self.center)
 
     def volume_mm3(self, half_height_mm: float | None = None) -> float:
-        """Volume; with `half_height_mm` that of the part with |z| below it, then to about 1e-4 of it."""
+        """Return the volume, mm3; with `half_height_mm` that of the part with |z| below it, to about 1e-4 of it."""
         if half_height_mm is None:
             radii, weights = self.rim, directions()[1]
         else:
             unit, weights = directions(80, 160)
             radii = self.radius(*unit.T)
-            room = np.where(unit[:, 2] > 0, half_height_mm - self.centre[2], half_height_mm + self.centre[2])
+            room = np.where(unit[:, 2] > 0, half_height_mm - self.center[2], half_height_mm + self.center[2])
             radii = np.minimum(radii, room / (self.half_axes[2] * np.abs(unit[:, 2])))
         a, b, c = self.half_axes
         return float((weights * radii**3).sum() / 3.0 * (a * b * c))
@@ -113,11 +113,11 @@ class Blob:
 
 @lru_cache(maxsize=2)
 def directions(rings: int = 13, around: int = 26) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit vectors (n, 3) and weights (n,) that integrate over the sphere.
+    """Return unit vectors (n, 3) and weights (n,) that integrate over the sphere.
 
     Gauss-Legendre along z and even steps about it: exact for polynomials up to degree 2 * rings - 1 and
-    below `around`; r^3 of a `Blob` has degree 24. The vectors are rounded, so that what they decide does
-    not hang on the last bit of a machine's cosine.
+    below `around`; r^3 of a `Blob` has degree 24. The vectors are rounded, so that they do
+    not depend on the last bit of a machine's cosine.
     """
     gauss: Any = np.polynomial.legendre.leggauss  # untyped in some of NumPy's own stubs
     height, weight = gauss(rings)
@@ -135,22 +135,22 @@ def directions(rings: int = 13, around: int = 26) -> tuple[NDArray[np.float64], 
 
 
 def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each row (n, 3) at length 1."""
+    """Return the rows (n, 3) at length 1."""
     length = np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2)
     return vectors / length[:, None]
 
 
-def liver_shape(chance: np.random.Generator, scale: float, gap_mm: float) -> Blob:
-    """A big right lobe, a left lobe that reaches to the front, a hollow towards the stomach and spine."""
+def liver_shape(rng: np.random.Generator, scale: float, gap_mm: float) -> Blob:
+    """Return a big right lobe, a left lobe that reaches to the front, a hollow towards the stomach and spine."""
     lobes = unit_vectors(
         np.array([[1.0, -0.55, 0.25], [0.55, 0.8, -0.2], [-0.5, 0.75, -0.3], [0.0, -0.6, -0.8], [-0.3, 0.0, 1.0]])
     )
-    heights = np.array([0.55, -0.40, 0.12, -0.12, 0.08]) + (chance.random(5) - 0.5) * 0.06
+    heights = np.array([0.55, -0.40, 0.12, -0.12, 0.08]) + (rng.random(5) - 0.5) * 0.06
     tall = max(58.0 * scale, 2.6 * gap_mm)  # thick slices stretch it, so that two of them can cut a tumour
     return Blob((-58.0 * scale, -12.0 * scale, 0.0), (82.0 * scale, 66.0 * scale, tall), lobes, heights)
 
 
-# The cube's six sides and eight corners: directions that are spread evenly and not too far apart.
+# The cube's six sides and eight corners: evenly spread directions.
 SPREAD = unit_vectors(
     np.array(
         [[side * sign for side in axis] for axis in np.eye(3).tolist() for sign in (1, -1)]
@@ -161,19 +161,19 @@ SPREAD = unit_vectors(
 
 
 def grow_tumours(
-    chance: np.random.Generator, liver: Blob, scale: float, spacing: Point, axes: list[NDArray[np.float64]]
+    rng: np.random.Generator, liver: Blob, scale: float, spacing: Point, axes: list[NDArray[np.float64]]
 ) -> list[Blob]:
-    """Five to seven tumours inside the liver, apart from each other; at least one whatever the grid is.
+    """Return five to seven tumours inside the liver that do not touch; at least one whatever the grid is.
 
-    The first is the largest and sits deep in the right lobe; a smaller one that finds no room in 60 tries is left out.
+    The first is the largest and sits deep in the right lobe; a smaller one without room in 60 tries is left out.
     """
-    sizes = np.sort(6.0 + 13.0 * chance.random(int(chance.integers(4, 7))))[::-1]
+    sizes = np.sort(6.0 + 13.0 * rng.random(int(rng.integers(4, 7))))[::-1]
     tumours: list[Blob] = []
-    for number, size in enumerate([19.0 + 5.0 * float(chance.random()), *sizes.tolist()]):
+    for number, size in enumerate([19.0 + 5.0 * float(rng.random()), *sizes.tolist()]):
         radius = size * scale
         for _ in range(60):
-            tumour = one_tumour(chance, liver, radius, spacing, axes, deep=number == 0)
-            if fits(tumour, liver, tumours, scale):
+            tumour = random_tumour(rng, liver, radius, spacing, axes, deep=number == 0)
+            if has_room(tumour, liver, tumours, scale):
                 tumours.append(tumour)
                 break
             if not number:
@@ -181,13 +181,13 @@ def grow_tumours(
     return sorted(tumours, key=lambda tumour: -tumour.volume_mm3())
 
 
-def fits(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
-    """Whether the tumour is inside the liver, with a margin, and clear of the others."""
+def has_room(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
+    """Return whether the tumour is inside the liver, with a margin, and does not touch the others."""
     if not liver.inside(tumour.surface(1.05, 3.0 * scale)).all():
         return False
     for other in others:
         apart = [
-            (tumour.centre[axis] - other.centre[axis])
+            (tumour.center[axis] - other.center[axis])
             / (tumour.half_axes[axis] * tumour.limits[1] + other.half_axes[axis] * other.limits[1])
             for axis in range(3)
         ]
@@ -196,34 +196,34 @@ def fits(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
     return True
 
 
-def one_tumour(
-    chance: np.random.Generator,
+def random_tumour(
+    rng: np.random.Generator,
     liver: Blob,
     radius: float,
     spacing: Point,
     axes: list[NDArray[np.float64]],
     deep: bool,
 ) -> Blob:
-    """A tumour of about this radius, mm, somewhere in the liver's box, or deep in its right lobe."""
-    half = radius * (0.8 + 0.45 * chance.random(3))
-    lobes = unit_vectors(SPREAD + 0.7 * (chance.random(SPREAD.shape) - 0.5))
-    heights = -0.24 + 0.58 * chance.random(len(SPREAD))
+    """Return a tumour of about this radius, mm, at random in the liver's box, or deep in its right lobe."""
+    half = radius * (0.8 + 0.45 * rng.random(3))
+    lobes = unit_vectors(SPREAD + 0.7 * (rng.random(SPREAD.shape) - 0.5))
+    heights = -0.24 + 0.58 * rng.random(len(SPREAD))
     slices = len(axes[2])
     if slices == 3:
         heights *= 0.4  # rounder, so that the stack does not cut it
     shape = Blob((0.0, 0.0, 0.0), (half[0], half[1], half[2]), lobes, heights)
 
     spread = 0.25 if deep else 1.2
-    place = [liver.centre[axis] + liver.half_axes[axis] * spread * (2 * chance.random() - 1) for axis in range(3)]
+    position = [liver.center[axis] + liver.half_axes[axis] * spread * (2 * rng.random() - 1) for axis in range(3)]
     for axis in range(2):
         if half[axis] < 3 * spacing[axis]:  # coarse pixels: on one, so that the label is there
-            place[axis] = float(axes[axis][np.argmin(np.abs(axes[axis] - place[axis]))])
-    place[2], half[2] = fitted_height(shape, place[2], spacing[2], slices, half_mm=float(half[2]))
-    return Blob((place[0], place[1], place[2]), (half[0], half[1], half[2]), lobes, heights)
+            position[axis] = float(axes[axis][np.argmin(np.abs(axes[axis] - position[axis]))])
+    position[2], half[2] = fitted_height(shape, position[2], spacing[2], slices, half_mm=float(half[2]))
+    return Blob((position[0], position[1], position[2]), (half[0], half[1], half[2]), lobes, heights)
 
 
-def fitted_height(shape: Blob, place: float, gap: float, slices: int, half_mm: float) -> tuple[float, float]:
-    """Height of the centre and half axis along z, mm, with which two slices or more cut the body's axis.
+def fitted_height(shape: Blob, height: float, gap: float, slices: int, half_mm: float) -> tuple[float, float]:
+    """Return the height of the center and the half axis along z, mm, so that two slices or more cut the body's axis.
 
     From 4 slices on, the first and the last slice stay free.
     """
@@ -232,10 +232,10 @@ def fitted_height(shape: Blob, place: float, gap: float, slices: int, half_mm: f
     most = (slices - 1) / 2 * gap  # height of the last slice
     half = max(half_mm, 0.62 * gap / float(poles.min()))
     if half * float(poles.sum()) < 2.3 * gap or 2 * most < 1.05 * half * (up + down):
-        # Thick slices, or few: the centre is half-way between two of them, which the shortest pole reaches.
+        # Thick slices, or few: the center is half-way between two of them, which the shortest pole reaches.
         low, high = (0, 1) if slices == 3 else (1, slices - 3)
-        below = min(max(round(place / gap + (slices - 1) / 2 - 0.5), low), high)
-        place = (below + 0.5 - (slices - 1) / 2) * gap
-        room = min((most - place) / up, (most + place) / down) if slices > 3 else 0.0
-        return place, max(min(half, 0.97 * room), 0.62 * gap / float(poles.min()))
-    return min(max(place, -most + 1.02 * half * down), most - 1.02 * half * up), half
+        below = min(max(round(height / gap + (slices - 1) / 2 - 0.5), low), high)
+        height = (below + 0.5 - (slices - 1) / 2) * gap
+        room = min((most - height) / up, (most + height) / down) if slices > 3 else 0.0
+        return height, max(min(half, 0.97 * room), 0.62 * gap / float(poles.min()))
+    return min(max(height, -most + 1.02 * half * down), most - 1.02 * half * up), half

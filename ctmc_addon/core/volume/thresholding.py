@@ -65,18 +65,18 @@ def quick_threshold(volume: Volume, settings: ReconstructionSettings) -> float |
 
 
 def otsu(values: NDArray[Any]) -> float:
-    """Otsu's threshold: `value >= threshold` parts the values into the two classes farthest apart.
+    """Return Otsu's threshold: `value >= threshold` separates the two classes with the largest variance between them.
 
     Parameters
     ----------
     values : (slices, rows, columns) numbers
-        NaN and infinite values are left out, and so is a padding value: the lowest or highest one, where
-        it stands alone, more than a twentieth of the range away from a well-filled rest.
+        NaN and infinite values are left out, and so is a padding value: the lowest or highest value, where it is
+        more than a twentieth of the range away from all others.
 
     Returns
     -------
     float
-        Where several thresholds part the values alike, the middle of them; for integers never one of them.
+        The middle of all thresholds that separate the values alike; for integers never a value itself.
 
     Raises
     ------
@@ -91,32 +91,34 @@ def otsu(values: NDArray[Any]) -> float:
     return otsu_of_histogram(histogram(values))
 
 
-def otsu_of_histogram(found: Histogram) -> float:
-    """Otsu's threshold of a histogram."""
-    counts, start, width = found
+def otsu_of_histogram(histogram: Histogram) -> float:
+    """Return Otsu's threshold of a histogram."""
+    counts, start, width = histogram
     counts = without_padding(counts)
     filled = np.flatnonzero(counts)
     if len(filled) < 2:
-        only = start + width * (0.5 if len(counts) == 1 else float(filled[0]))  # one bin: a whole number, in its middle
-        raise ThresholdError(f"all values of this volume are {only:g}; there is no surface to find")
+        value = start + width * (
+            0.5 if len(counts) == 1 else float(filled[0])
+        )  # the middle of a single bin
+        raise ThresholdError(f"all values of this volume are {value:g}; there is no surface to find")
     counts = counts[: filled[-1] + 1]
     bins = np.arange(len(counts), dtype=np.int64)
     below, sum_below = np.cumsum(counts)[:-1], np.cumsum(counts * bins)[:-1]
     above, sum_above = int(counts.sum()) - below, int((counts * bins).sum()) - sum_below
-    apart = np.zeros(len(below))
+    between = np.zeros(len(below))  # variance between the classes
     both = (below > 0) & (above > 0)
     n, m = below[both].astype(np.float64), above[both].astype(np.float64)
     means = sum_above[both] / m - sum_below[both] / n
-    apart[both] = n * m * (means * means)
+    between[both] = n * m * (means * means)
     # Empty bins leave every number as it was, so their ties are exact.
-    best = np.flatnonzero(apart == apart.max())
+    best = np.flatnonzero(between == between.max())
     first = int(best[0])
     last = first + int(np.argmax(np.append(np.diff(best) != 1, True)))
     return float(start + width * (1 + (first + last) / 2))
 
 
 def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The counts without a lonely first or last bin that says 'outside the scan' and no grey value."""
+    """Return the counts without an isolated first or last bin, which means 'outside the scan'."""
     for end in (0, -1):
         filled = np.flatnonzero(counts)
         if len(filled) < 34:
@@ -134,7 +136,7 @@ def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey va
     Parameters
     ----------
     values : (slices, rows, columns)
-        NaN and infinite ones are passed over.
+        NaN and infinite values are ignored.
     kind : str
         As in `Volume`: what the values mean.
     """

@@ -19,10 +19,8 @@ def test_a_blob_without_lobes_is_an_ellipsoid():
 
 
 def test_a_blob_has_the_volume_that_sampling_it_finds():
-    chance = np.random.default_rng(5)
-    blob = Blob(
-        (0.5, 0.0, 0.0), (10.0, 8.0, 6.0), unit_vectors(chance.normal(size=(9, 3))), chance.uniform(-0.2, 0.4, 9)
-    )
+    rng = np.random.default_rng(5)
+    blob = Blob((0.5, 0.0, 0.0), (10.0, 8.0, 6.0), unit_vectors(rng.normal(size=(9, 3))), rng.uniform(-0.2, 0.4, 9))
     step = 0.25
     grid = np.arange(-24, 24, step) + step / 2
     count = sum(int(blob.inside_slice(grid, grid, z).sum()) for z in grid.tolist())
@@ -31,14 +29,12 @@ def test_a_blob_has_the_volume_that_sampling_it_finds():
 
 
 def test_a_slice_of_a_blob_holds_the_points_the_definition_holds():
-    chance = np.random.default_rng(6)
-    blob = Blob(
-        (1.0, -2.0, 3.0), (9.0, 7.0, 5.0), unit_vectors(chance.normal(size=(5, 3))), chance.uniform(-0.3, 0.5, 5)
-    )
+    rng = np.random.default_rng(6)
+    blob = Blob((1.0, -2.0, 3.0), (9.0, 7.0, 5.0), unit_vectors(rng.normal(size=(5, 3))), rng.uniform(-0.3, 0.5, 5))
     x, y, z = np.linspace(-15, 15, 41), np.linspace(-15, 12, 37), 2.25
     rows, columns = np.meshgrid(y, x, indexing="ij")
     points = np.stack([columns.ravel(), rows.ravel(), np.full(rows.size, z)], axis=1)
-    offset = (points - blob.centre) / blob.half_axes
+    offset = (points - blob.center) / blob.half_axes
     length = np.linalg.norm(offset, axis=1)
     rise = ((1 + (offset / length[:, None]) @ blob.lobes.T) / 2) ** 8
     expected = length < 1 + rise @ blob.heights
@@ -48,13 +44,13 @@ def test_a_slice_of_a_blob_holds_the_points_the_definition_holds():
 
 def test_no_direction_lies_outside_the_limits_of_a_blob():
     for seed in range(5):
-        chance = np.random.default_rng(seed)
-        liver = liver_shape(chance, 1.0, 5.0)
+        rng = np.random.default_rng(seed)
+        liver = liver_shape(rng, 1.0, 5.0)
         for shape in [
             liver,
-            *grow_tumours(chance, liver, 1.0, (0.74, 0.74, 5.0), grid_axes(29, 512, (0.74, 0.74, 5.0))),
+            *grow_tumours(rng, liver, 1.0, (0.74, 0.74, 5.0), grid_axes(29, 512, (0.74, 0.74, 5.0))),
         ]:
-            radii = shape.radius(*unit_vectors(chance.normal(size=(20000, 3))).T)
+            radii = shape.radius(*unit_vectors(rng.normal(size=(20000, 3))).T)
             assert shape.limits[0] < radii.min()
             assert radii.max() < shape.limits[1]
 
