@@ -9,7 +9,7 @@ from .mesh.triangle_tree import distances
 from .parallel import map_steps, worker_count
 from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
 from .preview import Preview, PreviewResult
-from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, said, timed_steps, within
+from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed
 from .simplification.simplify import simplify, simplify_steps
 from .version import VERSION
@@ -53,11 +53,9 @@ __all__ = [
     "marching_cubes",
     "reconstruct",
     "reconstruct_steps",
-    "said",
     "simplified_steps",
     "simplify",
     "simplify_steps",
     "timed_steps",
-    "within",
     "worker_count",
 ]

@@ -158,26 +158,3 @@ def said(pauses: Pauses[T], fraction: float, message: str) -> Steps[T]:
             result: T = end.value
             return result
         yield Step(fraction, message)
-
-
-def within(steps: Steps[T], low: float, high: float) -> Steps[T]:
-    """The same steps, their fractions moved from 0..1 into `low`..`high` of a larger work.
-
-    Examples
-    --------
-    >>> def work():
-    ...     yield Step(0.5, "Half")
-    ...     return 42
-    >>> next(within(work(), 0.2, 0.4)).fraction
-    0.30000000000000004
-    """
-    try:
-        while True:
-            try:
-                fraction, message = next(steps)
-            except StopIteration as end:
-                result: T = end.value
-                return result
-            yield Step(low + (high - low) * fraction, message)
-    finally:
-        steps.close()

@@ -97,9 +97,7 @@ def otsu_of_histogram(histogram: Histogram) -> float:
     counts = without_padding(counts)
     filled = np.flatnonzero(counts)
     if len(filled) < 2:
-        value = start + width * (
-            0.5 if len(counts) == 1 else float(filled[0])
-        )  # the middle of a single bin
+        value = start + width * (0.5 if len(counts) == 1 else float(filled[0]))  # the middle of a single bin
         raise ThresholdError(f"all values of this volume are {value:g}; there is no surface to find")
     counts = counts[: filled[-1] + 1]
     bins = np.arange(len(counts), dtype=np.int64)
