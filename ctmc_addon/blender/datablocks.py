@@ -1,4 +1,4 @@
-"""Data-blocks made for a moment, taken away again."""
+"""Data-blocks that were made for a moment, removed again."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import bpy
 
 
 def remove_blocks(*blocks: bpy.types.ID) -> None:
-    """Remove data-blocks from the file, in the order given."""
+    """Remove data-blocks from the file, in the order given. `batch_remove` crashes on a scene that was in context."""
     for block in blocks:
-        home_of(block).remove(block)
+        collection_of(block).remove(block)
 
 
-def home_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
+def collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
     """The collection of `bpy.data` that a data-block lives in."""
-    homes = {
+    collections = {
         bpy.types.Scene: bpy.data.scenes,
         bpy.types.Object: bpy.data.objects,
         bpy.types.Mesh: bpy.data.meshes,
@@ -22,7 +22,7 @@ def home_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
         bpy.types.World: bpy.data.worlds,
         bpy.types.Material: bpy.data.materials,
     }
-    return next(home for kind, home in homes.items() if isinstance(block, kind))
+    return next(collection for kind, collection in collections.items() if isinstance(block, kind))
 
 
 def render_results() -> frozenset[str]:

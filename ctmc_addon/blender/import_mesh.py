@@ -11,8 +11,9 @@ import numpy as np
 
 from ..core import MeshError, ReadError, TriangleMesh
 from ..core.volume import transform_points
-from .surface import mesh_data as meshes
+from .surface import mesh_data
 from .surface.evaluate import evaluated_object
+from .surface.placement import matrix_of
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".blend")
 # Every kind of data that an importer may leave in the file.
@@ -34,21 +35,21 @@ def read_mesh(path: Path) -> TriangleMesh:
     """
     if not path.is_file():
         raise ReadError(f"there is no file {path}; check the path")
-    with nothing_left():
+    with added_data_removed():
         try:
-            things = import_objects(path)
+            objects = import_objects(path)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise ReadError(f"{path.name} cannot be read: {' '.join(str(error).split())}") from error
-        home = bpy.data.scenes.new("CTMC Import")
-        for thing in things:
-            if thing.name not in home.collection.objects:
-                home.collection.objects.link(thing)
-        parts = [part_of(thing, home) for thing in things]
-    if not sum(len(part.faces) for part in parts):
+        scene = bpy.data.scenes.new("CTMC Import")
+        for obj in objects:
+            if obj.name not in scene.collection.objects:
+                scene.collection.objects.link(obj)
+        meshes = [world_mesh(obj, scene) for obj in objects]
+    if not sum(len(mesh.faces) for mesh in meshes):
         raise MeshError(f"{path.name} has no triangles; choose a file with a surface in it")
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    faces = [part.faces + np.int32(start) for part, start in zip(parts, starts, strict=False)]
-    return TriangleMesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces).astype(np.int32))
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=False)]
+    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces).astype(np.int32))
 
 
 def import_objects(path: Path) -> list[bpy.types.Object]:
@@ -65,28 +66,27 @@ def import_objects(path: Path) -> list[bpy.types.Object]:
         bpy.ops.import_scene.gltf(filepath=name)
     else:
         append_objects(name, path.name)
-    return [thing for thing in bpy.data.objects if thing not in before and thing.type == "MESH"]
+    return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 
 def append_objects(path: str, name: str) -> None:
     """Copy all objects of a .blend into this file."""
     try:
-        with bpy.data.libraries.load(path) as (there, here):
-            here.objects = list(there.objects)
+        with bpy.data.libraries.load(path) as (source, target):
+            target.objects = list(source.objects)
     except OSError as error:
-        raise ReadError(f"{name} cannot be read: it is no .blend of this Blender's kind") from error
+        raise ReadError(f"{name} cannot be read: it is not a .blend of this Blender's kind") from error
 
 
-def part_of(thing: bpy.types.Object, home: bpy.types.Scene) -> TriangleMesh:
+def world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
     """An object's evaluated triangles where they stand in the scene."""
-    evaluated, _ = evaluated_object(thing, home)
-    matrix = np.array([list(row) for row in evaluated.matrix_world], np.float64)
-    vertices = transform_points(matrix, meshes.read_positions(evaluated.data)).astype(np.float32)
-    return TriangleMesh(vertices, meshes.read_triangles(evaluated.data))
+    evaluated, _ = evaluated_object(obj, scene)
+    vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
+    return TriangleMesh(transform_points(matrix_of(evaluated.matrix_world), vertices).astype(np.float32), faces)
 
 
 @contextmanager
-def nothing_left() -> Iterator[None]:
+def added_data_removed() -> Iterator[None]:
     """Remove from the Blender file whatever the block adds."""
     before = {kind: set(getattr(bpy.data, kind)) for kind in KINDS}
     try:

@@ -30,18 +30,18 @@ def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, floa
         From the mesh in Blender to its evaluated mesh; neither building the one nor reading the other.
     """
     placement = placed_at_center(mesh.vertices)
-    home = bpy.data.scenes.new("CTMC Decimate")
+    scene = bpy.data.scenes.new("CTMC Decimate")
     plain = meshes.new_mesh("CTMC Decimate", placement.to_local(mesh.vertices), mesh.faces)
-    thing = bpy.data.objects.new("CTMC Decimate", plain)
+    obj = bpy.data.objects.new("CTMC Decimate", plain)
     try:
-        thing.location = placement.origin
-        home.collection.objects.link(thing)
-        evaluated_object(thing, home)  # everything but the modifier, before the clock starts
-        modifier = thing.modifiers.new("CTMC Decimate", "DECIMATE")
+        obj.location = placement.origin
+        scene.collection.objects.link(obj)
+        evaluated_object(obj, scene)  # everyobj but the modifier, before the clock starts
+        modifier = obj.modifiers.new("CTMC Decimate", "DECIMATE")
         modifier.ratio = min(1.0, target_faces / len(mesh.faces))
         start = time.perf_counter()
-        evaluated_object(thing, home)
+        evaluated_object(obj, scene)
         seconds = time.perf_counter() - start
-        return evaluated_triangles(thing, home), seconds
+        return evaluated_triangles(obj, scene), seconds
     finally:
-        remove_blocks(home, thing, plain)
+        remove_blocks(scene, obj, plain)
