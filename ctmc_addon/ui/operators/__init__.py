@@ -5,6 +5,6 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Every module that registers, in order; imported only when Blender asks."""
-    from . import export, figure, load, reconstruct, region, results, rotation, simplify, slice, threshold
+    from . import export, figure, figure_view, load, reconstruct, region, results, rotation, simplify, slice, threshold
 
-    return (load, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure)
+    return (load, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure, figure_view)

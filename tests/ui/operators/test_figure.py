@@ -29,7 +29,7 @@ from ctmc_addon.blender.figure.spec import (
 from ctmc_addon.cli.figure.common import page_of
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.ui.operators import figure
+from ctmc_addon.ui.operators import figure, figure_view
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.properties import figure as figure_properties
 from ctmc_addon.ui.state import (
@@ -91,11 +91,9 @@ def planned(name, filepath, **rest):
     """The work of an operator as a job has it, step by step."""
     kind = getattr(figure, f"CTMC_OT_{name}")
     values = {"filepath": str(filepath), "overwrite": False, **rest}
-    own = {key: getattr(kind, key) for key in ("kind", "target", "page", "plan")}
-    holder = SimpleNamespace(**values)
-    for key in ("target", "page", "plan"):
-        setattr(holder, key, own[key].__get__(holder))
-    holder.kind = own["kind"]
+    holder = SimpleNamespace(**values, kind=kind.kind)
+    for key in ("plan", "work"):
+        setattr(holder, key, getattr(kind, key).__get__(holder))
     return holder.plan(bpy.context)
 
 
@@ -147,7 +145,7 @@ def test_several_surfaces_stand_in_one_figure_each_in_its_colour(loaded, surface
     assert (green > red + 0.2).mean() > 0.02
     assert (blue > green + 0.2).mean() > 0.005
     loaded.ctmc_figure.style = "print"
-    assert {shown.color for shown in figure.cell_of(bpy.context)[0].surfaces} == {None}
+    assert {surface.color for surface in figure.cell_of(bpy.context)[0].surfaces} == {None}
 
 
 def test_no_background_is_none(loaded, surface, tmp_path):
@@ -317,7 +315,7 @@ def test_limits_and_defaults_are_those_of_the_scene_room(scene):
     assert known["revolutions"].hard_max == REVOLUTIONS
     assert {one.identifier for one in known["engine"].enum_items} == set(ENGINES)
     assert {one.identifier for one in known["style"].enum_items} == set(STYLES)
-    assert figure.look_of(chosen) == FigureStyle()
+    assert figure.style_of(chosen) == FigureStyle()
     with pytest.raises(SettingsError, match="elevation"):
         FigureStyle(elevation=91.0)
 
@@ -350,7 +348,7 @@ def test_the_panel_shows_what_each_kind_asks_for(surface):
 
 def test_the_camera_takes_sides_of_the_patient(scene):
     chosen = scene.ctmc_figure
-    for side, angles in figure.VIEWS.items():
+    for side, angles in figure_view.VIEWS.items():
         bpy.ops.ctmc.figure_view(side=side)
         assert (chosen.azimuth, chosen.elevation) == angles
     with pytest.raises(RuntimeError, match="no 3D viewport"):
