@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy.props import EnumProperty, StringProperty
 
 from ...blender.export import SUFFIXES, export
-from ...core import CtmcError
-from .. import jobs
-from ..translations import translate
-from .paths import RELATIVE, with_suffix
+from .paths import SaveDialog
 
 
-class CTMC_OT_export(bpy.types.Operator):
+class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     """Write the active surface in patient millimetres; the suffix chooses the format."""
 
     bl_idname = "ctmc.export"
@@ -23,8 +20,8 @@ class CTMC_OT_export(bpy.types.Operator):
         f"Write the active surface in millimetres; the suffix chooses the format, else STL: {', '.join(SUFFIXES)}"
     )
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options=RELATIVE)
-    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+    suffix = SUFFIXES[0]
+
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
     space: EnumProperty(
         name="Space",
@@ -46,27 +43,13 @@ class CTMC_OT_export(bpy.types.Operator):
             return False
         return True
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Ask for a file."""
-        if not self.filepath:
-            self.filepath = f"{context.object.name}.stl"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def suggestion(self, context: bpy.types.Context) -> str:
+        """The object's name."""
+        return f"{context.object.name}{self.suffix}"
 
-    def check(self, _context: bpy.types.Context) -> bool:
-        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
-        before, self.filepath = self.filepath, with_suffix(self.filepath, SUFFIXES[0])
-        return bool(before != self.filepath)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def write(self, context: bpy.types.Context, path: Path) -> None:
         """Write it."""
-        path = Path(bpy.path.abspath(with_suffix(self.filepath, SUFFIXES[0])))
-        try:
-            export(context.object, path, space=self.space, scene=context.scene)
-        except CtmcError as error:
-            return jobs.refuse(self, context.scene.session_uid, error)
-        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
-        return {"FINISHED"}
+        export(context.object, path, space=self.space, scene=context.scene)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

@@ -1,13 +1,58 @@
-"""Files that operators ask for: paths relative to the .blend, and names with their suffix."""
+"""Files that operators ask for: paths relative to the .blend, and a dialog for a file to write."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
+
+from ...core import CtmcError
+from .. import jobs
+from ..translations import translate
 
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
 """Option of a path property: a path that begins with // is meant so. Older Blenders ask for no such word."""
+
+
+class SaveDialog:
+    """An operator that asks for a file and writes it; inherited before `bpy.types.Operator`."""
+
+    suffix = ""
+    """Of a name without one."""
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+
+    def suggestion(self, context: bpy.types.Context) -> str:
+        """A name for the file."""
+        raise NotImplementedError
+
+    def write(self, context: bpy.types.Context, path: Path) -> None:
+        """Write the file."""
+        raise NotImplementedError
+
+    def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for a file."""
+        self.filepath = self.filepath or self.suggestion(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
+        before, self.filepath = self.filepath, with_suffix(self.filepath, self.suffix)
+        return bool(before != self.filepath)
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Write it, and say so."""
+        path = Path(bpy.path.abspath(with_suffix(self.filepath, self.suffix)))
+        try:
+            self.write(context, path)
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
+        return {"FINISHED"}
 
 
 def with_suffix(filepath: str, suffix: str) -> str:

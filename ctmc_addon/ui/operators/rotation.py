@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import StringProperty
 
 from ...blender import rotation as turntable
-from ...blender.rotation import can_draw
+from ...blender.rotation import ViewportDrawing, can_draw
 from ...blender.surface import SCALE, evaluated_triangles, placement_of
-from ...core import CtmcError, MeshError, SettingsError, Stages, Steps, TriangleMesh
+from ...core import MeshError, SettingsError, Stages, Steps, TriangleMesh
 from ...reporting.atomic_write import write_text
 from ...reporting.parse import parsed_levels
 from ...reporting.rotation_table import RotationTable
@@ -23,7 +22,7 @@ from ..state import session, surfaces
 from ..translations import translate
 from ..viewport import preview
 from . import placing
-from .paths import RELATIVE
+from .paths import SaveDialog
 
 STAGES = {"Simplifying": 3, "Timing the rotation": 7}
 
@@ -54,20 +53,29 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Levels, then rounds."""
         scene, obj = context.scene, context.view_layer.objects.active
-        chosen = scene.ctmc
-        levels = parsed_levels(chosen.rotation_levels)
+        panel = scene.ctmc
+        levels = parsed_levels(panel.rotation_levels)
         windowed = self.windowed and not bpy.app.background
-        if chosen.rotation_kind != "rotate" and not windowed:
-            raise SettingsError(f"{chosen.rotation_kind} is timed in a window alone; choose rotate without one")
+        if panel.rotation_kind != "rotate" and not windowed:
+            raise SettingsError(f"{panel.rotation_kind} is timed in a window alone; choose rotate without one")
         mesh = full_mesh(scene, obj)
-        view = Viewport(context, chosen.rotation_kind) if windowed else None
-        options = {"rounds": chosen.rotation_rounds, "step_degrees": float(chosen.rotation_step)}
-        return test_steps(scene, obj, mesh, levels, chosen.rotation_kind, options, view)
+        view = ViewportDrawing(context.window, viewport_of(context), panel.rotation_kind) if windowed else None
+        options = {"rounds": panel.rotation_rounds, "step_degrees": float(panel.rotation_step)}
+        return test_steps(scene, obj, mesh, levels, panel.rotation_kind, options, view)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Begin in this window."""
         self.windowed = True
         return self.begin(context)
+
+
+def viewport_of(context: bpy.types.Context) -> bpy.types.Area:
+    """The 3D viewport that the button is in, else the first of the window; a `MeshError` where there is none."""
+    areas = [area for area in (context.area, *context.window.screen.areas) if area is not None]
+    area = next((area for area in areas if area.type == "VIEW_3D"), None)
+    if area is None:
+        raise MeshError("there is no 3D viewport in this window; open one to turn the surface in")
+    return area
 
 
 def full_mesh(scene: bpy.types.Scene, obj: bpy.types.Object) -> TriangleMesh:
@@ -86,7 +94,7 @@ def test_steps(
     percents: tuple[float, ...],
     motion: str,
     options: dict[str, Any],
-    view: Viewport | None,
+    view: ViewportDrawing | None,
 ) -> Steps[jobs.Conclusion]:
     """Make the levels, turn them, and tell the panel."""
     uid, scale = scene.session_uid, placement_of(obj).scale if surfaces.is_surface(obj) else SCALE
@@ -97,7 +105,7 @@ def test_steps(
     if view is None:
         engine = "BLENDER_WORKBENCH" if can_draw() else "CYCLES"
         turned = yield from stages.run(timing, turntable.rotation_test_steps(simplified, engine, **options))
-        rounds = [one.rounds for one in turned]
+        rounds = [level.rounds for level in turned]
     else:
         with others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
             view.levels = levels
@@ -126,64 +134,22 @@ def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     selected = [obj.session_uid for obj in scene.objects if obj.select_get()]
     active = bpy.context.view_layer.objects.active
     selected.sort(key=lambda uid: active is not None and uid == active.session_uid)
-    for uid in hidden:
-        one = session.object_of(uid)
-        if one is not None:
-            one.hide_viewport = True
+    set_hidden(hidden, True)
     preview.hide()
     try:
         yield
     finally:
-        for uid in hidden:
-            one = session.object_of(uid)
-            if one is not None:
-                one.hide_viewport = False
+        set_hidden(hidden, False)
         # Blender deselects what it hides.
-        found = (session.object_of(uid) for uid in selected)
-        placing.select(scene, [one for one in found if one is not None])
+        objects = (session.object_of(uid) for uid in selected)
+        placing.select(scene, [obj for obj in objects if obj is not None])
 
 
-class Viewport:
-    """The viewport as a way to draw: the whole window, and back once the picture is on the screen.
-
-    The turntable turns the level about z; zoom and pan move the eye by the same share of a round instead.
-    """
-
-    def __init__(self, context: bpy.types.Context, motion: str) -> None:
-        self.motion = motion
-        self.levels: Sequence[turntable.Level] = ()
-        self.window, self.area = context.window, context.area
-        if self.area is None or self.area.type != "VIEW_3D":
-            found = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
-            if not found:
-                raise MeshError("there is no 3D viewport in this window; open one to turn the surface in")
-            self.area = found[0]
-        self.eye = self.area.spaces.active.region_3d
-
-    def __enter__(self) -> Viewport:
-        self.distance, self.place = self.eye.view_distance, self.eye.view_location.copy()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.eye.view_distance, self.eye.view_location = self.distance, self.place
-
-    def show(self, level: turntable.Level) -> None:
-        """Show this level and no other."""
-        turntable.show_only(self.levels, level)
-
-    def draw(self, level: turntable.Level) -> None:
-        """Draw the window and wait for it."""
-        if self.motion != "rotate":
-            share = math.sin(level.obj.rotation_euler.z / 2)  # out and back in a round
-            level.obj.rotation_euler.z = 0.0
-            if self.motion == "zoom":
-                self.eye.view_distance = self.distance * (1.0 - 0.5 * share)
-            else:
-                side = self.eye.view_rotation @ type(self.place)((1.0, 0.0, 0.0))
-                self.eye.view_location = self.place + side * (0.25 * self.distance * share)
-        self.area.tag_redraw()
-        with bpy.context.temp_override(window=self.window):
-            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+def set_hidden(uids: Container[int], hide: bool) -> None:
+    """Hide or show the objects with these session_uids, those that are still there."""
+    for obj in bpy.data.objects:
+        if obj.session_uid in uids:
+            obj.hide_viewport = hide
 
 
 class CTMC_OT_rotation_copy(bpy.types.Operator):
@@ -205,15 +171,15 @@ class CTMC_OT_rotation_copy(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CTMC_OT_rotation_save(bpy.types.Operator):
+class CTMC_OT_rotation_save(SaveDialog, bpy.types.Operator):
     """Save the table."""
 
     bl_idname = "ctmc.rotation_save"
     bl_label = "Save Table"
     bl_description = "Save the table as CSV, times in seconds"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
-    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+    suffix = ".csv"
+
     filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
 
     @classmethod
@@ -221,31 +187,13 @@ class CTMC_OT_rotation_save(bpy.types.Operator):
         """Only with a table."""
         return has_table(cls, context)
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Ask for a file."""
-        self.filepath = self.filepath or "rotation_test.csv"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+    def suggestion(self, _context: bpy.types.Context) -> str:
+        """A name for the file."""
+        return "rotation_test.csv"
 
-    def check(self, _context: bpy.types.Context) -> bool:
-        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
-        before, self.filepath = self.filepath, ensured(self.filepath)
-        return bool(before != self.filepath)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Save it."""
-        path = Path(ensured(bpy.path.abspath(self.filepath)))
-        try:
-            write_text(path, session.of(context.scene).rotation.csv())
-        except CtmcError as error:
-            return jobs.refuse(self, context.scene.session_uid, error)
-        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
-        return {"FINISHED"}
-
-
-def ensured(filepath: str) -> str:
-    """The file with the suffix of a table."""
-    return str(bpy.path.ensure_ext(filepath, ".csv"))
+    def write(self, context: bpy.types.Context, path: Path) -> None:
+        """Write it."""
+        write_text(path, session.of(context.scene).rotation.csv())
 
 
 def has_table(operator: Any, context: bpy.types.Context) -> bool:

@@ -150,7 +150,7 @@ def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_f
     ):
         properties = getattr(bpy.ops.ctmc, kind.bl_idname.partition(".")[2]).get_rna_type().properties
         assert properties["check_existing"].default
-        dialog = SimpleNamespace(filepath=str(tmp_path / name))
+        dialog = SimpleNamespace(filepath=str(tmp_path / name), suffix=kind.suffix)
         assert kind.check(dialog, None) == (name != named)
         assert dialog.filepath == str(tmp_path / named)
     load(ball_file)
