@@ -23,8 +23,8 @@ PACKAGE = Path(ctmc_addon.__file__).parent
 # Calls that show their first argument, or the argument of this name.
 SHOWN_FIRST = {"translate", "poll_message_set"}
 SHOWN_NAMED = {"text", "heading"}
-# Calls of core and readers whose strings are messages of steps.
-STEPS = {"Step", "map_steps", "decoded_steps", "pooled_steps"}
+# Calls whose strings are messages of steps.
+STEPS = {"Step", "said", "in_batches", "decoded_steps", "quiet_batches_steps"}
 GROUPS = (
     properties.CTMCSettings,
     properties.CTMCLabel,
@@ -79,18 +79,24 @@ def literals(node: ast.AST) -> set[str]:
     return {one.value for one in constants if isinstance(one.value, str)}
 
 
-def calls(*rooms: str) -> Iterator[tuple[str, ast.Call]]:
-    """Every call in the sources of some rooms, with the name that is called."""
+def nodes(*rooms: str) -> Iterator[ast.AST]:
+    """Everything in the sources of some rooms."""
     for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call):
-                yield getattr(node.func, "id", getattr(node.func, "attr", "")), node
+        yield from ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def name_of(node: ast.AST) -> str:
+    """What is called or assigned to, without what it stands in."""
+    return str(getattr(node, "id", getattr(node, "attr", "")))
 
 
 def drawn_strings() -> set[str]:
     """Literals that panels and operators show."""
     strings = set()
-    for called, node in calls("ui"):
+    for node in nodes("ui"):
+        if not isinstance(node, ast.Call):
+            continue
+        called = name_of(node.func)
         shown = list(node.args[:1]) if called in SHOWN_FIRST else []
         shown += [word.value for word in node.keywords if word.arg in SHOWN_NAMED]
         for value in shown:
@@ -103,10 +109,14 @@ def drawn_strings() -> set[str]:
 def step_strings() -> set[str]:
     """Messages of steps and names of stages, which status bar and panel show, if no name or number is in them."""
     strings = set()
-    for called, node in calls("core", "readers", "blender", "ui"):
-        if called in STEPS:
+    for node in nodes("core", "readers", "blender", "ui"):
+        if isinstance(node, ast.Call) and name_of(node.func) in STEPS:
             strings |= {text for arg in node.args for text in literals(arg)}
-        elif called == "Stages" and node.args and isinstance(node.args[0], ast.Dict):
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)) and isinstance(node.value, ast.Dict):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(name_of(target).endswith("STAGES") for target in targets):
+                strings |= {text for key in node.value.keys if key is not None for text in literals(key)}
+        elif isinstance(node, ast.Call) and name_of(node.func) == "Stages" and isinstance(node.args[0], ast.Dict):
             strings |= {text for key in node.args[0].keys if key is not None for text in literals(key)}
     return strings
 

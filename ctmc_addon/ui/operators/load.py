@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, StringProperty
 
 from ... import readers
 from ...blender.colors import color_of
@@ -35,6 +35,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     spacing: FloatVectorProperty(
         name="Spacing",
         description="Distance between samples along x, y and z [mm]. 0 = as the files say",
@@ -71,7 +72,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         known, stored, expected = session.of(scene), scene.ctmc, ""
         known.message = known.load_message = ""
-        path = self.filepath or self.directory
+        # Several files that were dropped or selected together are slices of one stack.
+        path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading: dict[str, Any] = {
             "spacing": tuple(self.spacing) if any(self.spacing) else None,
             "flip": self.flip,

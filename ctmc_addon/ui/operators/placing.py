@@ -20,7 +20,7 @@ from ..translations import translate
 
 @dataclass(frozen=True)
 class SurfaceRequest:
-    """A surface to make: settings, colour, the object that takes it or None, its label's name, its CT's fingerprint."""
+    """A surface to make: settings, color, the object that takes it or None, its label's name, its CT's fingerprint."""
 
     settings: ReconstructionSettings
     color: tuple[float, float, float] | None = None

@@ -56,12 +56,12 @@ def measure_steps(
 
 
 class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
-    """Colour the active surface by its distance to the full one."""
+    """Color the active surface by its distance to the full one."""
 
     bl_idname = "ctmc.deviation_map"
     bl_label = "Deviation Map"
     bl_description = (
-        "Write each vertex's distance to the full surface [mm] and a colour into the mesh as attributes; "
+        "Write each vertex's distance to the full surface [mm] and a color into the mesh as attributes; "
         "solid view shows them with Color: Attribute"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)

@@ -28,73 +28,73 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Kind, what it shows, page, look; then the button."""
-        chosen = context.scene.ctmc_figure
+        panel = context.scene.ctmc_figure
         prepare(self.layout, lock=False)
         layout = self.layout.column()
         prepare(layout)
-        layout.prop(chosen, "kind")
-        draw_subject(layout, chosen)
-        draw_page(layout, chosen)
-        draw_look(layout, context, chosen)
+        layout.prop(panel, "kind")
+        draw_subject(layout, panel)
+        draw_page(layout, panel)
+        draw_look(layout, context, panel)
         job = jobs.running(*OPERATORS.values())
         if job is not None:
             draw_job(self.layout, job)
         else:
-            self.layout.operator(OPERATORS[chosen.kind], icon="RENDER_STILL")
+            self.layout.operator(OPERATORS[panel.kind], icon="RENDER_STILL")
 
 
-def draw_subject(layout: Any, chosen: Any) -> None:
+def draw_subject(layout: Any, panel: Any) -> None:
     """What this kind of figure is of, and what it alone asks for."""
     column = layout.column(align=True)
-    if chosen.kind == "sheet":
+    if panel.kind == "sheet":
         for name in ("strides", "alphas", "levels"):
-            draw_switched(column, chosen, name)
-        layout.prop(chosen, "sheet_deviation")
-    elif chosen.kind == "turntable":
+            draw_switched(column, panel, name)
+        layout.prop(panel, "sheet_deviation")
+    elif panel.kind == "turntable":
         for name in ("film", "seconds", "fps", "revolutions"):
-            column.prop(chosen, name)
-    if chosen.kind == "deviation" or (chosen.kind == "sheet" and chosen.sheet_deviation):
-        layout.prop(chosen, "limit_mm")
+            column.prop(panel, name)
+    if panel.kind == "deviation" or (panel.kind == "sheet" and panel.sheet_deviation):
+        layout.prop(panel, "limit_mm")
 
 
-def draw_switched(layout: Any, chosen: Any, name: str) -> None:
+def draw_switched(layout: Any, panel: Any, name: str) -> None:
     """A line of text behind its switch."""
-    row = layout.row(heading=translate(chosen.bl_rna.properties[name].name), heading_ctxt=OURS)
-    row.prop(chosen, f"use_{name}", text="")
+    row = layout.row(heading=translate(panel.bl_rna.properties[name].name), heading_ctxt=OURS)
+    row.prop(panel, f"use_{name}", text="")
     value = row.row()
-    value.active = getattr(chosen, f"use_{name}")
-    value.prop(chosen, name, text="")
+    value.active = getattr(panel, f"use_{name}")
+    value.prop(panel, name, text="")
 
 
-def draw_page(layout: Any, chosen: Any) -> None:
+def draw_page(layout: Any, panel: Any) -> None:
     """Width, resolution, background."""
-    kind = "figure" if chosen.kind == "deviation" else chosen.kind
+    kind = "figure" if panel.kind == "deviation" else panel.kind
     column = layout.column(align=True)
-    column.prop(chosen, f"{kind}_width_mm")
-    column.prop(chosen, f"{kind}_dpi")
-    if chosen.kind != "turntable" or chosen.film == FRAMES:
-        column.prop(chosen, "transparent")
+    column.prop(panel, f"{kind}_width_mm")
+    column.prop(panel, f"{kind}_dpi")
+    if panel.kind != "turntable" or panel.film == FRAMES:
+        column.prop(panel, "transparent")
 
 
-def draw_look(layout: Any, context: bpy.types.Context, chosen: Any) -> None:
+def draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     """Style, engine, camera, what is written."""
     column = layout.column()
-    mapped = chosen.kind == "deviation" or (chosen.kind == "sheet" and chosen.sheet_deviation)
+    mapped = panel.kind == "deviation" or (panel.kind == "sheet" and panel.sheet_deviation)
     style = column.column()
     style.active = not mapped
-    style.prop(chosen, "style")
-    column.prop(chosen, "engine")
-    if chosen.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
-        column.prop(chosen, "opacity", slider=True)
+    style.prop(panel, "style")
+    column.prop(panel, "engine")
+    if panel.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
+        column.prop(panel, "opacity", slider=True)
     angles = layout.column(align=True)
     angles.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")
-    angles.prop(chosen, "azimuth")
-    angles.prop(chosen, "elevation")
+    angles.prop(panel, "azimuth")
+    angles.prop(panel, "elevation")
     column = layout.column(heading=translate("Show"), heading_ctxt=OURS)
-    column.prop(chosen, "scale_bar")
-    column.prop(chosen, "orientation")
-    draw_switched(layout, chosen, "caption")
-    layout.prop(chosen, "write_blend")
+    column.prop(panel, "scale_bar")
+    column.prop(panel, "orientation")
+    draw_switched(layout, panel, "caption")
+    layout.prop(panel, "write_blend")
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_figure,))

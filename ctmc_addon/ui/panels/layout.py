@@ -14,6 +14,7 @@ from ..translations import OURS, translate
 
 LETTER = 5.8  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
+SHORT_UNITS = ("mm", "mm3", "px")
 NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 
 
@@ -27,26 +28,35 @@ class SidePanel:
 
 
 class SubPanel(SidePanel):
-    """A panel below the main one, closed until it is wanted."""
+    """A panel below the main one, closed until it is opened."""
 
     bl_parent_id = "CTMC_PT_main"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
 
 
 def prepare(layout: Any, lock: bool = True) -> None:
-    """Labels on the left, values on the right, no dots for keyframes; grey while a job locks the file, unless told."""
+    """Labels on the left, values on the right, no dots for keyframes; gray while a job locks the file if `lock`."""
     if lock:
         layout.enabled = not jobs.locked()
     layout.use_property_split = True
     layout.use_property_decorate = False
 
 
+def label_of(settings: Any, name: str) -> str:
+    """A setting's label with its unit, where that is short; "All" where it counts components and keeps them all."""
+    about = described()[name]
+    note = "" if about.unit not in SHORT_UNITS else about.unit
+    if name == "keep_parts" and not settings.keep_parts:
+        note = translate("All")
+    return f"{translate(about.label)} [{note}]" if note else translate(about.label)
+
+
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
     """One setting, with its switch if it may be absent."""
     if not optional(name):
-        layout.prop(settings, name)
+        layout.prop(settings, name, text=label_of(settings, name))
         return
-    row = layout.row(heading=translate(described()[name].label), heading_ctxt=OURS)
+    row = layout.row(heading=label_of(settings, name), heading_ctxt=OURS)
     row.prop(settings, switch(name), text="")
     value = row.row()
     value.active = getattr(settings, switch(name))

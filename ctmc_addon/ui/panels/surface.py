@@ -9,7 +9,7 @@ import bpy
 from ..operators import threshold
 from ..state import volumes
 from ..translations import translate
-from .layout import draw_text
+from .layout import draw_setting, draw_text
 
 
 def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -33,11 +33,11 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
         number.prop(settings, "threshold", text=threshold_label(context.scene))
         row.operator("ctmc.auto_threshold")
         if not settings.use_threshold:
-            found = threshold.used_threshold(context.scene)
-            text = translate("Otsu's threshold is used") + ("" if found is None else f": {found:g}")
+            value = threshold.used_threshold(context.scene)
+            text = translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
             column.label(text=text, icon="INFO", translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
-    column.prop(settings, "soften_mm")
+    draw_setting(column, settings, "soften_mm")
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:
@@ -45,7 +45,7 @@ def threshold_label(scene: bpy.types.Scene) -> str:
     volume = volumes.current(scene)
     if volume is None or volume.kind == "label":
         return translate("Threshold")
-    return "HU" if volume.kind == "HU" else translate("Grey Value")
+    return "HU" if volume.kind == "HU" else translate("Gray Value")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -61,7 +61,7 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 class CTMC_UL_labels(bpy.types.UIList):
-    """A label in a line: whether it is wanted, its colour, value and name."""
+    """A label in a line: whether a surface is made of it, its color, value and name."""
 
     bl_idname = "CTMC_UL_labels"
 
@@ -81,9 +81,9 @@ class CTMC_UL_labels(bpy.types.UIList):
         row = layout.row(align=True)
         row.use_property_split = False
         row.prop(item, "chosen", text="")
-        colour = row.row()
-        colour.ui_units_x = 1.2
-        colour.prop(item, "color", text="")
+        color = row.row()
+        color.ui_units_x = 1.2
+        color.prop(item, "color", text="")
         row.label(text=f"{item.value}  {item.name}".rstrip(), translate=False)
 
 

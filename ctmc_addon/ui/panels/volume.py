@@ -22,8 +22,8 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
         draw_job(layout, job)
     else:
         layout.operator("ctmc.load", icon="FILE_FOLDER")
-    known = session.of(scene)
-    for message in (known.load_message, known.message):
+    scene_session = session.of(scene)
+    for message in (scene_session.load_message, scene_session.message):
         if message:
             draw_text(layout.box(), context, message, "ERROR")
     if volumes.missing(scene):

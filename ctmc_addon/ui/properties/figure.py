@@ -1,6 +1,6 @@
-"""What figures are made with: `scene.ctmc_figure`; its limits and defaults are those of scene's own dataclasses.
+"""What figures are made with: `scene.ctmc_figure`; its limits and defaults are those of blender.figure.spec.
 
-As in properties.py, this module must not hold `bpy` itself, nor anything that does.
+As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from bpy.utils import register_class, unregister_class
 
 from .kinds import boolean, choice, decimal, integer, text
 
-FRAMES = "frames"  # in place of a film's suffix
+FRAMES = "frames"  # in place of a video's suffix
 
 
 def all_properties() -> dict[str, Any]:
@@ -25,20 +25,20 @@ def page_properties() -> dict[str, Any]:
     """Kind, and the page of each."""
     from ...blender.figure.spec import DPIS, PAGES, WIDTHS_MM
 
-    found: dict[str, Any] = {
+    properties: dict[str, Any] = {
         "kind": choice(
             "Kind",
             "What is made",
             items=[
                 ("figure", "Figure", "The selected surfaces on a page, a PNG"),
                 ("sheet", "Sheet", "The CT with several settings, side by side, a PNG"),
-                ("deviation", "Distances", "The active surface in the colours of its distance to full resolution"),
-                ("turntable", "Turntable", "The selected surfaces turning, a film or PNG frames"),
+                ("deviation", "Distances", "The active surface in the colors of its distance to full resolution"),
+                ("turntable", "Turntable", "The selected surfaces turning, a video or PNG frames"),
             ],
         )
     }
     for kind, page in PAGES.items():
-        found[f"{kind}_width_mm"] = decimal(
+        properties[f"{kind}_width_mm"] = decimal(
             "Width [mm]",
             "Width as printed [mm]. A column of most journals is 85, two are 170",
             default=page.width_mm,
@@ -46,7 +46,7 @@ def page_properties() -> dict[str, Any]:
             max=WIDTHS_MM[1],
             precision=1,
         )
-        found[f"{kind}_dpi"] = decimal(
+        properties[f"{kind}_dpi"] = decimal(
             "Resolution [dpi]",
             "Pixels to the inch [dpi]. Larger = sharper, and longer to render",
             default=page.dpi,
@@ -54,11 +54,11 @@ def page_properties() -> dict[str, Any]:
             max=DPIS[1],
             precision=0,
         )
-    found["transparent"] = boolean("Transparent", "No background instead of a white one; films always have one")
-    found["write_blend"] = boolean(
+    properties["transparent"] = boolean("Transparent", "No background instead of a white one; videos always have one")
+    properties["write_blend"] = boolean(
         "Write .blend", "Write the figure's own scene beside it, to be changed and rendered again", default=True
     )
-    return found
+    return properties
 
 
 def look_properties() -> dict[str, Any]:
@@ -70,7 +70,7 @@ def look_properties() -> dict[str, Any]:
     return {
         "style": choice(
             "Style",
-            "How surfaces look. Several at once keep their own colours; print makes all of them grey",
+            "How surfaces look. Several at once keep their own colors; print makes all of them gray",
             items=[(name, name.title(), style.text[0].upper() + style.text[1:]) for name, style in STYLES.items()],
             default=look.style,
         ),
@@ -117,30 +117,30 @@ def look_properties() -> dict[str, Any]:
 
 
 def sheet_properties() -> dict[str, Any]:
-    """What a sheet compares, and the colours of distances."""
-    found: dict[str, Any] = {}
+    """What a sheet compares, and the colors of distances."""
+    properties: dict[str, Any] = {}
     for name, label, tip, default in (
-        ("strides", "Voxel Sides", "Voxel sides to compare [px]: 1 2 3, or 2x1 for x and y apart", "1 2 3"),
+        ("strides", "Stride", "Strides to compare [px]: 1 2 3, or 2x1 for x and y of their own", "1 2 3"),
         ("alphas", "Alpha", "Alphas to compare, from 0 to 1", "0 0.25 0.75 1"),
         ("levels", "Levels", "Shares of triangles to remove that are compared [%]", "0 50 90"),
     ):
-        found[f"use_{name}"] = boolean(
+        properties[f"use_{name}"] = boolean(
             f"Compare {label}",
             "Compare these; where two are compared, the first goes down and the second across",
             default=name == "strides",
         )
-        found[name] = text(label, tip, default=default)
-    found["sheet_deviation"] = boolean(
-        "Distances", "Colour every surface by its distance to full resolution, with a colour bar"
+        properties[name] = text(label, tip, default=default)
+    properties["sheet_deviation"] = boolean(
+        "Distances", "Color every surface by its distance to full resolution, with a color bar"
     )
-    found["limit_mm"] = decimal(
+    properties["limit_mm"] = decimal(
         "Bar Ends At",
-        "Distance at the end of the colour bar [mm]. 0 = where 99 % of the points are within",
+        "Distance at the end of the color bar [mm]. 0 = where 99 % of the points are within",
         min=0.0,
         max=1000.0,
         precision=2,
     )
-    return found
+    return properties
 
 
 def turntable_properties() -> dict[str, Any]:
@@ -153,7 +153,7 @@ def turntable_properties() -> dict[str, Any]:
         "film": choice(
             "Format",
             "What a turntable is written as, where its name has no suffix",
-            items=[*((suffix, suffix[1:].upper(), "A film") for suffix in VIDEO_FORMATS), frames],
+            items=[*((suffix, suffix[1:].upper(), "A video") for suffix in VIDEO_FORMATS), frames],
         ),
         "seconds": decimal(
             "Length [s]",

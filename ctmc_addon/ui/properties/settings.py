@@ -51,7 +51,7 @@ class SettingsMethods:
         return ReconstructionSettings.from_dict(values)
 
     def all_settings(self) -> list[ReconstructionSettings]:
-        """The settings of every surface that is wanted: one for each label that is ticked, or a single one."""
+        """The settings of every surface to make: one for each label that is ticked, or a single one."""
         settings = self.to_settings()
         if settings.label is None:
             return [settings]
@@ -208,7 +208,7 @@ def on_tick(item: Any, _context: Any) -> None:
 
 
 class CTMCLabel(PropertyGroup):
-    """A label of the volume: its value, its name as `name`, its color, and whether it is wanted."""
+    """A label of the volume: its value, its name as `name`, its color, and whether a surface is made of it."""
 
     value: integer("Value", "Value of the label in the volume")
     chosen: boolean("Reconstruct", "Make a surface of this label", update=on_tick)
@@ -217,12 +217,12 @@ class CTMCLabel(PropertyGroup):
 
 def all_properties() -> dict[str, Any]:
     """Every property of `scene.ctmc`."""
-    found: dict[str, Any] = {}
+    properties: dict[str, Any] = {}
     for name, about in described().items():
         if optional(name):
-            found[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=on_switch(name))
-        found[name] = property_of(name, about)
-    return found | volume_properties() | panel_properties()
+            properties[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=on_switch(name))
+        properties[name] = property_of(name, about)
+    return properties | volume_properties() | panel_properties()
 
 
 def volume_properties() -> dict[str, Any]:
@@ -263,9 +263,9 @@ def panel_properties() -> dict[str, Any]:
     return {
         "surface_from": choice(
             "Surface From",
-            "Whether the surface is sought at a grey value or around labels",
+            "Whether the surface is sought at a gray value or around labels",
             items=[
-                ("threshold", "Threshold", "At a grey value: what is at or above it is inside"),
+                ("threshold", "Threshold", "At a gray value: what is at or above it is inside"),
                 ("label", "Labels", "Around the structures of a label volume"),
             ],
             get=get_surface_from,

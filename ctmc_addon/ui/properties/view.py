@@ -1,6 +1,6 @@
 """What the viewport shows beside the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
 
-As in properties.py, this module must not hold `bpy` itself, nor anything that does.
+As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class CTMCView(PropertyGroup):
     )
     window: decimal(
         "Window",
-        "Width of the range shown from black to white, in HU or grey values. Larger = less contrast",
+        "Width of the range shown from black to white, in HU or gray values. Larger = less contrast",
         min=1e-3,
         soft_max=4000.0,
         precision=1,
@@ -104,7 +104,7 @@ class CTMCView(PropertyGroup):
     )
     level: decimal(
         "Level",
-        "Middle of the range shown from black to white, in HU or grey values. Larger = darker",
+        "Middle of the range shown from black to white, in HU or gray values. Larger = darker",
         soft_min=-1500.0,
         soft_max=3000.0,
         precision=1,

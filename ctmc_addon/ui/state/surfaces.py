@@ -73,7 +73,7 @@ def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin
 
 
 def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> dict[ReconstructionSettings, int]:
-    """Which selected object each of the wanted surfaces goes into; those not in it get a new object.
+    """Which selected object each of the surfaces to make goes into; those not in it get a new object.
 
     A single surface goes into the active one, several into those with the same label.
 

@@ -60,8 +60,8 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     scale = machine().scale
     key = (place, window, level, above, labels, scale)
     if _last.get("volume") is not volume or _last.get("key") != key:
-        colours = windowed(slice_values(volume, place), window, level, above, labels)
-        drawn = Picture(colours, slice_corners(volume, place) * scale)
+        colors = windowed(slice_values(volume, place), window, level, above, labels)
+        drawn = Picture(colors, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
     return last

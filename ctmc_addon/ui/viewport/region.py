@@ -18,7 +18,7 @@ from ...core.volume import moved_region, region_axes, region_corners, region_lim
 from ..properties.preferences import machine
 from ..state import volumes
 
-COLOURS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
+COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
 
 
 class RegionFace:
@@ -125,7 +125,7 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
             arrow.target_set_handler("offset", get=read, set=write)
             arrow.draw_style = "BOX"
             arrow.length = 0.35
-            arrow.color, arrow.alpha = COLOURS[face % 3], 0.8
+            arrow.color, arrow.alpha = COLORS[face % 3], 0.8
             arrow.color_highlight, arrow.alpha_highlight = (1.0, 1.0, 0.6), 1.0
         middle = self.gizmos.new("GIZMO_GT_move_3d")
         middle.target_set_handler("offset", get=read_middle, set=write_middle)

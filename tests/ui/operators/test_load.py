@@ -63,6 +63,17 @@ def test_a_volume_of_another_file_is_let_go(scene, ball_file):
     assert not volumes._loaded
 
 
+def test_several_slices_dropped_together_are_one_stack(scene, tmp_path):
+    from PIL import Image
+
+    names = [f"slice_{number}.png" for number in range(4)]
+    for name in names:
+        Image.fromarray(np.full((8, 8), 40, np.uint8)).save(tmp_path / name)
+    dropped = [{"name": name} for name in names[:2]]
+    bpy.ops.ctmc.load(filepath=str(tmp_path / names[0]), directory=str(tmp_path), files=dropped, spacing=(1, 1, 1))
+    assert volumes.current(scene).size == (8, 8, 4)
+
+
 def test_mistakes_are_one_sentence_and_change_nothing(scene, ball_file, tmp_path):
     with pytest.raises(RuntimeError, match="Load a CT first"):
         bpy.ops.ctmc.reconstruct()
