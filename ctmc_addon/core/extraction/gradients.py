@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from ..mesh.face_normals import vertex_normals_steps
 from ..progress import Steps
 
+EDGES_AT_ONCE = 1 << 13  # whose normals are worked out together: their arrays stay in the cache
+
 
 class Sampler:
     """Values of a volume at scattered places, from any memory layout and byte order, without a copy of it.
@@ -41,6 +43,7 @@ class Sampler:
         self.steps = tuple(step // unit for step in values.strides[::-1])
         self.may_be_nan = values.dtype.kind == "f"
         self._flat = as_strided(upwards, (reach // unit + 1,), (unit,), writeable=False)
+        self._contiguous = unit == item
         self._first = sum((1 - size) * step for size, step in zip(self.size, self.steps, strict=True) if step < 0)
         # Differences of values of up to 16 bits are exact in float32.
         narrow = values.dtype.kind in "bui" and item <= 2
@@ -52,7 +55,9 @@ class Sampler:
 
     def gather(self, flat: NDArray[np.intp]) -> NDArray[Any]:
         """The values at flat indices, in the working type."""
-        return self._flat[flat].astype(self.working_type)
+        # Indices are always within; "clip" spares NumPy a second look at each.
+        values = self._flat.take(flat, mode="clip") if self._contiguous else self._flat[flat]
+        return values.astype(self.working_type)
 
     def difference(self, flat: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
         """Central difference along an axis (0, 1, 2 for x, y, z) at flat indices, a voxel apart; one-sided at borders.
@@ -94,24 +99,37 @@ def edge_normals(
     out : (n, 3) float32
         Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """
-    share = np.empty(len(flat), sampler.working_type)
-    for axis, edges in enumerate(along_axis):  # from the enlarged voxel's corner to the value just below the point
-        below = np.minimum(position[edges].astype(np.intp), sampler.size[axis] - 2)
-        share[edges] = position[edges] - below
-        flat[edges] += (below - index[axis][edges]) * sampler.steps[axis]
-        index[axis][edges] = below
-    gradient = [sampler.difference(flat, index[axis], axis) for axis in range(3)]
     for axis, edges in enumerate(along_axis):
-        flat[edges] += sampler.steps[axis]
-        index[axis][edges] += 1
-    for axis in range(3):
-        gradient[axis] += share * (sampler.difference(flat, index[axis], axis) - gradient[axis])
+        for start in range(edges.start, edges.stop, EDGES_AT_ONCE):
+            block = slice(start, min(start + EDGES_AT_ONCE, edges.stop))
+            _fill_normals(sampler, [along[block] for along in index], flat[block], axis, position[block], out[block])
+
+
+def _fill_normals(
+    sampler: Sampler,
+    index: list[NDArray[np.intp]],
+    flat: NDArray[np.intp],
+    axis: int,
+    position: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """`edge_normals` of edges along one axis."""
+    # From the enlarged voxel's corner to the value just below the point.
+    below = np.minimum(position.astype(np.intp), sampler.size[axis] - 2)
+    share = (position - below).astype(sampler.working_type)
+    flat += (below - index[axis]) * sampler.steps[axis]
+    index[axis] = below
+    gradient = [sampler.difference(flat, index[along], along) for along in range(3)]
+    flat += sampler.steps[axis]
+    index[axis] += 1
+    for along in range(3):
+        gradient[along] += share * (sampler.difference(flat, index[along], along) - gradient[along])
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
     unknown = ~np.isfinite(length)  # a NaN or infinite voxel beside it
     length[(length == 0) | unknown] = 1.0
     scale = -1.0 / length
-    for axis in range(3):
-        out[:, axis] = gradient[axis] * scale
+    for along in range(3):
+        out[:, along] = gradient[along] * scale
     if unknown.any():
         out[unknown] = 0.0
 

@@ -103,12 +103,12 @@ def _faces_near_rays_steps(
     # A triangle over the point begins in the point's bin or in the one before, in y and in z.
     own = bin_of(points[:, 1:].T)
     last = np.stack([own - rows, own], axis=1)  # (rays, 2)
-    occupied = np.zeros(int((mesh.vertices[:, 1].max() - lowest[0, 0]) / width[0, 0] + 4) * rows, bool)
-    occupied[last] = occupied[last - 1] = True
+    near_ray = np.zeros(int((mesh.vertices[:, 1].max() - lowest[0, 0]) / width[0, 0] + 4) * rows, bool)
+    near_ray[last] = near_ray[last - 1] = True
     bins, faces = [], []
     for start, low in zip(chunks, lows, strict=True):
         place = bin_of(low)
-        near = np.flatnonzero(occupied[place])
+        near = np.flatnonzero(near_ray[place])
         bins.append(place[near])
         faces.append(near + start)
         yield PAUSE

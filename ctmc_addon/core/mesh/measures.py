@@ -50,12 +50,12 @@ class Measures:
         return self.volume if self.closed else None
 
     @property
-    def millilitres(self) -> float:
+    def milliliters(self) -> float:
         """The volume of a mesh in mm, in ml."""
         return self.volume / 1000.0
 
     @property
-    def square_centimetres(self) -> float:
+    def square_centimeters(self) -> float:
         """The area of a mesh in mm, in cm2."""
         return self.area / 100.0
 

@@ -30,7 +30,7 @@ Places = NDArray[np.int64]
 
 BRANCH = 4  # boxes in a box
 BLOCK = 2048  # points that go down the tree together: their pairs stay in the cache
-CROWD = 8  # pairs a point, from which on it pays to improve the bounds
+CROWD = 16  # pairs a point, from which on it pays to improve the bounds
 MARGIN = 2.0**-21  # of the mesh's extent, by which boxes are too large: some units in the last place of float32
 SLACK = 1 + 2.0**-18  # of a squared bound, for the same reason
 CODE_BITS = 21  # a coordinate has in a Morton code
@@ -180,12 +180,12 @@ class TriangleTree:
         point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
         for height in reversed(range(len(self._levels))):
             low, high = self._levels[height]
-            place = np.take(centered, point, axis=1)
+            position = np.take(centered, point, axis=1)
             outside = np.zeros((BRANCH, len(point)), np.float32)  # squared, a row for each box in the pairs' boxes
             for axis in range(3):
                 below, above = np.take(low[axis], box, axis=1), np.take(high[axis], box, axis=1)
-                below -= place[axis]
-                above += place[axis]
+                below -= position[axis]
+                above += position[axis]
                 np.maximum(below, above, out=below)
                 np.maximum(below, 0, out=below)
                 below *= below
@@ -204,9 +204,9 @@ class TriangleTree:
                 point, box = point[near], box[near]
         squared, triangle = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
         if len(point):
-            found = self._squared(points, point, box)
-            best = _least_of_each(point, found)
-            squared[point[best]], triangle[point[best]] = found[best], box[best]
+            exact = self._squared(points, point, box)
+            best = _least_of_each(point, exact)
+            squared[point[best]], triangle[point[best]] = exact[best], box[best]
         beyond = squared > limits
         squared[beyond], triangle[beyond] = np.inf, 0
         return squared, triangle
@@ -220,8 +220,8 @@ class TriangleTree:
     def _bounds(self, points: NDArray[Any]) -> Doubles:
         """Squared distance from every point (3, n) to the nearer of two triangles beside it in Morton order."""
         after = np.minimum(np.searchsorted(self._sorted_codes, self._codes(points.T)), len(self.order) - 1)
-        every = np.arange(points.shape[1])
-        return np.minimum(self._squared(points, every, after), self._squared(points, every, np.maximum(after - 1, 0)))
+        point = np.arange(points.shape[1])
+        return np.minimum(self._squared(points, point, after), self._squared(points, point, np.maximum(after - 1, 0)))
 
     def _codes_steps(self, count: int, points_of: Callable[[slice], Doubles]) -> Steps[NDArray[np.uint64]]:
         """`_codes` of so many points, of which `points_of` gives any block."""
@@ -274,8 +274,8 @@ def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c:
 def _to_segment(from_start: NDArray[Any], along: NDArray[Any]) -> NDArray[Any]:
     length = dot(along, along)
     share = dot(from_start, along) / np.where(length > 0, length, 1)
-    apart = from_start - along * np.clip(share, 0, 1)
-    return dot(apart, apart)
+    offset = from_start - along * np.clip(share, 0, 1)
+    return dot(offset, offset)
 
 
 def _least_of_each(sorted_numbers: Places, values: NDArray[Any]) -> NDArray[np.intp]:

@@ -55,8 +55,8 @@ def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tu
     return [
         *facts,
         (translate("Surface"), translate("closed") if measures.closed else translate("open")),
-        (translate("Volume"), f"{measures.millilitres:.4g} ml" if measures.closed else "-"),
-        (translate("Area"), f"{measures.square_centimetres:.4g} cm2"),
+        (translate("Volume"), f"{measures.milliliters:.4g} ml" if measures.closed else "-"),
+        (translate("Area"), f"{measures.square_centimeters:.4g} cm2"),
         (translate("Components"), count(measures.components)),
     ]
 
