@@ -95,9 +95,9 @@ def files_below(folder: Path) -> Iterator[Path]:
 def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:
     """The LiTS label file `segmentation-N` beside `volume-N` (.nii or .nii.gz), or None."""
     volume = Path(path)
-    found = re.fullmatch(r"volume-(.+?)\.nii(\.gz)?", volume.name, re.IGNORECASE)
-    if found is None:
+    match = re.fullmatch(r"volume-(.+?)\.nii(\.gz)?", volume.name, re.IGNORECASE)
+    if match is None:
         return None
-    ends = (".nii.gz", ".nii") if found[2] else (".nii", ".nii.gz")
-    siblings = (volume.with_name(f"segmentation-{found[1]}{end}") for end in ends)
+    ends = (".nii.gz", ".nii") if match[2] else (".nii", ".nii.gz")
+    siblings = (volume.with_name(f"segmentation-{match[1]}{end}") for end in ends)
     return next((sibling for sibling in siblings if sibling.is_file()), None)

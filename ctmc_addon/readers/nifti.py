@@ -183,11 +183,11 @@ def label_names(header: Any) -> dict[int, str]:
     for extension in header.extensions:
         content = extension.get_content()
         text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
-        found = re.search(r"<LabelTable>.*?</LabelTable>", text, re.DOTALL)
-        if not found:
+        match = re.search(r"<LabelTable>.*?</LabelTable>", text, re.DOTALL)
+        if not match:
             continue
         try:
-            table = ElementTree.fromstring(found[0])
+            table = ElementTree.fromstring(match[0])
             names.update({int(label.attrib["Key"]): (label.text or "").strip() for label in table.iter("Label")})
         except (ElementTree.ParseError, KeyError, ValueError):
             continue  # names are a comfort, the values do without

@@ -137,9 +137,9 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
             "save one time point, channel or label layer as a file of its own"
         )
     kinds = header.get("kinds", [])
-    colour = [kind for kind in kinds if "color" in str(kind).lower() or "vector" in str(kind).lower()]
-    if len(kept) == 3 and colour:
-        raise ReadError(f"{name} has {colour[0]} voxels; convert it to gray values or labels (one number a voxel)")
+    color = [kind for kind in kinds if "color" in str(kind).lower() or "vector" in str(kind).lower()]
+    if len(kept) == 3 and color:
+        raise ReadError(f"{name} has {color[0]} voxels; convert it to gray values or labels (one number a voxel)")
     if len(kept) < 3 or sizes[kept[2]] < 2:
         raise ReadError(f"{name} holds one slice only, sizes {tuple(sizes)}; a surface needs at least 2 slices")
     return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept
@@ -294,7 +294,7 @@ def label_names(header: Mapping[str, Any]) -> dict[int, str]:
     """Names of labels from Slicer's keys `SegmentN_LabelValue` and `SegmentN_Name`."""
     names: dict[int, str] = {}
     for key in sorted(header, key=lambda key: natural_key(Path(key))):
-        found = re.fullmatch(r"Segment(\d+)_LabelValue", key)
-        if found and re.fullmatch(r"\s*\d{1,18}\s*", str(header[key]), re.ASCII):
-            names[int(header[key])] = str(header.get(f"Segment{found[1]}_Name", f"Segment {found[1]}"))
+        match = re.fullmatch(r"Segment(\d+)_LabelValue", key)
+        if match and re.fullmatch(r"\s*\d{1,18}\s*", str(header[key]), re.ASCII):
+            names[int(header[key])] = str(header.get(f"Segment{match[1]}_Name", f"Segment {match[1]}"))
     return names

@@ -1,4 +1,4 @@
-"""What all readers ask of grey values: do they fit, what scale have they, what do they mean."""
+"""What all readers ask of gray values: do they fit, what scale have they, what do they mean."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..core import Step, Steps, memory
 
-HU, GREY, LABEL = "HU", "grey value", "label"
+HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
-MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit grey values nearly use up their 256
+MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 PLANES = 8  # looked at between two steps
 
@@ -91,17 +91,17 @@ def kind_steps(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu
 
     Labels: the file names them; or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
-    HU: the format holds physical values, and some are as low as air. Else they are grey values.
+    HU: the format holds physical values, and some are as low as air. Else they are gray values.
     """
     whole = values.dtype.kind in "bui"
     if has_label_names or (is_label_name(name) and (whole or (yield from whole_steps(values)))):
         return LABEL
     if not may_be_hu:
-        return GREY
+        return GRAY
     low, high = yield from range_steps(values)
     if whole and low >= 0 and high <= 255:
-        return LABEL if (yield from different_steps(values)) <= MOST_LABELS else GREY
-    return HU if low < AIR_HU else GREY
+        return LABEL if (yield from different_steps(values)) <= MOST_LABELS else GRAY
+    return HU if low < AIR_HU else GRAY
 
 
 def whole_steps(values: NDArray[Any]) -> Steps[bool]:

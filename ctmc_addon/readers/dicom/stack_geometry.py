@@ -118,7 +118,7 @@ def stack_up(
 
 
 def checked_normal(row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normal of the slices, (3,), or a `ReadError` if the directions are no two perpendicular units."""
+    """Unit normal of the slices, (3,), or a `ReadError` if the directions are not two perpendicular units."""
     lengths = [math.sqrt(float((axis * axis).sum())) for axis in (row, column)]
     slant = float((row * column).sum())
     if not all(abs(length - 1) < 0.01 for length in lengths) or not abs(slant) < 0.01:
@@ -198,9 +198,9 @@ def _resampling(
         raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading was asked for")
     gap = max(float(gaps.min()), NARROWEST_GAP * median)
     count = max(2, round(float(along[-1] - along[0]) / gap) + 1)
-    wanted = np.linspace(along[0], along[-1], count)  # first and last stay where they are
-    below = np.clip(np.searchsorted(along, wanted, side="right") - 1, 0, len(along) - 2)
-    weight = np.clip((wanted - along[below]) / gaps[below], 0.0, 1.0)
+    heights = np.linspace(along[0], along[-1], count)  # first and last stay where they are
+    below = np.clip(np.searchsorted(along, heights, side="right") - 1, 0, len(along) - 2)
+    weight = np.clip((heights - along[below]) / gaps[below], 0.0, 1.0)
     below = below + (weight > 1 - 1e-6)
     weight = np.where((weight < 1e-6) | (weight > 1 - 1e-6), 0.0, weight)
     even_gap = float(along[-1] - along[0]) / (count - 1)

@@ -68,11 +68,13 @@ def header_of(path: Path) -> Picture:
     return tiff_picture(path) if suffix(path) in TIFF_SUFFIXES else picture(path)
 
 
-def open_steps(folder: Path, chosen: Path | None = None) -> Steps[VolumeSource]:
-    """The slices of a folder, of the commonest format or of the slice `chosen`; or its one multi-page TIFF."""
-    if chosen is not None and suffix(chosen) not in IMAGE_SUFFIXES:
-        raise ReadError(f"{chosen.name} holds a picture; give it and its neighbors the suffix {format_of(chosen)}")
-    images, notes = one_format(images_in(folder), chosen)
+def open_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
+    """The slices of a folder, of the commonest format or of the slice `own_slice`; or its one multi-page TIFF."""
+    if own_slice is not None and suffix(own_slice) not in IMAGE_SUFFIXES:
+        raise ReadError(
+            f"{own_slice.name} holds a picture; give it and its neighbors the suffix {format_of(own_slice)}"
+        )
+    images, notes = one_format(images_in(folder), own_slice)
     stages = Stages({"Reading headers": 1})
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
     name = folder.absolute().name
@@ -84,8 +86,8 @@ def open_steps(folder: Path, chosen: Path | None = None) -> Steps[VolumeSource]:
         return stack
     check_alike(headers)
     check_numbers(images)
-    if chosen is not None:
-        notes.insert(0, f"{chosen.name} is one slice: its folder was read, {len(headers)} slices")
+    if own_slice is not None:
+        notes.insert(0, f"{own_slice.name} is one slice: its folder was read, {len(headers)} slices")
     return ImageFolder(folder, headers, notes)
 
 
@@ -94,11 +96,11 @@ def format_suffix(path: Path) -> str:
     return SAME_FORMAT.get(suffix(path), suffix(path))
 
 
-def one_format(images: Sequence[Path], chosen: Path | None) -> tuple[list[Path], list[str]]:
-    """The images of the commonest format, or of that of `chosen`; and the note that says what was left out."""
+def one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Path], list[str]]:
+    """The images of the commonest format, or of that of `own_slice`; and the note that says what was left out."""
     counts = Counter(map(format_suffix, images))
     best = max(counts, key=lambda end: (counts[end], -list(FORMATS).index(end)))
-    best = format_suffix(chosen) if chosen is not None else best
+    best = format_suffix(own_slice) if own_slice is not None else best
     kept = [path for path in images if format_suffix(path) == best]
     others = [f"{count} {FORMATS[end]}" for end, count in sorted(counts.items()) if end != best]
     note = f"{' and '.join(others)} beside the {len(kept)} {FORMATS[best]} slices left out"
