@@ -10,7 +10,8 @@ pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.sheet import sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
-from ctmc_addon.cli.experiment.simplify import distances_steps, simplify_levels_steps
+from ctmc_addon.cli.experiment.common import distances_steps
+from ctmc_addon.cli.experiment.simplify import simplify_levels_steps
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
 from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.ui.state.measurements import measurement_steps
@@ -28,8 +29,8 @@ def test_panel_figure_and_experiment_have_one_estimator(tmp_path):
     panel = finish(measurement_steps(simplified.mesh, full.mesh)).distance
     comparison = Comparison(levels=[50.0])
     _, cells = finish(sheet_steps(volume, settings, comparison, tmp_path / "a.png", Page(60.0, 40.0), FigureStyle()))
-    experiment, decimated = finish(simplify_levels_steps(full.mesh, [50.0], 1))
-    finish(distances_steps(full.mesh, [experiment, decimated]))
-    assert panel == expected
-    for measured in (*cells, experiment):
+    built_in, _ = finish(simplify_levels_steps(full.mesh, [50.0], 1))
+    [experiment] = finish(distances_steps([built_in.mesh], full.mesh))
+    assert panel == experiment == expected
+    for measured in cells:
         assert (measured.mean_mm, measured.max_mm) == (expected.mean, expected.largest)

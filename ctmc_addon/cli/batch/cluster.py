@@ -11,7 +11,7 @@ import importlib
 import logging
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 from ...core import CtmcError
@@ -68,7 +68,7 @@ class Cluster:
         """Workers that the scheduler knows now."""
         return len(self.client.nthreads())
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Event | None]:
+    def run(self, tasks: Sequence[Task]) -> Generator[Event | None, None, None]:
         """Do the tasks on the cluster; yields what happens, and None while nothing does."""
         module = run_task.__module__
 

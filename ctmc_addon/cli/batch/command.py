@@ -6,7 +6,8 @@ import argparse
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import SUFFIXES, Outputs, source_of
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect
-from .files import is_same_input, read_record, remove_unfinished, stands_for, unfinished_folder
+from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
 from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, run_here
 from .summary import Row, counts, numbers, row_of, write_summary
@@ -128,12 +129,13 @@ def batch_steps(
     total, over = max(len(tasks), 1), 0
     write_summary(folder, list(rows.values()), not tasks)
     try:
-        for event in events:
-            if event is not None:
-                over += event.status == "ended"
-                take(event, rows, folder)
-                write_summary(folder, list(rows.values()), over == len(tasks))
-            yield Step(over / total, counts(list(rows.values())))
+        with closing(events):
+            for event in events:
+                if event is not None:
+                    over += event.status == "ended"
+                    update_rows(event, rows, folder)
+                    write_summary(folder, list(rows.values()), over == len(tasks))
+                yield Step(over / total, counts(list(rows.values())))
     finally:
         if tasks:
             shutil.rmtree(unfinished_folder(tasks[0]), ignore_errors=True)
@@ -172,14 +174,14 @@ def remaining_steps(
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
         remaining = []
-        same: dict[Path, bool] = {}
+        keys: dict[Path, dict[str, str]] = {}
         for output in task["outputs"]:
             record = read_record(folder, output["name"])
             if record is not None and stands_for(record, task, output):
                 source = source_of(Path(task["input"]), output["settings"].get("label"))
-                if source not in same:
-                    same[source] = is_same_input(record, source, task["verify"])
-                if same[source]:
+                if source not in keys:
+                    keys[source] = key_or_empty(source, task["verify"])
+                if is_same_input(record, keys[source]):
                     rows[output["name"]].take(record)
                     continue
             remaining.append(output)
@@ -194,7 +196,7 @@ def started(
     args: argparse.Namespace,
     cluster: Cluster | None,
     done_before: int,
-) -> Iterator[Event | None]:
+) -> Generator[Event | None, None, None]:
     """Say what is about to be done and how, and begin it."""
     facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
     if cluster is not None:
@@ -204,7 +206,7 @@ def started(
             task["threads"] = task["threads"] or 1
         events = cluster.run(tasks)
     elif not tasks:
-        events = iter(())
+        events = run_here([], 1, [], None)  # nothing to be done, and nothing to be said of how
     else:
         by_name = {case.name: case for case in cases}
         needs = [needed_bytes(by_name[task["case"]]) for task in tasks]
@@ -220,7 +222,7 @@ def started(
     return events
 
 
-def take(event: Event, rows: Mapping[str, Row], folder: Path) -> None:
+def update_rows(event: Event, rows: Mapping[str, Row], folder: Path) -> None:
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]

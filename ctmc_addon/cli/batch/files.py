@@ -150,14 +150,18 @@ def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
     return key
 
 
-def is_same_input(record: Mapping[str, Any], path: Path, verify: bool) -> bool:
-    """Whether the input is the one that a JSON's surface was made from: by its times, or by its content."""
+def key_or_empty(path: Path, verify: bool) -> dict[str, str]:
+    """The key of the input at a path; empty where it cannot be opened."""
     try:
-        key = input_key(open_volume(path), verify)
+        return input_key(open_volume(path), verify)
     except (CtmcError, OSError):
-        return False
-    name = "content_hash" if verify else "fingerprint"
-    return record.get(name) == key[name]
+        return {}
+
+
+def is_same_input(record: Mapping[str, Any], key: Mapping[str, str]) -> bool:
+    """Whether the input is the one that a JSON's surface was made from: by its content if that is known."""
+    name = "content_hash" if "content_hash" in key else "fingerprint"
+    return name in key and record.get(name) == key[name]
 
 
 def without_folders(text: str, task: Mapping[str, Any]) -> str:

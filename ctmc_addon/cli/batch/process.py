@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -145,7 +145,9 @@ def run_task(task: Task) -> None:
         process.stop()
 
 
-def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None) -> Iterator[Event | None]:
+def run_here(
+    tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None
+) -> Generator[Event | None, None, None]:
     """Do the tasks on this machine, some at once; yields what happens, and None while nothing does.
 
     Parameters

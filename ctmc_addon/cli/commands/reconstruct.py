@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import LabelError, Reconstruction, Stage, Stages, Step, Steps, Volume, reconstruct_steps
+from ...core import (
+    LabelError,
+    Reconstruction,
+    ReconstructionSettings,
+    Stage,
+    Stages,
+    Step,
+    Steps,
+    Volume,
+    equal_part,
+    reconstruct_steps,
+)
 from ...reporting import mesh_files
 from ...reporting.atomic_write import require_writable, whole_files, write_json
 from ..arguments import add_input, add_settings, add_threads, command_of, reading_of, settings_from
@@ -86,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
         require_blender(purpose)
     stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", volume_steps(args.input, reading_of(args), settings.label)))
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, settings, args.threads)))
         result = replace(result, stages=(Stage("Reading", stages.seconds["Reading"]), *result.stages))
         result = progress.finish(stages.run("Writing", written_steps(result, outputs)))
@@ -99,6 +110,11 @@ def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     source = yield from stages.run("Reading headers", readers.open_volume_steps(source_of(path, label)))
     return (yield from stages.run("Reading values", values_steps(source, path, reading, label)))
+
+
+def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
+    """Read INPUT as the flags say."""
+    return (yield from volume_steps(args.input, reading_of(args), settings.label))
 
 
 def values_steps(
@@ -115,6 +131,16 @@ def values_steps(
         note = f"{path.name} holds gray values: label {label} is taken from {source.path.name} beside it"
         volume = replace(volume, notes=(note, *volume.notes))
     return volume
+
+
+def surfaces_steps(
+    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
+) -> Steps[list[Reconstruction]]:
+    """A surface for each of the settings."""
+    results = []
+    for at, settings in enumerate(variants):
+        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
+    return results
 
 
 def source_of(path: Path, label: int | None) -> Path:

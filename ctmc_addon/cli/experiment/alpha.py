@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +20,14 @@ from ...core import (
     reconstruct_steps,
     simplify_steps,
 )
-from ...core.mesh import ReferenceSurface, roughness, surface_distance_steps, triangle_shapes
+from ...core.mesh import roughness, triangle_shapes
 from ..arguments import UsageError, flags_checked, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
+from ..commands.reconstruct import input_steps
 from ..terminal import Progress
-from .common import facts_of, input_steps, measuring_fact, require_builtin
-from .plot import Panel, write_plot
-from .table import Column, Row, Table, number, plain, unique
+from .common import distances_steps, facts_of, measuring_fact, require_builtin
+from .plot import Panel, panel_of, write_plot
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
@@ -34,16 +35,6 @@ DESCRIPTION = (
     "Place the vertices of one surface by several alphas, and measure how smooth it is and how far it moves. "
     "Needs --threshold, or --label with --soften: on a bare label alpha does nothing."
 )
-
-
-@dataclass
-class Measured:
-    """The surface at one alpha."""
-
-    alpha: float
-    mesh: TriangleMesh
-    mean_mm: float
-    max_mm: float
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -69,10 +60,10 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
         result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
-        measured = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
-        shown = measured if args.pictures else []
-        pictures = progress.finish(stages.run("Rendering", pictures_steps(result, shown, folder)))
-    rows = rows_of(measured)
+        meshes, rows = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
+        pictures = []
+        if args.pictures:
+            pictures = progress.finish(stages.run("Rendering", pictures_steps(result, variants, meshes, folder)))
     write_plot(folder / "plot.png", panels(rows))
     facts = [
         *facts_of(volume, settings, result.threshold, result.notes),
@@ -94,80 +85,79 @@ def require_alpha(settings: ReconstructionSettings) -> None:
         )
 
 
-def alpha_steps(result: Reconstruction, variants: Sequence[ReconstructionSettings]) -> Steps[list[Measured]]:
-    """Measure the surface of `result` at the alpha of each of the settings, simplified as they say."""
+def alpha_steps(
+    result: Reconstruction, variants: Sequence[ReconstructionSettings]
+) -> Steps[tuple[list[TriangleMesh], list[Row]]]:
+    """The surface of `result` at the alpha of each of the settings, simplified as they say, and its measures."""
     surface = result.surface
     assert surface is not None  # nothing has been simplified yet
-    reference = ReferenceSurface(surface.at(1.0))
-    measured = []
+    stages = Stages({"Simplifying": 1, "Measuring": 1})
+    meshes = []
     for at, settings in enumerate(variants):
-        stages = Stages({"Simplifying": 1, f"Measuring alpha {settings.alpha:g}": 1})
         mesh = surface.at(settings.alpha)
         if settings.simplifies:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            steps = stages.run("Simplifying", simplify_steps(mesh, *goals))
-            mesh = yield from equal_part(steps, at, len(variants))
-        measuring = stages.run(f"Measuring alpha {settings.alpha:g}", surface_distance_steps(mesh, reference))
-        distance = yield from equal_part(measuring, at, len(variants))
-        measured.append(Measured(settings.alpha, mesh, distance.mean, distance.largest))
-    return measured
+            steps = equal_part(simplify_steps(mesh, *goals), at, len(variants))
+            mesh = yield from stages.run("Simplifying", steps)
+        meshes.append(mesh)
+    distances = yield from stages.run("Measuring", distances_steps(meshes, surface.at(1.0)))
+    rows = []
+    for settings, mesh, distance in zip(variants, meshes, distances, strict=True):
+        shapes = triangle_shapes(mesh)
+        rows.append(
+            {
+                "alpha": plain(settings.alpha),
+                "roughness_deg": roughness(mesh),
+                "shape_mean": float(shapes.mean()),
+                "shape_worst": float(np.percentile(shapes, 1)),
+                "faces": len(mesh.faces),
+                "volume_mm3": mesh.enclosed_volume,
+                "area_mm2": mesh.area,
+                "mean_mm": distance.mean,
+                "max_mm": distance.largest,
+            }
+        )
+    return meshes, rows
 
 
-def pictures_steps(result: Reconstruction, measured: Sequence[Measured], folder: Path) -> Steps[list[tuple[str, str]]]:
+def pictures_steps(
+    result: Reconstruction,
+    variants: Sequence[ReconstructionSettings],
+    meshes: Sequence[TriangleMesh],
+    folder: Path,
+) -> Steps[list[tuple[str, str]]]:
     """Render every alpha in the paper's colors; returns the pictures' names and captions."""
     from ...blender.figure.render import render_figure
 
     pictures = []
-    for at, item in enumerate(measured):
-        yield Step(at / len(measured), f"Rendering alpha {item.alpha:g}")
-        name = f"alpha-{item.alpha:g}.png"
-        with objects_of([replace(result, mesh=item.mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
-            render_figure(obj, scene, folder / name)
-        pictures.append((name, f"alpha {item.alpha:g}"))
+    for at, (settings, mesh) in enumerate(zip(variants, meshes, strict=True)):
+        caption = f"alpha {settings.alpha:g}"
+        yield Step(at / len(meshes), f"Rendering {caption}")
+        pictures.append((f"{caption.replace(' ', '-')}.png", caption))
+        with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
+            render_figure(obj, scene, folder / pictures[-1][0])
     return pictures
-
-
-def rows_of(measured: Sequence[Measured]) -> list[Row]:
-    """What table.json says of every alpha."""
-    rows = []
-    for item in measured:
-        shapes = triangle_shapes(item.mesh)
-        rows.append(
-            {
-                "alpha": plain(item.alpha),
-                "roughness_deg": roughness(item.mesh),
-                "shape_mean": float(shapes.mean()),
-                "shape_worst": float(np.percentile(shapes, 1)),
-                "faces": len(item.mesh.faces),
-                "volume_mm3": item.mesh.enclosed_volume,
-                "area_mm2": item.mesh.area,
-                "mean_mm": item.mean_mm,
-                "max_mm": item.max_mm,
-            }
-        )
-    return rows
 
 
 COLUMNS = (
     Column("alpha", lambda row: f"{row['alpha']:g}"),
-    Column("roughness, deg", lambda row: number(row["roughness_deg"], 2)),
-    Column("shape", lambda row: number(row["shape_mean"], 3)),
-    Column("worst shape", lambda row: number(row["shape_worst"], 3)),
-    Column("triangles", lambda row: str(row["faces"])),
-    Column("volume, ml", lambda row: number(None if row["volume_mm3"] is None else row["volume_mm3"] / 1000, 3)),
-    Column("area, cm2", lambda row: number(row["area_mm2"] / 100, 2)),
-    Column("mean, mm", lambda row: number(row["mean_mm"], 4)),
-    Column("max, mm", lambda row: number(row["max_mm"], 3)),
+    figures("roughness, deg", "roughness_deg", 2),
+    figures("shape", "shape_mean", 3),
+    figures("worst shape", "shape_worst", 3),
+    TRIANGLES,
+    VOLUME_ML,
+    figures("area, cm2", "area_mm2", 2, 100),
+    MEAN_MM,
+    MAX_MM,
 )
 
 
 def panels(rows: Sequence[Row]) -> list[Panel]:
     """Roughness, shape and distance over alpha."""
     labels = [f"{row['alpha']:g}" for row in rows]
-    shapes = {"mean": [row["shape_mean"] for row in rows], "1st percentile": [row["shape_worst"] for row in rows]}
-    distances = {"mean": [row["mean_mm"] for row in rows], "maximum": [row["max_mm"] for row in rows]}
+    shapes = {"mean": "shape_mean", "1st percentile": "shape_worst"}
     return [
-        Panel("Roughness, degrees", "alpha", labels, {"roughness": [row["roughness_deg"] for row in rows]}),
-        Panel("Triangle shape (1 = equilateral)", "alpha", labels, shapes),
-        Panel("Distance to alpha 1, mm", "alpha", labels, distances),
+        panel_of("Roughness, degrees", "alpha", labels, rows, roughness="roughness_deg"),
+        panel_of("Triangle shape (1 = equilateral)", "alpha", labels, rows, **shapes),
+        panel_of("Distance to alpha 1, mm", "alpha", labels, rows, mean="mean_mm", maximum="max_mm"),
     ]

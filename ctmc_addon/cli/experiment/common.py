@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from ...core import ReconstructionSettings, Steps, Volume
-from ...core.mesh import SAMPLES, SEED
-from ..arguments import UsageError, add_input, add_settings, add_threads, command_of, reading_of
-from ..commands.reconstruct import volume_steps
+from ...core import ReconstructionSettings, Steps, TriangleMesh, Volume, equal_part
+from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ..arguments import UsageError, add_input, add_settings, add_threads, command_of
 from ..terminal import dimensions
 from .table import plain, unique
 
@@ -44,11 +43,6 @@ def level(word: str) -> float | int:
     return plain(percent)
 
 
-def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
-    """Read INPUT."""
-    return (yield from volume_steps(args.input, reading_of(args), settings.label))
-
-
 def require_builtin(settings: ReconstructionSettings) -> None:
     """Raise `UsageError` for a simplifier that works in Blender, after the stages that an experiment measures."""
     if settings.simplifies and settings.simplifier == "decimate":
@@ -77,3 +71,12 @@ def measuring_fact() -> tuple[str, str]:
         f"exact from point to surface, both ways: {SAMPLES} points on each surface, even by area, seed {SEED}; "
         "the maximum also at all vertices",
     )
+
+
+def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> Steps[list[SurfaceDistance]]:
+    """Measure every surface against the reference."""
+    surface = ReferenceSurface(reference)
+    distances = []
+    for at, mesh in enumerate(meshes):
+        distances.append((yield from equal_part(surface_distance_steps(mesh, surface), at, len(meshes))))
+    return distances

@@ -41,6 +41,11 @@ class Panel:
     series: Mapping[str, Sequence[float | None]]
 
 
+def panel_of(title: str, across: str, labels: Sequence[str], rows: Sequence[Mapping[str, Any]], **series: str) -> Panel:
+    """A chart of a table's rows; `series` are names in the legend and the keys of their values."""
+    return Panel(title, across, labels, {name: [row[key] for row in rows] for name, key in series.items()})
+
+
 def write_plot(path: Path, panels: Sequence[Panel]) -> None:
     """Draw the panels side by side and write them to a PNG, whole or not at all."""
     from PIL import Image, ImageDraw

@@ -12,10 +12,11 @@ from typing import Any
 from ...core import CtmcError, Stages, TriangleMesh, described, reconstruct_steps
 from ..arguments import UsageError, at_least, flag_of, given_settings, settings_from
 from ..blender_host import blender_at_work, quiet_steps, require_blender
+from ..commands.reconstruct import input_steps
 from ..terminal import Progress, dimensions
-from .common import add_levels, facts_of, input_steps, require_builtin
-from .plot import Panel, write_plot
-from .table import Column, Row, Table, number, plain, unique
+from .common import add_levels, facts_of, require_builtin
+from .plot import Panel, panel_of, write_plot
+from .table import TRIANGLES, Column, Row, Table, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 2, "Rotating": 6}
 ENGINES = {"workbench": "BLENDER_WORKBENCH", "cycles": "CYCLES"}
@@ -132,25 +133,24 @@ def surface_of(
     return result.mesh, facts_of(volume, full, result.threshold, result.notes)
 
 
-def rows_of(turned: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
-    """What table.json says of every level; `turned` are those of blender/rotation/timing.py."""
-    first = statistics.fmean(turned[0].rounds)
-    drawn_first = statistics.fmean(turned[0].draw_rounds) if turned[0].draw_rounds else None
-    rows = []
-    for item in turned:
-        average = statistics.fmean(item.rounds)
-        drawn = statistics.fmean(item.draw_rounds) if item.draw_rounds else None
+def rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
+    """What table.json says of every level; `levels` are the `LevelTimes` of blender/rotation."""
+    rows: list[Row] = []
+    for level in levels:
+        average = statistics.fmean(level.rounds)
+        drawn = statistics.fmean(level.draw_rounds) if level.draw_rounds else None
+        first: Row = rows[0] if rows else {"average": average, "draw_average": drawn}
         rows.append(
             {
-                "level_percent": plain(item.percent),
-                "rounds": list(item.rounds),
+                "level_percent": plain(level.percent),
+                "rounds": list(level.rounds),
                 "average": average,
-                "saved_percent": 100.0 * (1.0 - average / first),
-                "faces": item.faces,
+                "saved_percent": 100.0 * (1.0 - average / first["average"]),
+                "faces": level.faces,
                 "engine": engine,
-                "draw_rounds": list(item.draw_rounds),
+                "draw_rounds": list(level.draw_rounds),
                 "draw_average": drawn,
-                "draw_saved_percent": None if drawn is None or not drawn_first else 100.0 * (1.0 - drawn / drawn_first),
+                "draw_saved_percent": 100.0 * (1.0 - drawn / first["draw_average"]) if drawn else None,
                 "resolution": list(size),
                 "frames": frames,
             }
@@ -162,31 +162,24 @@ def columns(rounds: int) -> list[Column]:
     """The paper's table 2, triangles and drawing alone beside it."""
 
     def round_column(at: int) -> Column:
-        title = f"{TIMES[at] if at < len(TIMES) else at + 1}, s"
-        return Column(title, lambda row: number(row["rounds"][at], 4))
+        return Column(f"{TIMES[at] if at < len(TIMES) else at + 1}, s", lambda row: f"{row['rounds'][at]:.4f}")
 
     return [
         Column("simplification", lambda row: f"{row['level_percent']:g} %" if row["level_percent"] else "none"),
-        Column("triangles", lambda row: str(row["faces"])),
+        TRIANGLES,
         *(round_column(at) for at in range(rounds)),
-        Column("average, s", lambda row: number(row["average"], 4)),
-        Column("saved, %", lambda row: number(row["saved_percent"], 1)),
-        Column("drawing, s", lambda row: number(row["draw_average"], 4)),
-        Column("saved, %", lambda row: number(row["draw_saved_percent"], 1)),
+        figures("average, s", "average", 4),
+        figures("saved, %", "saved_percent", 1),
+        figures("drawing, s", "draw_average", 4),
+        figures("saved, %", "draw_saved_percent", 1),
     ]
 
 
 def panels(rows: Sequence[Row], turn: str) -> list[Panel]:
     """The time of a turn, as whole frames and as drawing alone."""
     labels = [f"{row['level_percent']:g} %" for row in rows]
+    keys = {"whole frames": "average"} | ({"drawing alone": "draw_average"} if rows[0]["draw_rounds"] else {})
     across = "share of the triangles removed"
-    charts = [
-        Panel(f"{turn.capitalize()}, whole frames, s", across, labels, {"seconds": [row["average"] for row in rows]})
+    return [
+        panel_of(f"{turn.capitalize()}, {what}, s", across, labels, rows, seconds=key) for what, key in keys.items()
     ]
-    if rows[0]["draw_average"] is not None:
-        charts.append(
-            Panel(
-                f"{turn.capitalize()}, drawing alone, s", across, labels, {"s": [row["draw_average"] for row in rows]}
-            )
-        )
-    return charts

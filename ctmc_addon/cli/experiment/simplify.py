@@ -10,14 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ...core import Stages, Step, Steps, TriangleMesh, equal_part, reconstruct_steps, simplify
-from ...core.mesh import ReferenceSurface, surface_distance_steps
+from ...core import Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
+from ...core.mesh import SurfaceDistance
 from ..arguments import at_least, settings_from
 from ..blender_host import blender_at_work, require_blender
+from ..commands.reconstruct import input_steps
 from ..terminal import Progress
-from .common import add_levels, facts_of, input_steps, measuring_fact, require_builtin
+from .common import add_levels, distances_steps, facts_of, measuring_fact, require_builtin
 from .plot import Panel, write_plot
-from .table import Column, Row, Table, number, runs_text, unique
+from .table import LEVEL, MAX_MM, MEAN_MM, TRIANGLES, Column, Row, Table, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 6, "Measuring": 2}
 BUILTIN, DECIMATE = "built-in", "Decimate"
@@ -36,8 +37,6 @@ class Measured:
     simplifier: str
     mesh: TriangleMesh
     runs: list[float] = field(default_factory=list)
-    mean_mm: float = 0.0
-    max_mm: float = 0.0
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -56,10 +55,10 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
-        steps = simplify_levels_steps(result.mesh, unique(args.levels), args.repeats)
-        measured = progress.finish(stages.run("Simplifying", steps))
-        progress.finish(stages.run("Measuring", distances_steps(result.mesh, measured)))
-    rows = rows_of(measured)
+        simplifying = simplify_levels_steps(result.mesh, unique(args.levels), args.repeats)
+        measured = progress.finish(stages.run("Simplifying", simplifying))
+        steps = distances_steps([item.mesh for item in measured], result.mesh)
+        rows = rows_of(measured, progress.finish(stages.run("Measuring", steps)))
     write_plot(folder / "plot.png", panels(rows))
     facts = [
         *facts_of(volume, full, result.threshold, result.notes),
@@ -86,14 +85,6 @@ def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: 
     return [item for pair in pairs for item in pair]
 
 
-def distances_steps(mesh: TriangleMesh, measured: Sequence[Measured]) -> Steps[None]:
-    """Measure every simplified surface against `mesh`."""
-    reference = ReferenceSurface(mesh)
-    for at, item in enumerate(measured):
-        distance = yield from equal_part(surface_distance_steps(item.mesh, reference), at, len(measured))
-        item.mean_mm, item.max_mm = distance.mean, distance.largest
-
-
 def run_builtin(mesh: TriangleMesh, item: Measured) -> None:
     """One run of the built-in simplifier."""
     gc.collect()
@@ -112,7 +103,7 @@ def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
     item.runs.append(seconds)
 
 
-def rows_of(measured: Sequence[Measured]) -> list[Row]:
+def rows_of(measured: Sequence[Measured], distances: Sequence[SurfaceDistance]) -> list[Row]:
     """What table.json says of every simplifier at every level."""
     return [
         {
@@ -120,37 +111,38 @@ def rows_of(measured: Sequence[Measured]) -> list[Row]:
             "simplifier": item.simplifier,
             "faces": len(item.mesh.faces),
             "seconds": statistics.median(item.runs),
-            "mean_mm": item.mean_mm,
-            "max_mm": item.max_mm,
+            "mean_mm": distance.mean,
+            "max_mm": distance.largest,
             "closed": item.mesh.closed,
             "volume_mm3": item.mesh.enclosed_volume,
             "runs": item.runs,
         }
-        for item in measured
+        for item, distance in zip(measured, distances, strict=True)
     ]
 
 
 COLUMNS = (
-    Column("level", lambda row: f"{row['level_percent']:g} %"),
+    LEVEL,
     Column("simplifier", lambda row: str(row["simplifier"])),
-    Column("triangles", lambda row: str(row["faces"])),
-    Column("seconds", lambda row: number(row["seconds"], 3)),
-    Column("mean, mm", lambda row: number(row["mean_mm"], 4)),
-    Column("max, mm", lambda row: number(row["max_mm"], 3)),
+    TRIANGLES,
+    figures("seconds", "seconds", 3),
+    MEAN_MM,
+    MAX_MM,
     Column("closed", lambda row: "yes" if row["closed"] else "no"),
 )
 
 
 def panels(rows: Sequence[Row]) -> list[Panel]:
     """Time and error of both simplifiers over the level."""
-    labels = [f"{row['level_percent']:g} %" for row in rows if row["simplifier"] == BUILTIN]
-
-    def both(key: str) -> dict[str, list[float | None]]:
-        return {name: [row[key] for row in rows if row["simplifier"] == name] for name in (BUILTIN, DECIMATE)}
-
-    across = "share of the triangles removed"
+    by_name = {name: [row for row in rows if row["simplifier"] == name] for name in (BUILTIN, DECIMATE)}
+    labels = [f"{row['level_percent']:g} %" for row in by_name[BUILTIN]]
+    titles = {"Time, s": "seconds", "Mean distance, mm": "mean_mm", "Maximum distance, mm": "max_mm"}
     return [
-        Panel("Time, s", across, labels, both("seconds")),
-        Panel("Mean distance, mm", across, labels, both("mean_mm")),
-        Panel("Maximum distance, mm", across, labels, both("max_mm")),
+        Panel(
+            title,
+            "share of the triangles removed",
+            labels,
+            {name: [row[key] for row in part] for name, part in by_name.items()},
+        )
+        for title, key in titles.items()
     ]

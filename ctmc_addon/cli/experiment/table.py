@@ -23,6 +23,17 @@ class Column:
     show: Callable[[Row], str]
 
 
+def figures(title: str, key: str, places: int, unit: float = 1.0) -> Column:
+    """A column of numbers with so many places, in this unit; '-' for none."""
+    return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{places}f}")
+
+
+LEVEL = Column("level", lambda row: f"{row['level_percent']:g} %")
+TRIANGLES = figures("triangles", "faces", 0)
+VOLUME_ML = figures("volume, ml", "volume_mm3", 3, 1000)
+MEAN_MM, MAX_MM = figures("mean, mm", "mean_mm", 4), figures("max, mm", "max_mm", 3)
+
+
 @dataclass(frozen=True)
 class Table:
     """An experiment's result.
@@ -130,11 +141,6 @@ def runs_text(repeats: int) -> str:
     ('median of 5 runs of each, in turn', 'one run of each')
     """
     return "one run of each" if repeats == 1 else f"median of {repeats} runs of each, in turn"
-
-
-def number(value: float | None, places: int) -> str:
-    """A number with so many places; '-' for none."""
-    return "-" if value is None else f"{value:.{places}f}"
 
 
 def plain(value: float) -> float | int:

@@ -6,7 +6,7 @@ import argparse
 import gc
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from ...core import (
@@ -17,20 +17,19 @@ from ...core import (
     Step,
     Steps,
     Volume,
-    equal_part,
     finish,
     reconstruct_steps,
 )
-from ...core.mesh import ReferenceSurface, surface_distance_steps
+from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked, settings_from
+from ..commands.reconstruct import input_steps, surfaces_steps
 from ..terminal import Progress, dimensions
-from .common import facts_of, input_steps, measuring_fact, require_builtin
-from .plot import Panel, write_plot
-from .table import Column, Row, Table, number, runs_text, unique
+from .common import distances_steps, facts_of, measuring_fact, require_builtin
+from .plot import Panel, panel_of, write_plot
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 2, "Timing": 6, "Measuring": 1}
-Sides = tuple[int, int, int]
 # What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
 PREPARING = "Preparing values"
 # A single short reconstruction says more of what else the machine is doing than of itself.
@@ -39,18 +38,6 @@ HELP = "table 1: larger voxels"
 DESCRIPTION = (
     "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
 )
-
-
-@dataclass
-class Measured:
-    """One voxel side: its surface, and the seconds of every run, and of the preparation before it."""
-
-    sides: Sides
-    result: Reconstruction
-    runs: list[float] = field(default_factory=list)
-    preparing: list[float] = field(default_factory=list)
-    mean_mm: float = 0.0
-    max_mm: float = 0.0
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -90,12 +77,14 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        measured = progress.finish(stages.run("Reconstructing", surfaces_steps(volume, variants, args.threads)))
-        progress.finish(stages.run("Timing", timed_runs_steps(volume, measured, args.repeats, args.threads)))
-        progress.finish(stages.run("Measuring", distances_steps(measured)))
-    rows = rows_of(measured, volume)
+        results = progress.finish(stages.run("Reconstructing", surfaces_steps(volume, variants, args.threads)))
+        timing = timed_runs_steps(volume, variants, args.repeats, args.threads)
+        runs = progress.finish(stages.run("Timing", timing))
+        meshes = [result.mesh for result in results]
+        distances = progress.finish(stages.run("Measuring", distances_steps(meshes[1:], meshes[0])))
+    rows = rows_of(results, runs, distances)
     write_plot(folder / "plot.png", panels(rows))
-    result = measured[0].result
+    result = results[0]
     timed = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
     facts = [
         *facts_of(volume, variants[0], result.threshold, result.notes),
@@ -109,35 +98,18 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
 
 
-def surfaces_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
-) -> Steps[list[Measured]]:
-    """Reconstruct with each of the settings; these runs are not timed."""
-    measured = []
-    for at, settings in enumerate(variants):
-        result = yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))
-        measured.append(Measured(settings.stride, result))
-    return measured
-
-
-def timed_runs_steps(volume: Volume, measured: Sequence[Measured], repeats: int, threads: int | None) -> Steps[None]:
-    """Time the reconstruction with each of the settings, `repeats` times in turn."""
+def timed_runs_steps(
+    volume: Volume, variants: Sequence[ReconstructionSettings], repeats: int, threads: int | None
+) -> Steps[list[list[tuple[float, float]]]]:
+    """What `timed_run` says of each of the settings, `repeats` times in turn."""
+    runs: list[list[tuple[float, float]]] = [[] for _ in variants]
     for turn in range(repeats):
-        for at, item in enumerate(measured):
-            done = (turn * len(measured) + at) / (repeats * len(measured))
-            yield Step(done, f"Timing voxel sides {dimensions(item.sides[:2])}, run {turn + 1} of {repeats}")
+        for at, settings in enumerate(variants):
+            done = (turn * len(variants) + at) / (repeats * len(variants))
+            yield Step(done, f"Timing voxel sides {dimensions(settings.stride[:2])}, run {turn + 1} of {repeats}")
             gc.collect()
-            preparing, seconds = timed_run(volume, item.result.settings, threads)
-            item.preparing.append(preparing)
-            item.runs.append(seconds)
-
-
-def distances_steps(measured: Sequence[Measured]) -> Steps[None]:
-    """Measure every surface against the first."""
-    reference = ReferenceSurface(measured[0].result.mesh)
-    for at, item in enumerate(measured[1:]):
-        distance = yield from equal_part(surface_distance_steps(item.result.mesh, reference), at, len(measured) - 1)
-        item.mean_mm, item.max_mm = distance.mean, distance.largest
+            runs[at].append(timed_run(volume, settings, threads))
+    return runs
 
 
 def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
@@ -151,52 +123,51 @@ def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | N
     return statistics.median(preparing), statistics.median(seconds)
 
 
-def rows_of(measured: Sequence[Measured], volume: Volume) -> list[Row]:
-    """What table.json says of every voxel side."""
-    first = statistics.median(measured[0].runs)
-    true = measured[0].result.mesh.enclosed_volume
-    rows = []
-    for item in measured:
-        x, y, z = item.sides
-        seconds = statistics.median(item.runs)
-        volume_mm3 = item.result.mesh.enclosed_volume
+def rows_of(
+    results: Sequence[Reconstruction],
+    runs: Sequence[Sequence[tuple[float, float]]],
+    distances: Sequence[SurfaceDistance],
+) -> list[Row]:
+    """What table.json says of every voxel side; distances are those of all but the first."""
+    reference = results[0].mesh.enclosed_volume
+    rows: list[Row] = []
+    for result, pairs, distance in zip(results, runs, (None, *distances), strict=True):
+        x, y, z = result.settings.stride
+        preparing, seconds = ([run[at] for run in pairs] for at in (0, 1))
+        median = statistics.median(seconds)
+        volume = result.mesh.enclosed_volume
         rows.append(
             {
                 "stride": x if x == y else f"{x}x{y}",
-                "seconds": seconds,
-                "improved_percent": 100.0 * (1.0 - seconds / first),
-                "voxels": item.result.voxels_visited,
-                "faces": len(item.result.mesh.faces),
-                "volume_mm3": volume_mm3,
-                "volume_error_percent": (None if volume_mm3 is None or not true else 100.0 * (volume_mm3 / true - 1.0)),
-                "mean_mm": item.mean_mm,
-                "max_mm": item.max_mm,
-                "prepare_seconds": statistics.median(item.preparing),
-                "runs": item.runs,
+                "seconds": median,
+                "improved_percent": 100.0 * (1.0 - median / (rows[0]["seconds"] if rows else median)),
+                "voxels": result.voxels_visited,
+                "faces": len(result.mesh.faces),
+                "volume_mm3": volume,
+                "volume_error_percent": None if volume is None or not reference else 100.0 * (volume / reference - 1.0),
+                "mean_mm": distance.mean if distance else 0.0,
+                "max_mm": distance.largest if distance else 0.0,
+                "prepare_seconds": statistics.median(preparing),
+                "runs": seconds,
                 "sides_px": [x, y, z],
-                "sides_mm": [side * gap for side, gap in zip(item.sides, volume.spacing, strict=True)],
+                "sides_mm": [side * gap for side, gap in zip((x, y, z), result.spacing_mm, strict=True)],
             }
         )
     return rows
 
 
-def sides_px(row: Row) -> str:
-    """'2 x 2 px'."""
-    return f"{dimensions(row['sides_px'][:2])} px"
-
-
 COLUMNS = (
-    Column("voxel sides", sides_px),
+    Column("voxel sides", lambda row: f"{dimensions(row['sides_px'][:2])} px"),
     Column("mm", lambda row: dimensions([round(side, 2) for side in row["sides_mm"][:2]])),
-    Column("seconds", lambda row: number(row["seconds"], 4)),
-    Column("improved, %", lambda row: number(row["improved_percent"], 1)),
-    Column("preparing, s", lambda row: number(row["prepare_seconds"], 4)),
-    Column("voxels", lambda row: str(row["voxels"])),
-    Column("triangles", lambda row: str(row["faces"])),
-    Column("volume, ml", lambda row: number(None if row["volume_mm3"] is None else row["volume_mm3"] / 1000, 3)),
-    Column("volume error, %", lambda row: number(row["volume_error_percent"], 2)),
-    Column("mean, mm", lambda row: number(row["mean_mm"], 4)),
-    Column("max, mm", lambda row: number(row["max_mm"], 3)),
+    figures("seconds", "seconds", 4),
+    figures("improved, %", "improved_percent", 1),
+    figures("preparing, s", "prepare_seconds", 4),
+    figures("voxels", "voxels", 0),
+    TRIANGLES,
+    VOLUME_ML,
+    figures("volume error, %", "volume_error_percent", 2),
+    MEAN_MM,
+    MAX_MM,
 )
 
 
@@ -204,8 +175,7 @@ def panels(rows: Sequence[Row]) -> list[Panel]:
     """Time and error over the voxel side."""
     labels = [dimensions(row["sides_px"][:2]) for row in rows]
     across = "voxel sides in x and y, px"
-    distances = {"mean": [row["mean_mm"] for row in rows], "maximum": [row["max_mm"] for row in rows]}
     return [
-        Panel("Reconstruction time, s", across, labels, {"seconds": [row["seconds"] for row in rows]}),
-        Panel("Distance to voxels of 1 x 1, mm", across, labels, distances),
+        panel_of("Reconstruction time, s", across, labels, rows, seconds="seconds"),
+        panel_of("Distance to voxels of 1 x 1, mm", across, labels, rows, mean="mean_mm", maximum="max_mm"),
     ]

@@ -11,6 +11,7 @@ from ...blender.figure.spec import Cell
 from ...core import Stages
 from ..arguments import Parser
 from ..blender_host import objects_of, quiet_steps, require_blender
+from ..commands.reconstruct import input_steps, surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable
 
@@ -54,8 +55,8 @@ def run(args: argparse.Namespace) -> None:
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", common.input_steps(args, variants[0])))
-        steps = common.surfaces_steps(volume, variants, args.threads)
+        volume = progress.finish(stages.run("Reading", input_steps(args, variants[0])))
+        steps = surfaces_steps(volume, variants, args.threads)
         results = progress.finish(stages.run("Reconstructing", steps))
         if args.deviation:
             figure = deviation_figure_steps(volume, results[0], target, page, style, blend, args.limit_mm)

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...blender.colors import color_of
 from ...blender.figure.spec import ENGINES, OPACITIES, STYLES, FigureStyle, Page, ShownSurface, require_within
-from ...core import OutputError, Reconstruction, ReconstructionSettings, Steps, Volume, equal_part, reconstruct_steps
+from ...core import OutputError, Reconstruction, ReconstructionSettings
 from ...reporting.atomic_write import own_folder
 from ...reporting.captions import figure_caption
 from ..arguments import (
@@ -20,9 +20,7 @@ from ..arguments import (
     flags_checked,
     given_settings,
     overridden,
-    reading_of,
 )
-from ..commands.reconstruct import volume_steps
 from ..terminal import dimensions, listing, titled
 
 
@@ -106,21 +104,6 @@ def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argp
             run(args)
 
     return run_there
-
-
-def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
-    """Read INPUT."""
-    return (yield from volume_steps(args.input, reading_of(args), settings.label))
-
-
-def surfaces_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
-) -> Steps[list[Reconstruction]]:
-    """A surface for each of the settings."""
-    results = []
-    for at, settings in enumerate(variants):
-        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
-    return results
 
 
 def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:

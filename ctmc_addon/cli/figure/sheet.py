@@ -10,6 +10,7 @@ from ...blender.figure.spec import Comparison
 from ...core import Stages
 from ..arguments import at_least, flags_checked
 from ..blender_host import quiet_steps, require_blender
+from ..commands.reconstruct import input_steps
 from ..experiment.voxels import sides_of
 from ..terminal import Progress, table
 from . import common
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", common.input_steps(args, settings)))
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         sheet = sheet_steps(
             volume, settings, comparison, target, page, style, blend, args.deviation, args.limit_mm, args.threads
         )

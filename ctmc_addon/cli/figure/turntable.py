@@ -9,6 +9,7 @@ from ...blender.figure.spec import Cell, Turn
 from ...core import Stages
 from ..arguments import flags_checked
 from ..blender_host import objects_of, quiet_steps, require_blender
+from ..commands.reconstruct import input_steps, surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common
 
@@ -56,8 +57,8 @@ def run(args: argparse.Namespace) -> None:
     blend = common.blend_of(args, target if is_video(target) else target.with_name(target.name + ".blend"))
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
-        volume = progress.finish(stages.run("Reading", common.input_steps(args, variants[0])))
-        steps = common.surfaces_steps(volume, variants, args.threads)
+        volume = progress.finish(stages.run("Reading", input_steps(args, variants[0])))
+        steps = surfaces_steps(volume, variants, args.threads)
         results = progress.finish(stages.run("Reconstructing", steps))
         with objects_of(results) as (scene, objects, shown):
             cell = Cell(common.shown_of(args, objects, shown))

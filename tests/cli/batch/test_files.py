@@ -8,6 +8,7 @@ from ctmc_addon.cli.batch.files import (
     failed_record,
     input_key,
     is_same_input,
+    key_or_empty,
     put_output,
     read_record,
     stands_for,
@@ -44,15 +45,15 @@ def test_an_input_is_known_by_name_size_and_time_or_by_its_content(tmp_path):
     first = key_of(file)
     assert key_of(file, verify=False) == {"fingerprint": first["fingerprint"]}
     os.utime(file, ns=(1, 2))
-    assert not is_same_input(first, file, verify=False)
-    assert is_same_input(first, file, verify=True)
+    assert not is_same_input(first, key_or_empty(file, False))
+    assert is_same_input(first, key_or_empty(file, True))
     values[1, 15, 0] = 1
     np.save(file, values)
     os.utime(file, ns=(1, 1))
-    assert is_same_input(first, file, verify=False)
-    assert not is_same_input(first, file, verify=True)
+    assert is_same_input(first, key_or_empty(file, False))
+    assert not is_same_input(first, key_or_empty(file, True))
     file.unlink()
-    assert not is_same_input(first, file, verify=False)
+    assert not is_same_input(first, key_or_empty(file, False))
 
 
 def test_the_key_of_slices_knows_their_order(tmp_path):
