@@ -11,11 +11,11 @@ import importlib
 import logging
 import re
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...core import CtmcError
-from .process import PACKAGE, Event, Task, run_task, settle
+from .process import PACKAGE, Event, Events, Task, run_task, settle
 
 PATIENCE = 10.0  # seconds in which a scheduler has to answer
 TICK = 0.2  # seconds between two looks at the futures
@@ -68,8 +68,8 @@ class Cluster:
         """Workers that the scheduler knows now."""
         return len(self.client.nthreads())
 
-    def run(self, tasks: Sequence[Task]) -> Generator[Event | None, None, None]:
-        """Do the tasks on the cluster; yields what happens, and None while nothing does."""
+    def run(self, tasks: Sequence[Task]) -> Events:
+        """Do the tasks on the cluster."""
         module = run_task.__module__
 
         def done_by_worker(task: Task) -> None:

@@ -6,7 +6,7 @@ import argparse
 import os
 import shutil
 import uuid
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect
 from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
 from .memory import jobs_at_once, memory_limit, needed_bytes
-from .process import Event, run_here
+from .process import Event, Events, run_here
 from .summary import Row, counts, numbers, row_of, write_summary
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def started(
     args: argparse.Namespace,
     cluster: Cluster | None,
     done_before: int,
-) -> Generator[Event | None, None, None]:
+) -> Events:
     """Say what is about to be done and how, and begin it."""
     facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
     if cluster is not None:

@@ -35,6 +35,9 @@ class Event(NamedTuple):
     status: str
 
 
+Events = Generator[Event | None, None, None]  # what happens, and None while nothing does
+
+
 class CaseProcess:
     """The process of one case."""
 
@@ -145,10 +148,8 @@ def run_task(task: Task) -> None:
         process.stop()
 
 
-def run_here(
-    tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None
-) -> Generator[Event | None, None, None]:
-    """Do the tasks on this machine, some at once; yields what happens, and None while nothing does.
+def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None) -> Events:
+    """Do the tasks on this machine, some at once.
 
     Parameters
     ----------
