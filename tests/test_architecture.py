@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -91,10 +90,3 @@ def test_core_and_readers_import_with_numpy_alone():
     # A zip for another platform brings no fitting wheels; the extension must still load and say so.
     libraries = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "libjpeg", "openjpeg", "nibabel", "nrrd"}
     import_without(BLENDER | libraries, "ctmc_addon.core", "ctmc_addon.readers")
-
-
-def test_manifest_and_package_have_one_version():
-    from ctmc_addon.core.version import VERSION
-
-    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-    assert manifest["version"] == VERSION

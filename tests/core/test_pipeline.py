@@ -7,13 +7,11 @@ import pytest
 
 from ctmc_addon.core import ReconstructionSettings, Volume, marching_cubes, reconstruct, reconstruct_steps
 from ctmc_addon.core.errors import (
-    CtmcError,
     LabelError,
     MemoryLimitError,
     MeshError,
     SettingsError,
     ThresholdError,
-    VolumeError,
 )
 
 
@@ -70,21 +68,6 @@ def test_an_ellipsoid_on_anisotropic_voxels_has_the_spheres_area_and_normals():
     assert angle.max() < 3
 
 
-def test_a_softened_label_is_the_same_in_the_box_that_is_needed_as_in_the_whole_volume():
-    from ctmc_addon.core.progress import finish
-    from ctmc_addon.core.volume.smoothing import gaussian_smooth_steps
-
-    labels = np.where(ball((60, 50, 40), 7.0) > 0, 2, 0).astype(np.uint8)
-    labels[:3, :3, :3] = 1
-    settings = ReconstructionSettings(label=2, soften_mm=1.2, stride=(3, 2, 1), alpha=0.7)
-    result = reconstruct(Volume(labels, np.eye(4), kind="label"), settings)
-    whole = finish(gaussian_smooth_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
-    expected = marching_cubes(whole, 0.5, (3, 2, 1), 0.7)
-    order, peer = np.lexsort(result.mesh.vertices.T), np.lexsort(expected.vertices.T)
-    np.testing.assert_allclose(result.mesh.vertices[order], expected.vertices[peer], atol=1e-4)
-    assert len(result.mesh.faces) == len(expected.faces)
-
-
 def test_a_label_at_the_border_is_closed_on_request():
     labels = np.zeros((6, 8, 9), np.uint8)
     labels[0:3, 2:6, 4:9] = 3
@@ -93,22 +76,6 @@ def test_a_label_at_the_border_is_closed_on_request():
     assert closed.mesh.closed
     np.testing.assert_allclose(closed.mesh.vertices.max(axis=0), [8.5, 5.5, 2.5])
     assert not reconstruct(volume, ReconstructionSettings(label=3)).mesh.closed
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("stride", [2, 3, 4, 8])
-def test_a_label_in_the_last_slice_is_found_under_any_stride(axis, stride):
-    values = np.zeros((10, 10, 10), np.uint8)
-    np.moveaxis(values, axis, 0)[9, 3:8, 3:8] = 1
-    strides = tuple(stride if 2 - axis == at else 1 for at in range(3))
-    label, grey = (
-        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**what, stride=strides, close_border=True)).mesh
-        for what in ({"label": 1}, {"threshold": 0.5})
-    )
-    assert label.closed
-    assert len(label.faces) == len(grey.faces)
-    assert np.array_equal(label.vertices.min(axis=0), grey.vertices.min(axis=0))
-    assert np.array_equal(label.vertices.max(axis=0), grey.vertices.max(axis=0))
 
 
 @pytest.mark.parametrize("soften", [0.0, 1.0])
@@ -175,38 +142,6 @@ def test_without_threshold_or_label_otsus_is_used_and_said():
     assert result.notes[0] == "1 mm was assumed."
     assert "Otsu" in result.notes[1]
     assert f"{result.threshold:g}" in result.notes[1]
-
-
-def test_nan_is_refused_or_read_as_told():
-    values = ball()
-    values[:2] = np.nan
-    volume = Volume(values, np.eye(4))
-    with pytest.raises(VolumeError, match="2880 voxels are NaN or infinite"):
-        reconstruct(volume, ReconstructionSettings(threshold=0.0))
-    read = reconstruct(volume, ReconstructionSettings(threshold=0.0, nan_as=-100))
-    assert read.mesh.closed
-
-
-@pytest.mark.parametrize("soften", [0.0, 1.0])
-def test_nan_beyond_a_region_is_read_as_told_where_the_blur_and_the_normals_reach_it(soften):
-    values = ball()
-    values[:, :, 28:] = np.nan
-    settings = {"threshold": 0.0, "soften_mm": soften, "region": (2, 2, 2, 27, 30, 26)}
-    told = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(nan_as=-5.0, **settings)).mesh
-    filled = np.where(np.isnan(values), np.float32(-5), values)
-    same = reconstruct(Volume(filled, np.eye(4)), ReconstructionSettings(**settings)).mesh
-    assert np.array_equal(told.vertices, same.vertices)
-    assert np.array_equal(told.normals, same.normals)
-
-
-def test_nan_beyond_a_region_is_refused_only_where_the_blur_reaches_it():
-    values = ball()
-    values[:, :, 28:] = np.nan
-    settings = {"threshold": 0.0, "region": (2, 2, 2, 27, 30, 26)}
-    mesh = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**settings)).mesh
-    assert np.allclose(np.sqrt((mesh.normals.astype(float) ** 2).sum(axis=1)), 1.0, atol=1e-5)
-    with pytest.raises(VolumeError, match="nan_as"):
-        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(soften_mm=1.0, **settings))
 
 
 @pytest.mark.parametrize(
@@ -296,11 +231,3 @@ def test_mesh_normals_are_the_meshs_own():
     result = reconstruct(Volume(ball(), np.eye(4)), ReconstructionSettings(threshold=0.0, normals="mesh"))
     assert result.surface.normals is None
     np.testing.assert_allclose(np.linalg.norm(result.mesh.normals, axis=1), 1, atol=1e-6)
-
-
-def test_every_error_is_the_projects_own():
-    from ctmc_addon.core import errors
-
-    named = [one for name, one in vars(errors).items() if name.endswith("Error")]
-    assert len(named) > 5
-    assert all(issubclass(one, CtmcError) for one in named)
