@@ -1,0 +1,69 @@
+"""The panel writes the bytes that the command line writes, and takes nothing for a surface that is not one."""
+
+from __future__ import annotations
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.spec import Cell, Page, ShownSurface
+from ctmc_addon.cli import main
+from ctmc_addon.core import finish
+from ctmc_addon.ui.state import surfaces
+
+
+@pytest.fixture
+def loaded(scene, ball_file):
+    """The ball, loaded, threshold 100."""
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.threshold = 100.0
+    return scene
+
+
+def active():
+    return bpy.context.view_layer.objects.active
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply"])
+@pytest.mark.parametrize("flags", [("--alpha", "0.3"), ("--simplify", "0.5"), ("--label", "100")])
+def test_panel_and_command_line_write_the_same_bytes(loaded, ball_file, tmp_path, suffix, flags):
+    if flags[0] == "--label":
+        loaded.ctmc.use_threshold, loaded.ctmc.use_label, loaded.ctmc.label = False, True, 100
+    else:
+        setattr(loaded.ctmc, "alpha" if flags[0] == "--alpha" else "reduction", float(flags[1]))
+        flags = ("--threshold", "100", *flags)
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ctmc.export(filepath=str(tmp_path / f"panel{suffix}"))
+    line = ["reconstruct", str(ball_file), "-o", str(tmp_path / f"command{suffix}"), "--spacing", "1", "1", "2", *flags]
+    assert main(line) == 0
+    assert (tmp_path / f"panel{suffix}").read_bytes() == (tmp_path / f"command{suffix}").read_bytes()
+
+
+def test_the_objects_of_a_figures_blend_are_not_surfaces(loaded, tmp_path):
+    bpy.ops.ctmc.reconstruct()
+    finish(
+        figure_steps(
+            [Cell((ShownSurface(active()),))], tmp_path / "a.png", Page(30.0, 40.0), None, tmp_path / "a.blend"
+        )
+    )
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    objects = [obj for obj in bpy.data.objects if obj.type == "MESH"]
+    assert objects
+    assert not [obj for obj in objects if surfaces.is_surface(obj)]
+
+
+def test_another_add_ons_property_is_not_a_surface(scene):
+    stranger = bpy.data.objects.new("stranger", bpy.data.meshes.new("stranger"))
+    scene.collection.objects.link(stranger)
+    for value in ({"scale": 0.01}, 3, "text"):
+        stranger["ctmc"] = value
+        assert not surfaces.is_surface(stranger)
+
+
+def test_an_update_leaves_the_alpha_key_where_a_hand_has_put_it(loaded):
+    bpy.ops.ctmc.reconstruct()
+    active().data.shape_keys.key_blocks["alpha"].value = 0.2
+    loaded.ctmc.threshold = 120.0
+    bpy.ops.ctmc.reconstruct()
+    assert active().data.shape_keys.key_blocks["alpha"].value == pytest.approx(0.2)
