@@ -20,7 +20,6 @@ Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -32,7 +31,7 @@ from ..errors import MeshError, SettingsError, ThresholdError, VolumeError
 from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import map_steps, worker_count
-from ..progress import Stages, Step, Steps, equal_part, finish
+from ..progress import Stages, Step, Steps, finish
 from ..volume.thresholding import check_threshold
 from .active_voxels import Slab, find_active
 from .classify import inside_bits
@@ -48,8 +47,9 @@ SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
-SCAN_STAGES = {"Comparing with the threshold": 3, "Finding active voxels": 2}
-FILL_STAGES = {"Placing vertices and triangles": 9, "Completing normals": 1}
+COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
+PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
+STAGES = {COMPARING: 3, FINDING: 2, PLACING: 4.5, COMPLETING: 0.5}
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,8 @@ def extract_steps(
 
 def count_steps(grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic") -> Steps[Counts]:
     """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
-    slabs = yield from _scan_steps(grid, float(threshold), worker_count(threads), topology)
+    stages = Stages({name: STAGES[name] for name in (COMPARING, FINDING)})
+    slabs = yield from _scan_steps(stages, grid, float(threshold), worker_count(threads), topology)
     return Counts(
         grid.voxels,
         sum(int(slab.is_cell.sum()) for slab in slabs),
@@ -160,7 +161,8 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> Steps[list[Slab]]:
+def _scan_steps(stages: Stages, grid: Grid, threshold: float, threads: int, topology: str) -> Steps[list[Slab]]:
+    """The active voxels of all slabs."""
     if topology not in TOPOLOGIES:
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
@@ -168,8 +170,6 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
     # The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger
     # piece was freed before. This is one; nothing is written to it.
     np.empty(KEPT_BYTES, np.uint8)
-    comparing, finding = SCAN_STAGES
-    stages = Stages(SCAN_STAGES)
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
 
@@ -177,7 +177,7 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         inside_bits(grid, threshold, *layer_range, bits)
 
     ranges = _even_ranges(np.full(layers, rows * pitch / SLAB_SAMPLES))
-    yield from stages.run(comparing, map_steps(compare, ranges, threads, comparing))
+    yield from stages.run(COMPARING, map_steps(compare, ranges, threads, ""))
     sampler = Sampler(grid.values)
     if topology == "trilinear":
         trilinear_tables()  # made once, not by every thread
@@ -186,7 +186,7 @@ def _scan_steps(grid: Grid, threshold: float, threads: int, topology: str) -> St
         slab = find_active(grid, bits, *layer_range)
         return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
-    return (yield from stages.run(finding, map_steps(find, _slab_ranges(bits), threads, finding)))
+    return (yield from stages.run(FINDING, map_steps(find, _slab_ranges(bits), threads, "")))
 
 
 def _slab_ranges(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
@@ -215,7 +215,8 @@ def _extract_steps(
 ) -> Steps[tuple[TriangleMesh, ...]]:
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
-    slabs = yield from equal_part(_scan_steps(grid, threshold, threads, topology), 0, 2)
+    stages = Stages(STAGES)
+    slabs = yield from _scan_steps(stages, grid, threshold, threads, topology)
     first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
@@ -247,17 +248,8 @@ def _extract_steps(
                 fill_interior_vertices(grid, threshold, slab, out.part(interior, end))
         fill_faces(slab, following, begin, faces[first_face[number] : first_face[number + 1]])
 
-    yield from equal_part(_fill_steps(fill, len(slabs), out, faces, threads), 1, 2)
+    yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
+    if out.normals is not None:
+        yield from stages.run(COMPLETING, complete_normals_steps(out.normals, out.positions[-1], faces))
     yield Step(1.0, "Surface extracted")
     return tuple(TriangleMesh(position, faces, out.normals) for position in out.positions)
-
-
-def _fill_steps(
-    fill: Callable[[int], None], slabs: int, out: VertexArrays, faces: NDArray[np.int32], threads: int
-) -> Steps[None]:
-    placing, completing = FILL_STAGES
-    stages = Stages(FILL_STAGES)
-    yield from stages.run(placing, map_steps(fill, range(slabs), threads, placing))
-    if out.normals is not None:
-        completing_steps = complete_normals_steps(out.normals, out.positions[-1], faces)
-        yield from stages.run(completing, completing_steps)
