@@ -19,6 +19,7 @@ from .file_formats import (
     IMAGE_SUFFIXES,
     KNOWN_SUFFIXES,
     TIFF_SUFFIXES,
+    VOLUME_FORMATS,
     VOLUME_SUFFIXES,
     files_below,
     format_of,
@@ -192,15 +193,8 @@ def file_format(path: Path) -> str:
     end = format_of(path)
     if end in DICOM_SUFFIXES or path.name.upper() == "DICOMDIR" or (not end and may_be_dicom(path)):
         return "dicom"
-    for suffixes, format_name in (
-        ((".nii", ".nii.gz"), "nifti"),
-        ((".nrrd", ".nhdr"), "nrrd"),
-        ((".npy",), "npy"),
-        (TIFF_SUFFIXES, "tiff"),
-        (IMAGE_SUFFIXES, "image"),
-    ):
-        if end in suffixes:
-            return format_name
+    if end:
+        return VOLUME_FORMATS.get(end) or ("tiff" if end in TIFF_SUFFIXES else "image")
     reason = f"has the unknown suffix '{suffix(path)}'" if suffix(path) else "has no suffix and no known content"
     raise ReadError(f"{path.name} {reason}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 

@@ -180,7 +180,7 @@ class VolumeSource(ABC):
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
-            notes.append(f"spacing {by(spacing)} mm as asked, {reading.own_spacing or own_spacing}")
+            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {reading.own_spacing or own_spacing}")
         if flip:
             affine = flipped(affine, reading.values.shape[::-1], flip)
             notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
@@ -250,10 +250,10 @@ def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -
     scaled = affine.copy()
     # An axis without length is left alone: Volume refuses it as singular.
     scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return scaled, f"in place of the file's own {by(lengths)} mm"
+    return scaled, f"in place of the file's own {lengths_text(lengths)} mm"
 
 
-def by(lengths: Iterable[float]) -> str:
+def lengths_text(lengths: Iterable[float]) -> str:
     """Three lengths in words: '0.5 x 0.5 x 2'."""
     return " x ".join(f"{length:.4g}" for length in lengths)
 

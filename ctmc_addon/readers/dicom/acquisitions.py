@@ -28,14 +28,14 @@ def one_acquisition(slices: Sequence[Slice]) -> tuple[list[Slice], list[str]]:
     """
     first = slices[0].geometry.orientation or ()
     normal = checked_normal(np.array(first[:3]), np.array(first[3:]))
-    along = dot(np.array([one.geometry.position for one in slices], np.float64), normal)  # (n,) mm
-    keys = [one.image.acquisition for one in slices]
+    along = dot(np.array([ct_slice.geometry.position for ct_slice in slices], np.float64), normal)  # (n,) mm
+    keys = [ct_slice.image.acquisition for ct_slice in slices]
     groups = {key: np.array([own == key for own in keys]) for key in dict.fromkeys(keys)}
     largest = max(groups, key=lambda key: int(groups[key].sum()))
     kept, notes = list(slices), []
     if min(int(group.sum()) for group in groups.values()) >= FEWEST:
         others = [key for key in groups if key != largest and overlaps(along[groups[key]], along[groups[largest]])]
-        kept = [one for one, key in zip(slices, keys, strict=True) if key not in others]
+        kept = [ct_slice for ct_slice, key in zip(slices, keys, strict=True) if key not in others]
         if others:
             notes.append(
                 f"the series holds {len(others) + 1} acquisitions or time points at the same places: the one with the "
@@ -46,10 +46,10 @@ def one_acquisition(slices: Sequence[Slice]) -> tuple[list[Slice], list[str]]:
     return kept, notes
 
 
-def overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
     """Whether two sets of heights share more than half of the shorter one's extent."""
-    shared = min(one.max(), other.max()) - max(one.min(), other.min())
-    return bool(shared > OVERLAP * min(np.ptp(one), np.ptp(other)))
+    shared = min(first.max(), second.max()) - max(first.min(), second.min())
+    return bool(shared > OVERLAP * min(np.ptp(first), np.ptp(second)))
 
 
 def check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
@@ -58,8 +58,8 @@ def check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
     Different InstanceNumbers put the images of one scan before those of the other, so the first of each are one scan.
     """
     images: dict[tuple[int, int], set[str]] = {}
-    for one, height in zip(slices, along, strict=True):
-        images.setdefault((round(height / SAME_MM), one.image.instance), set()).add(one.image.uid)
+    for ct_slice, height in zip(slices, along, strict=True):
+        images.setdefault((round(height / SAME_MM), ct_slice.image.instance), set()).add(ct_slice.image.uid)
     doubled = sum(len(uids) > 1 for uids in images.values())
     if len(images) > 1 and 2 * doubled > len(images):
         raise ReadError(

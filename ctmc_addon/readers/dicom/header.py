@@ -175,6 +175,7 @@ def is_multi_frame(path: Path) -> bool:
 def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken | None:
     pydicom = needed("pydicom", "pydicom", "DICOM")
     series, is_image = "", False
+    unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
         dataset = pydicom.dcmread(file, defer_size=LONGEST_VALUE, force=not preamble, specific_tags=TAGS)
         syntax = syntax_of(dataset)
@@ -195,7 +196,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         if damage:
             return Broken(path, series, damage)
         return image_file(path, dataset, series, pixels_of(dataset, syntax, element))
-    except pydicom_errors():
+    except unreadable:
         return Broken(path, series) if preamble or is_image else None
 
 

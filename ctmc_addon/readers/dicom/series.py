@@ -48,7 +48,7 @@ class DicomSource(VolumeSource):
 
     def __init__(self, path: Path, content: FolderContent) -> None:
         self.content = content
-        images = {one.image.path: one.image for slices in content.series.values() for one in slices}
+        images = {ct_slice.image.path: ct_slice.image for slices in content.series.values() for ct_slice in slices}
         alone = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
         # A slice's own name often is an identifier.
         whole = path if path.is_dir() or alone else path.absolute().parent
@@ -67,7 +67,7 @@ class DicomSource(VolumeSource):
 
     def _has_place(self, line: Series) -> bool:
         """Whether slices of a series have positions; pictures without them make no volume."""
-        return any(one.geometry.position for one in self.content.series[line.uid])
+        return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
 
     def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
         """Read the series with the most slices, or the one that `options` name."""
@@ -83,14 +83,14 @@ class DicomSource(VolumeSource):
         strays = self.content.strays
         if strays:
             plural = "s" * (strays > 1)
-            notes.append(f"{strays} file{plural} named like DICOM left out, being something else")
-        for image in {one.image.pixels.syntax: one.image for one in slices}.values():
+            notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but something else")
+        for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
                 check_codec(image)
         stack, own_spacing = placed(slices, options)
         ordered = [slices[at] for at in stack.order]
         values, padding_notes = yield from values_steps(ordered, stack)
-        kind = "HU" if all(one.image.hounsfield for one in ordered) else "grey value"
+        kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
         notes += [*meaning(ordered), *stack.notes, *padding_notes]
         return Reading(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
 
@@ -122,9 +122,9 @@ def placed(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
         if options.spacing is None:
             raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
         pixel_spacing = (options.spacing[1], options.spacing[0])
-    positions = np.array([one.geometry.position for one in slices], np.float64)  # (n, 3)
+    positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
-    stack = stack_up(positions, orientation, pixel_spacing, [one.name for one in slices], options.strict)
+    stack = stack_up(positions, orientation, pixel_spacing, [ct_slice.name for ct_slice in slices], options.strict)
     gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
     return stack, f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
 
@@ -154,7 +154,7 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     after = yield from stages.run("Reading headers", headers_steps(others[at + 1 :]))
     headers = [*before, own, *after]
     return DicomSource(
-        path, sorted_out([one for one in headers if one.series == own.series or isinstance(one, Broken)])
+        path, sorted_out([header for header in headers if header.series == own.series or isinstance(header, Broken)])
     )
 
 
@@ -168,22 +168,22 @@ def estimate_voxels(folder: Path) -> int:
     """Voxels of a folder's slices if all are like the first; 0 where no image is found."""
     files = list(files_below(folder))
     with quiet():
-        first = next((one for one in map(read_header, files) if isinstance(one, ImageFile)), None)
+        first = next((header for header in map(read_header, files) if isinstance(header, ImageFile)), None)
     return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
 
 
 def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     """Slices by series, in the order in which the series first appear."""
     series: dict[str, list[Slice]] = {}
-    broken = [one for one in headers if isinstance(one, Broken)]
-    color = [one for one in headers if isinstance(one, ImageFile) and not one.gray]
+    broken = [header for header in headers if isinstance(header, Broken)]
+    color = [header for header in headers if isinstance(header, ImageFile) and not header.gray]
     for image in headers:
         if isinstance(image, Broken):
             continue
         if not image.gray:
             continue
         series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
-    unsound = [one for one in broken if not one.stray]
+    unsound = [header for header in broken if not header.stray]
     return FolderContent(series, unsound, color, len(broken) - len(unsound))
 
 
@@ -191,9 +191,11 @@ def listed(content: FolderContent) -> tuple[Series, ...]:
     """The series without patient data, numbered from 1."""
     lines: list[Series] = []
     for number, (uid, slices) in enumerate(content.series.items(), 1):
-        sizes = Counter((one.image.columns, one.image.rows) for one in slices)
-        places = {one.geometry.position for one in slices} - {None}
-        dtype = np.dtype(output_types([one.geometry for one in slices], slices[0].image.pixels.floating)[0]).name
+        sizes = Counter((first.image.columns, first.image.rows) for first in slices)
+        places = {ct_slice.geometry.position for ct_slice in slices} - {None}
+        dtype = np.dtype(
+            output_types([ct_slice.geometry for ct_slice in slices], slices[0].image.pixels.floating)[0]
+        ).name
         size, modality = sizes.most_common(1)[0][0], slices[0].image.modality
         lines.append(Series(number, uid, len(places) or len(slices), size, modality, dtype))
     return tuple(lines)
@@ -215,17 +217,17 @@ def truncated(broken: Broken) -> ReadError:
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
     """The largest group of slices of one size, orientation and spacing, and what was left out."""
-    placed = [one for one in slices if one.geometry.position and one.geometry.orientation]
-    scouts = [one for one in placed if one.image.scout or one.geometry.scout]
+    placed = [ct_slice for ct_slice in slices if ct_slice.geometry.position and ct_slice.geometry.orientation]
+    scouts = [ct_slice for ct_slice in placed if ct_slice.image.scout or ct_slice.geometry.scout]
     groups: list[list[Slice]] = []
-    for one in placed:
-        if one.image.scout or one.geometry.scout:
+    for ct_slice in placed:
+        if ct_slice.image.scout or ct_slice.geometry.scout:
             continue
-        group = next((group for group in groups if alike(group[0], one)), None)
+        group = next((group for group in groups if alike(group[0], ct_slice)), None)
         if group is None:
-            groups.append([one])
+            groups.append([ct_slice])
         else:
-            group.append(one)
+            group.append(ct_slice)
     if not groups:
         if scouts:
             raise ReadError(f"{path.name} has only scouts ({len(scouts)}); choose the series of slices")
@@ -236,7 +238,9 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
             f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
     # The largest, the first of equals; but a file given by itself chooses its own.
-    best = next((group for group in groups if any(one.image.path == path for one in group)), max(groups, key=len))
+    best = next(
+        (group for group in groups if any(ct_slice.image.path == path for ct_slice in group)), max(groups, key=len)
+    )
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
@@ -246,22 +250,22 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     if others:
         plural = "slices" if others > 1 else "slice"
         notes.append(f"{others} {plural} of another size, orientation or spacing left out")
-    if any(one.image.lookup for one in best):
+    if any(ct_slice.image.lookup for ct_slice in best):
         raise ReadError("the series scales its values by a look-up table, not by a slope; export it with RescaleSlope")
-    for slope, intercept in {(one.geometry.slope, one.geometry.intercept) for one in best}:
+    for slope, intercept in {(ct_slice.geometry.slope, ct_slice.geometry.intercept) for ct_slice in best}:
         if not (0 < abs(slope) <= STEEPEST and abs(intercept) <= STEEPEST):  # nor NaN
             raise ReadError(
                 f"the series has a RescaleSlope of {slope:g} and a RescaleIntercept of {intercept:g}, which give no "
                 "usable values; export it again"
             )
-    return sorted(best, key=lambda one: (one.image.instance, one.frame)), notes
+    return sorted(best, key=lambda ct_slice: (ct_slice.image.instance, ct_slice.frame)), notes
 
 
-def alike(one: Slice, other: Slice) -> bool:
+def alike(first: Slice, second: Slice) -> bool:
     """Whether two slices can belong to one volume."""
-    if (one.image.rows, one.image.columns) != (other.image.rows, other.image.columns):
+    if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
-    a, b = one.geometry, other.geometry
+    a, b = first.geometry, second.geometry
     if (a.spacing is None) != (b.spacing is None):
         return False
     turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
@@ -274,14 +278,16 @@ def meaning(slices: Sequence[Slice]) -> list[str]:
     modality = slices[0].image.modality
     if modality != "CT":
         return [f"the series is {modality or 'of unknown modality'}, not CT: its grey values are no HU"]
-    return [] if all(one.image.hounsfield for one in slices) else ["the CT's values are not in HU (RescaleType)"]
+    return (
+        [] if all(ct_slice.image.hounsfield for ct_slice in slices) else ["the CT's values are not in HU (RescaleType)"]
+    )
 
 
 def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any], list[str]]]:
     """Decode the ordered slices into one array in the smallest type that holds them."""
-    floating = any(one.image.pixels.floating for one in slices)
+    floating = any(ct_slice.image.pixels.floating for ct_slice in slices)
     shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
-    for dtype in output_types([one.geometry for one in slices], floating):
+    for dtype in output_types([ct_slice.geometry for ct_slice in slices], floating):
         require_memory(shape, np.dtype(dtype).itemsize, "this series")
         values = np.empty(shape, dtype)
         try:
@@ -298,8 +304,8 @@ def stored_slices(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
 
     One thread decodes: plain pixels are there before a thread would be, and pylibjpeg holds the interpreter.
     """
-    for image, group in groupby(slices, key=lambda one: one.image):
-        yield from stored_frames(image, [one.frame for one in group])
+    for image, group in groupby(slices, key=lambda ct_slice: ct_slice.image):
+        yield from stored_frames(image, [ct_slice.frame for ct_slice in group])
 
 
 def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
@@ -313,10 +319,10 @@ def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -
         low, high = np.empty((2, *values.shape[1:]), values.dtype)
     done = 0  # slices of the volume
     frames = stored_slices(slices)
-    for number, one in enumerate(slices):
+    for number, ct_slice in enumerate(slices):
         low, high = high, low
         out = high if stack.resampled else values[number]
-        seen = fill_slice(next_frame(frames), one.geometry, one.image.pixels.padding, out)
+        seen = fill_slice(next_frame(frames), ct_slice.geometry, ct_slice.image.pixels.padding, out)
         lowest, padded = min(lowest, seen.lowest), padded + seen.padded
         yield Step((number + 1) / len(slices), "Decoding slices")
         while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:

@@ -187,7 +187,7 @@ def test_a_file_cut_before_it_can_be_known_as_dicom_is_said(tmp_path, save_stack
     (tmp_path / "2.dcm").write_bytes(bytes(100))
     volume = read_volume(tmp_path)
     assert len(volume.values) == 2
-    assert said(volume, "1 file named like DICOM left out")
+    assert said(volume, "1 file left out, named like DICOM")
 
 
 def test_noise_with_a_dicom_name_is_refused(tmp_path):
