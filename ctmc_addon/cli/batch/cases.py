@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings
+from ...core import OutputError, ReadError, ReconstructionSettings, SettingsError
 from ...readers import VOLUME_SUFFIXES, natural_key, stem, suffix
-from ..arguments import overridden
-from .manifest import Row, manifest_rows
+from ..arguments import UsageError, overridden
+from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # folders within folders that are searched for cases
 RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
@@ -63,36 +63,36 @@ def collect(
     CtmcError
         If an input is missing, a setting is wrong, or two cases would write the same file.
     """
-    rows: list[Row] = []
+    sources: list[CaseInput] = []
     for word in inputs:
-        rows += rows_of(word, None if aside is None else aside.resolve())
+        sources += inputs_of(word, None if aside is None else aside.resolve())
     # A glob or a folder's list brings the labels of LiTS along; they belong to their volumes.
-    labels = {readers.segmentation_sibling(row.path) for row in rows if not row.where}
-    rows = [row for row in rows if row.where or row.path not in labels]
-    cases = [case_of(row, settings, reading) for row in rows]
+    labels = {readers.segmentation_sibling(source.path) for source in sources if not source.where}
+    sources = [source for source in sources if source.where or source.path not in labels]
+    cases = [case_of(source, settings, reading) for source in sources]
     require_different_files(cases)
     return cases
 
 
-def rows_of(word: str, aside: Path | None) -> list[Row]:
+def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
     """The volumes that one input stands for."""
     place = Path(word)
     if suffix(place) == ".csv" and place.is_file():
-        return manifest_rows(place)
+        return manifest_inputs(place)
     if not place.exists() and glob.has_magic(word):
-        found = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
-        if not found:
+        paths = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
+        if not paths:
             raise ReadError(f"no file or folder fits '{word}'; check the pattern")
-        return [row for path in found for row in rows_at(path, aside)]
-    return rows_at(readers.existing_path(place), aside)
+        return [source for path in paths for source in inputs_at(path, aside)]
+    return inputs_at(readers.existing_path(place), aside)
 
 
-def rows_at(place: Path, aside: Path | None) -> list[Row]:
+def inputs_at(place: Path, aside: Path | None) -> list[CaseInput]:
     """The volumes in a folder, or the one that a file is."""
     if not place.is_dir():
-        return [Row(place, readers.volume_name(place))]
-    found = volumes_in(place, aside, DEEPEST)
-    return [Row(path, name) for path, name in found] or [Row(place, stem(place))]
+        return [CaseInput(place, readers.volume_name(place))]
+    volumes = volumes_in(place, aside, DEEPEST)
+    return [CaseInput(path, name) for path, name in volumes] or [CaseInput(place, stem(place))]
 
 
 def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
@@ -107,13 +107,13 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     if readers.holds_slices(folder):
         return [(folder, stem(folder))]
-    found: list[tuple[Path, str]] = []
+    nested: list[tuple[Path, str]] = []
     for inner in entries if deepest else []:
         if inner.is_dir() and inner.resolve() != aside:
             volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]
             alone = len(volumes) == 1
-            found += [(path, inner.name if alone else f"{inner.name}-{name}") for path, name in volumes]
-    return found
+            nested += [(path, inner.name if alone else f"{inner.name}-{name}") for path, name in volumes]
+    return nested
 
 
 def volume_files(folder: Path) -> list[Path]:
@@ -129,25 +129,22 @@ def volume_files(folder: Path) -> list[Path]:
     return [file for file in volumes if file not in labels]
 
 
-def case_of(row: Row, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:
-    """The case of a row: a surface for each of its labels, or one."""
-    values = overridden(settings, row.settings)
+def case_of(source: CaseInput, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:
+    """The case of an input: a surface for each of its labels, or one."""
+    values = overridden(settings, source.settings)
     labels = values.get("label")
+    labels = labels if isinstance(labels, (list, tuple)) else [labels]
+    names = [source.name] if len(labels) == 1 else [f"{source.name}-label-{label}" for label in labels]
     try:
-        if not isinstance(labels, (list, tuple)):
-            outputs = [Output(row.name, ReconstructionSettings(**values))]
-        elif len(labels) == 1:
-            outputs = [Output(row.name, ReconstructionSettings(**values | {"label": labels[0]}))]
-        else:
-            outputs = [
-                Output(f"{row.name}-label-{label}", ReconstructionSettings(**values | {"label": label}))
-                for label in labels
-            ]
-    except CtmcError as error:
-        if not row.where:
-            raise
-        raise type(error)(f"{row.where}: {error}") from error
-    return Case(row.name, row.path, {**reading, **row.reading}, tuple(outputs))
+        outputs = tuple(
+            Output(name, ReconstructionSettings(**values | {"label": label}))
+            for name, label in zip(names, labels, strict=True)
+        )
+    except SettingsError as error:
+        if not source.where:
+            raise UsageError(str(error)) from error
+        raise SettingsError(f"{source.where}: {error}") from error
+    return Case(source.name, source.path, {**reading, **source.reading}, outputs)
 
 
 def require_different_files(cases: Sequence[Case]) -> None:

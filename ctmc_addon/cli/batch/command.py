@@ -22,7 +22,7 @@ from .cases import Case, collect
 from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
 from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, Events, run_here
-from .summary import Row, counts, numbers, row_of, write_summary
+from .summary import SummaryRow, counts, numbers, row_of, write_summary
 
 if TYPE_CHECKING:
     from .cluster import Cluster
@@ -117,9 +117,9 @@ def connected(address: str) -> Cluster:
 
 def batch_steps(
     cases: Sequence[Case], folder: Path, args: argparse.Namespace, cluster: Cluster | None
-) -> Steps[list[Row]]:
+) -> Steps[list[SummaryRow]]:
     """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
-    rows = {output.name: Row(output.name) for case in cases for output in case.outputs}
+    rows = {output.name: SummaryRow(output.name) for case in cases for output in case.outputs}
     run = uuid.uuid4().hex[:12]
     tasks = [task_of(case, folder, args, run) for case in cases]
     if args.resume:
@@ -167,7 +167,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
 
 
 def remaining_steps(
-    tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, Row]
+    tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, SummaryRow]
 ) -> Steps[list[dict[str, Any]]]:
     """The tasks with the outputs that are still to be made; the rows of the others are filled."""
     left = []
@@ -182,7 +182,7 @@ def remaining_steps(
                 if source not in keys:
                     keys[source] = key_or_empty(source, task["verify"])
                 if is_same_input(record, keys[source]):
-                    rows[output["name"]].take(record)
+                    rows[output["name"]].fill(record)
                     continue
             remaining.append(output)
         if remaining:
@@ -222,7 +222,7 @@ def started(
     return events
 
 
-def update_rows(event: Event, rows: Mapping[str, Row], folder: Path) -> None:
+def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
@@ -232,7 +232,7 @@ def update_rows(event: Event, rows: Mapping[str, Row], folder: Path) -> None:
             vars(rows[name]).update(vars(row_of(folder, name)))
 
 
-def table_of(rows: Sequence[Row]) -> str:
+def table_of(rows: Sequence[SummaryRow]) -> str:
     """The summary for a terminal, errors below."""
     lines = [["case", "status", "triangles", "ml", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]

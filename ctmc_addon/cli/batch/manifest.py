@@ -22,7 +22,7 @@ SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "
 
 
 @dataclass(frozen=True)
-class Row:
+class CaseInput:
     """One input, the name of its case, and what it says for itself."""
 
     path: Path
@@ -32,7 +32,7 @@ class Row:
     where: str = ""  # such as 'cases.csv, line 3'; empty for what no manifest names
 
 
-def manifest_rows(path: Path) -> list[Row]:
+def manifest_inputs(path: Path) -> list[CaseInput]:
     """The rows of a manifest.
 
     Raises
@@ -51,7 +51,7 @@ def manifest_rows(path: Path) -> list[Row]:
     first = text.partition("\n")[0]
     # Spreadsheets write semicolons where the comma is the decimal sign.
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in first and "," not in first else ",")
-    rows: list[Row] = []
+    inputs: list[CaseInput] = []
     columns: list[tuple[str, str, Parse]] = []
     for cells in lines:
         where = f"{path.name}, line {lines.line_num}"
@@ -64,10 +64,10 @@ def manifest_rows(path: Path) -> list[Row]:
         elif len(cells) > len(columns) and any(cells[len(columns) :]):
             raise ReadError(f"{where} has {len(cells)} cells and there are {len(columns)} columns; quote a comma")
         else:
-            rows.append(row_of(columns, cells, path.parent, where))
-    if not rows:
+            inputs.append(input_of(columns, cells, path.parent, where))
+    if not inputs:
         raise ReadError(f"{path.name} names no case; it needs a line of columns and a line for each case")
-    return rows
+    return inputs
 
 
 Parse = Callable[[str], Any]
@@ -114,22 +114,22 @@ def require_columns(names: list[str], where: str) -> None:
             raise ReadError(f"{where}: column '{word_of(name)}' is there twice; keep one")
 
 
-def row_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> Row:
+def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
     """One line of the manifest."""
-    found: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
+    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:
             continue
         try:
-            found[kind][name] = parse(cell)
+            values[kind][name] = parse(cell)
         except argparse.ArgumentTypeError as error:
             raise SettingsError(f"{where}: {word_of(name)} cannot be '{cell}'; {error}") from error
-    if "input" not in found[""]:
+    if "input" not in values[""]:
         raise ReadError(f"{where}: the input is missing; give a file or a folder")
-    path = folder / found[""]["input"]
+    path = folder / values[""]["input"]
     if not path.exists():
-        raise ReadError(f"{where}: there is no file or folder '{found['']['input']}'; check the path")
-    return Row(path, found[""].get("case", stem(path)), found["settings"], found["reading"], where)
+        raise ReadError(f"{where}: there is no file or folder '{values['']['input']}'; check the path")
+    return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], where)
 
 
 def parse_of(name: str, about: Setting) -> Parse:

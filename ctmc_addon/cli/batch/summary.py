@@ -23,7 +23,7 @@ STYLE = (
 
 
 @dataclass
-class Row:
+class SummaryRow:
     """One output; `status` is waiting, running, done or failed, and what is not known is None."""
 
     case: str
@@ -33,7 +33,7 @@ class Row:
     seconds: float | None = None
     error: str | None = None
 
-    def take(self, record: dict[str, Any] | None) -> None:
+    def fill(self, record: dict[str, Any] | None) -> None:
         """Fill the row from an output's JSON."""
         if record is None:
             self.status, self.error = "failed", "the case left no JSON"
@@ -43,7 +43,7 @@ class Row:
         self.seconds, self.error = record["seconds"], record["error"]
 
 
-def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
+def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     """Write summary.csv, summary.json and summary.html.
 
     While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
@@ -52,7 +52,7 @@ def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
     plain = [asdict(row) for row in rows]
     for write, name, content in (
         (write_json, "summary.json", (plain,)),
-        (write_csv, "summary.csv", (plain, [field.name for field in fields(Row)])),
+        (write_csv, "summary.csv", (plain, [field.name for field in fields(SummaryRow)])),
         (write_text, "summary.html", (html_text(folder, rows, over),)),
     ):
         try:
@@ -62,7 +62,7 @@ def write_summary(folder: Path, rows: Sequence[Row], over: bool) -> None:
                 raise
 
 
-def html_text(folder: Path, rows: Sequence[Row], over: bool) -> str:
+def html_text(folder: Path, rows: Sequence[SummaryRow], over: bool) -> str:
     """One page that needs no other file, the thumbnails inside it."""
     refresh = "" if over else f'<meta http-equiv="refresh" content="{REFRESH}">'
     lines = [
@@ -77,13 +77,13 @@ def html_text(folder: Path, rows: Sequence[Row], over: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def html_row(folder: Path, row: Row) -> str:
+def html_row(folder: Path, row: SummaryRow) -> str:
     """One case with its picture, if it has one."""
     cells = [picture(folder, row), html.escape(row.case), row.status, *numbers(row), html.escape(row.error or "")]
     return f'<tr class="{row.status}">' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
-def picture(folder: Path, row: Row) -> str:
+def picture(folder: Path, row: SummaryRow) -> str:
     """The thumbnail as part of the page."""
     if row.status != "done":
         return ""
@@ -94,7 +94,7 @@ def picture(folder: Path, row: Row) -> str:
     return f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}">'
 
 
-def numbers(row: Row) -> list[str]:
+def numbers(row: SummaryRow) -> list[str]:
     """Triangles, millilitres and seconds for a person; an open surface has no volume."""
     return [
         "" if row.faces is None else f"{row.faces}",
@@ -103,15 +103,15 @@ def numbers(row: Row) -> list[str]:
     ]
 
 
-def counts(rows: Sequence[Row]) -> str:
+def counts(rows: Sequence[SummaryRow]) -> str:
     """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
     states = [row.status for row in rows]
     parts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
     return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(parts)}"
 
 
-def row_of(folder: Path, name: str) -> Row:
+def row_of(folder: Path, name: str) -> SummaryRow:
     """The row of an output that is over."""
-    row = Row(name)
-    row.take(read_record(folder, name))
+    row = SummaryRow(name)
+    row.fill(read_record(folder, name))
     return row
