@@ -86,6 +86,10 @@ def test_core_and_readers_import_without_blender():
     import_without(BLENDER, "ctmc_addon", "ctmc_addon.core", "ctmc_addon.readers", "ctmc_addon.cli")
 
 
+def test_the_choices_of_figures_are_known_without_blender():
+    import_without(BLENDER, "ctmc_addon.blender.figure.spec", "ctmc_addon.reporting.mesh_files")
+
+
 def test_core_and_readers_import_with_numpy_alone():
     # A zip for another platform brings no fitting wheels; the extension must still load and say so.
     libraries = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "libjpeg", "openjpeg", "nibabel", "nrrd"}

@@ -218,7 +218,7 @@ def test_the_blend_holds_the_figure_and_nothing_else(thing, tmp_path):
 
 
 def test_somebody_elses_blend_is_not_replaced(thing, tmp_path):
-    from ctmc_addon.blender import export
+    from ctmc_addon.blender.export import export
 
     export(thing, tmp_path / "a.blend")
     kept = (tmp_path / "a.blend").read_bytes()
