@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.phantom.phantom import Phantom, centred, phantom
+from ctmc_addon.core.phantom.phantom import Phantom, centered, phantom
 from ctmc_addon.core.phantom.shapes import Blob, grow_tumours, liver_shape
 from ctmc_addon.core.volume.volume import Volume
 from ctmc_addon.readers import read_volume
@@ -40,7 +40,7 @@ def whole_liver(seed: int = 0) -> NDArray[np.uint8]:
 
 def grid_about(shape: Blob, spacing: tuple[float, float, float]) -> list[NDArray[np.float64]]:
     """Positions of columns, rows and slices, mm, about the middle of a body."""
-    return [shape.centre[axis] + centred(count, spacing[axis]) for axis, count in enumerate((SIZE, SIZE, SLICES))]
+    return [shape.center[axis] + centered(count, spacing[axis]) for axis, count in enumerate((SIZE, SIZE, SLICES))]
 
 
 def painted(shapes: list[Blob], axes: list[NDArray[np.float64]]) -> NDArray[np.uint8]:
@@ -57,7 +57,7 @@ def paint(values: NDArray[np.uint8], shape: Blob, axes: list[NDArray[np.float64]
     for axis in range(3):
         low, high = shape.box(axis)
         windows.append(slice(*np.searchsorted(axes[axis], (low - 3, high + 3)).tolist()))
-    x, y, z = ((axes[axis][windows[axis]] - shape.centre[axis]) / shape.half_axes[axis] for axis in range(3))
+    x, y, z = ((axes[axis][windows[axis]] - shape.center[axis]) / shape.half_axes[axis] for axis in range(3))
     rim = 3.0 / min(shape.half_axes)  # beyond it the grey value is 0 or 255 whatever the direction
     for k, height in enumerate(z.tolist()):
         length = np.sqrt(x[None, :] ** 2 + y[:, None] ** 2 + height**2)  # (rows, columns)
