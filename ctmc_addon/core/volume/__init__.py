@@ -1,6 +1,6 @@
-"""Grey values on a grid, where they lie in the patient, and what is read from them before extraction."""
+"""Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import to_index, transform_faces, transform_normals, transform_points
+from .affine import transform_faces, transform_normals, transform_points
 from .region import (
     EDGES,
     moved_region,
@@ -40,7 +40,6 @@ __all__ = [
     "slice_corners",
     "slice_position_text",
     "slice_values",
-    "to_index",
     "transform_faces",
     "transform_normals",
     "transform_points",
