@@ -16,7 +16,7 @@ from ..arguments import (
     UsageError,
     add_input,
     add_settings,
-    add_threads,
+    add_work,
     flags_checked,
     given_settings,
     overridden,
@@ -29,7 +29,7 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     add_input(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
     add_settings(parser, many=("label",))
-    add_threads(parser)
+    add_work(parser)
     group = parser.add_argument_group("figure")
     group.add_argument(
         "--style",

@@ -9,7 +9,7 @@ from typing import Any
 from ...core import Stages, Step, Steps, equal_part
 from ...core.phantom import Phantom, phantom_steps
 from ...reporting.atomic_write import made_folder, require_writable, write_json
-from ..arguments import Numbers, at_least, spacing_of
+from ..arguments import Numbers, add_quiet, at_least, spacing_of
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices
 
@@ -38,6 +38,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("--format", choices=FORMATS, default="all", help="(default all)")
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="0 or more (default 0)")
+    add_quiet(parser)
     parser.set_defaults(run=run)
 
 
