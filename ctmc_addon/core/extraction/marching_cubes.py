@@ -47,9 +47,13 @@ SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
-COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
-PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
-STAGES = {COMPARING: 3, FINDING: 2, PLACING: 4.5, COMPLETING: 0.5}
+STAGES = {
+    "Comparing with the threshold": 3,
+    "Finding active voxels": 2,
+    "Placing vertices and triangles": 4.5,
+    "Completing normals": 0.5,
+}
+COMPARING, FINDING, PLACING, COMPLETING = STAGES
 
 
 @dataclass(frozen=True)
