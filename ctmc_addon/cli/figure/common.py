@@ -35,7 +35,7 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
         "--style",
         choices=tuple(STYLES),
         help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colors (default for "
-        "several labels); print: grey faces, dark edges",
+        "several labels); print: gray faces, dark edges",
     )
     group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
     group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")
