@@ -204,7 +204,8 @@ class LongOperator:
             return {"CANCELLED"}
         scene = context.scene.session_uid
         try:
-            self.job = Job(self.bl_idname, self.bl_label, self.plan(context), scene, locks=self.locks)
+            # On the instance Blender says CTMC_OT_load for ctmc.load.
+            self.job = Job(type(self).bl_idname, self.bl_label, self.plan(context), scene, locks=self.locks)
         except (CtmcError, MemoryError) as error:
             return refuse(self, scene, error)
         start(self.job, context)

@@ -26,6 +26,7 @@ class Operator(jobs.LongOperator):
 
     def __init__(self, steps):
         self.steps, self.reports = steps, []
+        self.bl_idname = "CTMC_OT_reconstruct"  # as Blender says on an instance
 
     def plan(self, _context):
         return self.steps
