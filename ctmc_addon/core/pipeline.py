@@ -17,7 +17,8 @@ from .mesh.face_normals import vertex_normals_steps
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
-from .simplification.simplify import memory_needed, simplify_steps
+from .simplification.component_removal import RemovedComponents
+from .simplification.simplify import memory_needed, simplification_steps
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points, with_origin
 from .volume.region import region_box
@@ -25,13 +26,13 @@ from .volume.scalar_field import scalar_field_steps
 from .volume.volume import Volume
 
 # What report.json and a user read, and the usual share of the time.
-EXTRACTION_STAGES = {
+EXTRACTION = {
     "Preparing values": 20,
     "Extracting the surface": 39,
     "Placing it in the patient": 3,
     "Keeping parts": 3,
 }
-SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
+SIMPLIFICATION = {"Simplifying": 33, "Averaging normals": 2}
 POINTS_AT_ONCE = 1 << 16  # moved to millimetres in one go, so the float64 in between stays small
 
 
@@ -67,6 +68,8 @@ class Reconstruction:
         What was assumed, by the reader and here.
     name : str
         The volume's name.
+    removed_components : int
+        Small components that the built-in simplifier removed as a whole.
     """
 
     mesh: TriangleMesh
@@ -79,6 +82,7 @@ class Reconstruction:
     spacing_mm: tuple[float, float, float]
     notes: tuple[str, ...]
     name: str
+    removed_components: int = 0
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
@@ -94,6 +98,7 @@ class Reconstruction:
             "closed": mesh.closed,
             "euler": mesh.euler,
             "parts": mesh.components,
+            "removed_components": self.removed_components,
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
             "stages": [stage._asdict() for stage in self.stages],
@@ -165,12 +170,12 @@ def simplified_steps(
 
 
 def _extraction_of(settings: ReconstructionSettings) -> dict[str, int]:
-    return {name: weight for name, weight in EXTRACTION_STAGES.items() if name != "Keeping parts" or _drops(settings)}
+    return {name: weight for name, weight in EXTRACTION.items() if name != "Keeping parts" or _drops(settings)}
 
 
 def _simplification_of(settings: ReconstructionSettings) -> dict[str, int]:
     needed = {"Simplifying": _simplifies(settings), "Averaging normals": settings.normals == "mesh"}
-    return {name: weight for name, weight in SIMPLIFICATION_STAGES.items() if needed[name]}
+    return {name: weight for name, weight in SIMPLIFICATION.items() if needed[name]}
 
 
 def _drops(settings: ReconstructionSettings) -> bool:
@@ -211,7 +216,7 @@ def _full_steps(
         threshold=field.threshold,
         full_faces=len(mesh.faces),
         voxels_visited=visited,
-        stages=_seconds_of(stages, EXTRACTION_STAGES),
+        stages=_seconds_of(stages, EXTRACTION),
         spacing_mm=volume.spacing,
         notes=volume.notes + field.notes,
         name=volume.name,
@@ -221,7 +226,7 @@ def _full_steps(
 def _simplified_steps(
     stages: Stages, full: Reconstruction, settings: ReconstructionSettings, memory_limit: int | None
 ) -> Steps[Reconstruction]:
-    mesh, surface, notes = full.mesh, full.surface, full.notes
+    mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
     if _simplifies(settings):
         require(
             memory_needed(full.full_faces, settings.max_error_mm),
@@ -229,9 +234,11 @@ def _simplified_steps(
             "use a larger stride or a region",
             memory_limit,
         )
-        simplifying = simplify_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
-        mesh = yield from stages.run("Simplifying", simplifying)
-        surface = None
+        simplifying = simplification_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
+        simplification = yield from stages.run("Simplifying", simplifying)
+        mesh, removed, surface = simplification.mesh, simplification.removed, None
+        if removed.count:
+            notes += (f"{removed.sentence('mm3')}.",)
         target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
         if settings.max_error_mm is None and len(mesh.faces) > target:
             notes += (
@@ -246,8 +253,9 @@ def _simplified_steps(
         mesh=mesh,
         surface=surface,
         settings=settings,
-        stages=full.stages + _seconds_of(stages, SIMPLIFICATION_STAGES),
+        stages=full.stages + _seconds_of(stages, SIMPLIFICATION),
         notes=notes,
+        removed_components=removed.count,
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 T = TypeVar("T")
 
@@ -26,11 +26,7 @@ Steps = Generator[Step, None, T]
 PAUSE = Step()  # of work that does not know how far it is
 
 
-Pauses = Generator[Any, None, T]
-"""Work that can be left now and then, and does not know how far it is: `said` makes steps of it."""
-
-
-def finish(steps: Steps[T] | Pauses[T], report: Callable[[Step], None] | None = None) -> T:
+def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
     """Drive `steps` to the end, hand each to `report`, and return the result.
 
     Examples
@@ -47,7 +43,7 @@ def finish(steps: Steps[T] | Pauses[T], report: Callable[[Step], None] | None = 
         except StopIteration as end:
             result: T = end.value
             return result
-        if report is not None and step is not None:
+        if report is not None:
             report(step)
 
 
@@ -138,23 +134,3 @@ def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") 
             yield Step(low + (high - low) * fraction, own or message)
     finally:
         steps.close()
-
-
-def said(pauses: Pauses[T], fraction: float, message: str) -> Steps[T]:
-    """The same step at every pause.
-
-    Examples
-    --------
-    >>> def work():
-    ...     yield
-    ...     return 42
-    >>> [step.message for step in said(work(), 0.5, "Half")]
-    ['Half']
-    """
-    while True:
-        try:
-            next(pauses)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        yield Step(fraction, message)

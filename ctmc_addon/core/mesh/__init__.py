@@ -4,7 +4,7 @@ from .components import keep_components_steps
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
-from .subdivision import mean_longest_edge_steps, subdivided_steps
+from .subdivision import longest_edges, subdivided
 from .surface_distance import (
     ReferenceSurface,
     SurfaceDistance,
@@ -24,10 +24,10 @@ __all__ = [
     "blend",
     "edges_steps",
     "keep_components_steps",
-    "mean_longest_edge_steps",
+    "longest_edges",
     "measures_steps",
     "roughness",
-    "subdivided_steps",
+    "subdivided",
     "surface_distance",
     "surface_distance_steps",
     "triangle_shapes",

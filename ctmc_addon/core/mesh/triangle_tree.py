@@ -234,21 +234,26 @@ class TriangleTree:
 
     def _codes(self, points: NDArray[Any]) -> NDArray[np.uint64]:
         """Place of every point (n, 3) on a curve through the mesh's box that keeps neighbors together."""
-        cells = (np.clip((points - self._low) * self._cells_per_unit, 0, 2**CODE_BITS - 1)).astype(np.uint64)
-        codes = np.zeros(len(points), np.uint64)
-        for axis in range(3):
-            bits = cells[:, axis]
-            # Two free bits between every two of the 21.
-            for shift, mask in (
-                (32, 0x1F00000000FFFF),
-                (16, 0x1F0000FF0000FF),
-                (8, 0x100F00F00F00F00F),
-                (4, 0x10C30C30C30C30C3),
-                (2, 0x1249249249249249),
-            ):
-                bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
-            codes |= bits << np.uint64(axis)
-        return codes
+        return morton_codes(points, self._low, self._cells_per_unit)
+
+
+def morton_codes(points: NDArray[Any], low: NDArray[Any], cells_per_unit: float) -> NDArray[np.uint64]:
+    """Place of every point (n, 3) on a curve through the box from `low` that keeps neighbors together (Morton 1966)."""
+    cells = (np.clip((points - low) * cells_per_unit, 0, 2**CODE_BITS - 1)).astype(np.uint64)
+    codes = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        bits = cells[:, axis]
+        # Two free bits between every two of the 21.
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+            (2, 0x1249249249249249),
+        ):
+            bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
+        codes |= bits << np.uint64(axis)
+    return codes
 
 
 def squared_distances(points: NDArray[Any], a: NDArray[Any], b: NDArray[Any], c: NDArray[Any]) -> NDArray[Any]:

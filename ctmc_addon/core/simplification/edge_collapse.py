@@ -13,78 +13,38 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
-from ..mesh.vectors import cross, dot
-from ..progress import Pauses
+from ..mesh.vectors import dot
+from ..progress import PAUSE, Steps
+from .collapses import (
+    Collapses,
+    flips_normal_steps,
+    independent_set_steps,
+    locked_vertices_steps,
+    share_of,
+    violates_link_condition_steps,
+)
+from .component_removal import Components, RemovedComponents, without_components_steps
 from .error_bound import ErrorBound
-from .quadrics import EdgeQuadric, best_step, edge_quadric, error, quadrics_rows
-from .rollback import History, keep_bound
+from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
+from .rollback import History, roll_back_steps
 
 Ints = NDArray[np.int32]
-Places = NDArray[np.int64]
+Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
-PASSES = 2  # of picking edges whose triangles do not meet
-BLOCK = 8192  # edges whose costs are worked out together: what fits the cache
+BLOCK = 8192  # edges whose costs are computed together: what fits the cache
 FEW = 0.05  # of the edges tried could collapse: the round was poor
 POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
-TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
-
-
-@dataclass(frozen=True, eq=False)
-class Collapses:
-    """Edges about to collapse, no two with an end at the same triangle, and the faces round them.
-
-    edges : (n,) int64
-    kept, dropped : (n,) int32
-        The ends: the vertex that stays, and moves to the target, and the one that goes.
-    target : (3, n) float32
-    faces : (s,) int64
-        With a corner in a collapse.
-    owner : (s,) int32
-        In which.
-    gone : (s,) bool
-        Whether the face vanishes: it has two corners there.
-    """
-
-    edges: Places
-    kept: Ints
-    dropped: Ints
-    target: Floats
-    faces: Places
-    owner: Ints
-    gone: Flags
-
-    def only(self, chosen: Flags) -> Collapses:
-        """Some of them, (n,) bool, numbered anew."""
-        if chosen.all():
-            return self
-        number = np.cumsum(chosen, dtype=np.int32) - np.int32(1)
-        faces = chosen[self.owner]
-        return Collapses(
-            self.edges[chosen],
-            self.kept[chosen],
-            self.dropped[chosen],
-            np.compress(chosen, self.target, axis=1),
-            self.faces[faces],
-            number[self.owner[faces]],
-            self.gone[faces],
-        )
-
-    def moved(self, positions: Floats) -> Floats:
-        """Positions (3, V) with both ends of every edge at its target."""
-        moved = positions.copy()
-        moved[:, self.kept] = self.target
-        moved[:, self.dropped] = self.target
-        return moved
+COMPACT = 0.75  # of the faces are left: leave out those that are gone
+CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
 
 
 class CollapsingMesh:
@@ -96,54 +56,69 @@ class CollapsingMesh:
     face_edges : (3, F) int32, the edge from corner i to corner i + 1
     edges : (2, E) int32, vertex numbers
     cost : (E,) float32, inf where the edge cannot be collapsed as things are
-    fixed : (V,) bool, vertices that stay where they are
+    locked : (V,) bool, vertices that stay where they are
     """
 
-    def __init__(self, mesh: TriangleMesh, max_error: float | None = None, held: float = 1.0) -> None:
+    def __init__(self, mesh: TriangleMesh, max_error: float | None = None, safety_factor: float = 1.0) -> None:
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
         # A power of two: nothing is rounded, and float32 neither over- nor underflows in any unit.
         self.scale = np.float32(2.0 ** -np.frexp(extent)[1])
-        self.positions = np.ascontiguousarray(vertices.T) * self.scale
-        self.normals = None if mesh.normals is None else np.ascontiguousarray(mesh.normals.T)
-        self.faces = np.ascontiguousarray(mesh.faces.T)
-        self.limit, self.held = None if max_error is None else max_error * float(self.scale), held
+        # One vertex more, the dummy: faces and edges that are gone stand there until `compact_steps`.
+        self.dummy = len(vertices)
+        self.positions = np.empty((3, len(vertices) + 1), np.float32)
+        np.multiply(vertices.T, self.scale, out=self.positions[:, :-1])
+        self.positions[:, -1] = self.positions[:, 0]
+        self.normals = None
+        if mesh.normals is not None:
+            self.normals = np.zeros((3, len(vertices) + 1), np.float32)
+            self.normals[:, :-1] = mesh.normals.T
+        self.faces = np.array(mesh.faces.T, order="C")
+        self.face_count = self.faces.shape[1]
+        self.limit = None if max_error is None else max_error * float(self.scale)
+        self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
+        self.components = Components()
+        self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
+        self.cost_at_removal = 0.0  # `face_cost` when components were last considered
         self.accepted = 1.0  # share of the edges tried in the last round that could collapse
         self.poor_rounds = 0  # in a row, with hardly a collapse
         self.collapsed = 0  # since refused edges were last given another chance
 
-    @property
-    def face_count(self) -> int:
-        """Number of faces left."""
-        return self.faces.shape[1]
-
-    def prepare(self) -> Pauses[None]:
+    def prepare_steps(self) -> Steps[None]:
         """Find the edges and what they cost: before anything else."""
         vertex_count = self.positions.shape[1]
         self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
-        self.fixed = yield from _fixed(self.faces, self.edges, self.face_edges, vertex_count)
-        self.quadrics = yield from quadrics_rows(self.positions, self.faces)
+        border, non_manifold = yield from locked_vertices_steps(self.faces, self.edges, self.face_edges)
+        self.locked = np.zeros(vertex_count, bool)
+        self.locked[border] = self.locked[non_manifold] = True
+        self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
+        self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
+        self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, non_manifold)
+        if self.limit is None:
+            yield from self.components.prepare_gaps_steps(self.positions, self.component)
+        self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
-            self.name = np.arange(vertex_count, dtype=np.int32)
-            self.history = History(self.positions.copy(), self.normals, self.faces, self.fixed)
-            self.bound = ErrorBound(self.limit, self.held)
-            yield from self.bound.prepare(self.positions, self.faces, self.edges, self.face_edges)
-        yield from self.price()
+            self.original_vertex = np.arange(vertex_count, dtype=np.int32)
+            self.history = History(self.positions.copy(), self.normals, self.faces, self.locked)
+            self.bound = ErrorBound(self.limit, self.safety_factor)
+            yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
+            self.faces = self.faces.copy()  # the others keep the original
+        yield from self.update_costs_steps()
 
-    def price(self, edges: Places | None = None) -> Pauses[None]:
-        """Work out the cost of these edges, or of all."""
+    def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
+        """Compute the cost of these edges, or of all."""
         edges = np.arange(len(self.cost)) if edges is None else edges
         for number, start in enumerate(range(0, len(edges), BLOCK)):
             block = edges[start : start + BLOCK]
             first, second = np.take(self.edges, block, axis=1)
             quadric, step, _ = self.merged(first, second)
             cost = error(quadric, step)
-            cost[self.fixed[first] & self.fixed[second]] = np.inf
+            cost[self.locked[first] & self.locked[second]] = np.inf
             self.cost[block] = cost
             if number % 16 == 15:
-                yield
+                yield PAUSE
 
     def merged(self, first: Ints, second: Ints) -> tuple[EdgeQuadric, Floats, Floats]:
         """Quadric of the edges between these vertices, step from the middle to the new vertex, the new vertex."""
@@ -153,91 +128,99 @@ class CollapsingMesh:
         step = best_step(quadric)
         target = start + half + step
         for vertex, place, way in ((first, start, -half), (second, end, half)):
-            fixed = self.fixed[vertex]
-            if fixed.any():
-                np.copyto(step, way, where=fixed)
-                np.copyto(target, place, where=fixed)
+            locked = self.locked[vertex]
+            if locked.any():
+                np.copyto(step, way, where=locked)
+                np.copyto(target, place, where=locked)
         return quadric, step, target
 
-    def can_collapse(self) -> Pauses[bool]:
+    def can_collapse_steps(self) -> Steps[bool]:
         """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
         if self.poor_rounds < POOR_ROUNDS and np.isfinite(self.cost).any():
             return True
         if self.collapsed <= len(self.cost) // 1000:
             return False
         self.poor_rounds = self.collapsed = 0
-        yield from self.price()
+        yield from self.update_costs_steps()
         return bool(np.isfinite(self.cost).any())
 
-    def collapse(self, budget: int) -> Pauses[None]:
+    def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
-        count = int(min(SHARE * len(self.cost), 8 * budget) / self.accepted)
+        count = int(min(share_of(self.face_count, budget) * 1.5 * self.face_count, 8 * budget) / self.accepted)
         candidates = self.cheapest(min(count, len(self.cost) - 1))
-        yield
-        edges = yield from self.apart(candidates)
+        yield PAUSE
+        edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1])
         collapses = self.collapses(edges)
-        yield
+        yield PAUSE
         tried = len(collapses.edges)
-        checks = [self.unlinked, self.turned]
-        if self.bound is not None:
-            checks.append(self.too_far)
-        for check in checks:
-            refused = yield from check(collapses)
+        checks: list[Callable[[Collapses], Steps[Flags]]] = [
+            lambda collapses: violates_link_condition_steps(collapses, self.edges, self.locked),
+            lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
+            self.exceeds_error_steps,
+        ]
+        for check_steps in checks:
+            refused = yield from check_steps(collapses)
             self.cost[collapses.edges[refused]] = np.inf
-            collapses = collapses.only(~refused)
-            yield
+            collapses = collapses.select(~refused)
+            yield PAUSE
         left = len(collapses.edges)
+        if left and self.limit is None:
+            self._update_face_cost(collapses)
         self.accepted = max(left / tried, FEW)
         self.poor_rounds = self.poor_rounds + 1 if self.accepted == FEW else 0
         if left > budget:
             cheapest = np.zeros(left, bool)
             cheapest[np.argsort(self.cost[collapses.edges], kind="stable")[:budget]] = True
-            collapses = collapses.only(cheapest)
+            collapses = collapses.select(cheapest)
         if left:
-            yield from self.merge(collapses)
+            yield from self.merge_steps(collapses)
 
-    def cheapest(self, count: int) -> Places:
+    def _update_face_cost(self, collapses: Collapses) -> None:
+        """Raise `face_cost` to that of a round: a quadric is an area times a squared distance, its trace the area."""
+        middle = len(collapses.edges) // 2
+        traces = [self.quadrics[row, end] for end in (collapses.kept, collapses.dropped) for row in (0, 3, 5)]
+        area = np.partition(sum(traces[1:], traces[0]), middle)[middle]
+        cost = np.partition(self.cost[collapses.edges], middle)[middle]
+        self.face_cost = max(self.face_cost, 0.5 * float(np.sqrt(cost * area)))
+
+    def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
+        """Remove components that now cost less than collapses, at most `excess` faces; whether any went.
+
+        Only when collapses have become more expensive. If `stuck`, at any cost.
+        """
+        if (
+            self.limit is not None
+            or self.components.count == 1
+            or not (stuck or self.face_cost > CONSIDER_AGAIN * self.cost_at_removal)
+        ):
+            return False
+        self.cost_at_removal = self.face_cost
+        of_face = np.take(self.component, self.faces[0])
+        counts = np.bincount(of_face + 1, minlength=self.components.count + 1)[1:]  # -1 is the dummy's
+        yield PAUSE
+        gone = self.components.cheaper(counts, np.inf if stuck else self.face_cost, excess)
+        if not len(gone):
+            return False
+        yield from self.components.remove_steps(gone)
+        removed = np.append(~self.components.present, False)  # for the dummy
+        faces, edges = removed[of_face], removed[np.take(self.component, self.edges[0])]
+        self.face_count -= int(faces.sum())
+        self.faces[:, faces] = self.edges[:, edges] = self.dummy
+        self.cost[edges] = np.inf
+        return True
+
+    def cheapest(self, count: int) -> Indices:
         """The `count` cheapest edges and those that cost the same as the last of them."""
         limit = np.partition(self.cost, count)[count]
         if np.isfinite(limit):
             return np.flatnonzero(self.cost <= limit)
         return np.flatnonzero(np.isfinite(self.cost))
 
-    def apart(self, candidates: Places) -> Pauses[Places]:
-        """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
-        candidates = candidates[np.argsort(_shuffled(candidates))]
-        first, second = self.edges
-        free = np.ones(self.positions.shape[1], bool)
-        chosen: list[Places] = []
-        for _ in range(PASSES):
-            a, b = np.take(self.edges, candidates, axis=1)
-            count = len(candidates)
-            rank = np.arange(count, dtype=np.int32)
-            # The best rank at every vertex: written from the worst to the best, the last stays.
-            best = np.full(len(free), count, np.int32)
-            best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
-            beside_first, beside_second = np.take(best, first), np.take(best, second)
-            lost = np.zeros(len(free), bool)
-            lost[np.compress(beside_first > beside_second, first)] = True
-            lost[np.compress(beside_second > beside_first, second)] = True
-            won = (best[a] == rank) & (best[b] == rank) & ~(lost[a] | lost[b])
-            chosen.append(candidates[won])
-            yield
-
-            near = np.zeros(len(free), bool)
-            near[a[won]] = near[b[won]] = True
-            free[near] = False
-            free[np.compress(np.take(near, second), first)] = False
-            free[np.compress(np.take(near, first), second)] = False
-            candidates = candidates[free[a] & free[b]]
-            yield
-        return np.concatenate(chosen)
-
-    def collapses(self, edges: Places) -> Collapses:
+    def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
         _, _, target = self.merged(first, second)
-        swap = self.fixed[second]
+        swap = self.locked[second]
         ends = np.where(swap, second, first), np.where(swap, first, second)
         owner = np.full(self.positions.shape[1], -1, np.int32)
         owner[ends[0]] = owner[ends[1]] = np.arange(len(edges), dtype=np.int32)
@@ -247,117 +230,145 @@ class CollapsingMesh:
         a, b, c = np.take(owners, star, axis=1) >= 0
         return Collapses(edges, *ends, target, star, highest[star], (a & (b | c)) | (b & c))
 
-    def unlinked(self, collapses: Collapses) -> Pauses[Flags]:
-        """Which collapses fail the link condition: the ends must share two neighbours, no more.
-
-        And neither of the two may have only one neighbour beside them, or a tetrahedron would fold flat.
-        """
-        count = len(collapses.edges)
-        owner = np.full(self.positions.shape[1], -1, np.int32)
-        owner[collapses.kept] = owner[collapses.dropped] = np.arange(count, dtype=np.int32)
-        first, second = self.edges
-        owner_first, owner_second = np.take(owner, first), np.take(owner, second)
-        pairs = []
-        for inside, outside, end in ((owner_first, owner_second, second), (owner_second, owner_first, first)):
-            across = np.flatnonzero((inside >= 0) & (inside != outside))
-            pairs.append(inside[across].astype(np.int64) * len(owner) + end[across])
-            yield
-        keys = np.sort(np.concatenate(pairs))
-        shared, neighbour = np.divmod(keys[1:][keys[1:] == keys[:-1]], len(owner))
-        refused = np.bincount(shared, minlength=count) != 2
-        neighbours = np.bincount(self.edges.ravel(), minlength=len(owner))
-        refused[shared[(neighbours[neighbour] == 3) & ~self.fixed[neighbour]]] = True
-        return refused
-
-    def turned(self, collapses: Collapses) -> Pauses[Flags]:
-        """Which collapses turn a face too far, or leave it without area."""
-        corners = np.take(self.faces, collapses.faces[~collapses.gone], axis=1)
-        normals = []
-        for positions in (self.positions, collapses.moved(self.positions)):
-            a, b, c = (np.take(positions, corner, axis=1) for corner in corners)
-            normals.append(cross(b - a, c - a))
-            yield
-        before, after = normals
-        straight, size = dot(before, after), dot(after, after)
-        bad = (straight < 0) | (straight * straight < TURN * TURN * dot(before, before) * size) | (size == 0)
-        refused = np.zeros(len(collapses.edges), bool)
-        refused[collapses.owner[~collapses.gone][bad]] = True
-        return refused
-
-    def too_far(self, collapses: Collapses) -> Pauses[Flags]:
-        """Which collapses take the surface too far from the original."""
-        assert self.bound is not None
+    def exceeds_error_steps(self, collapses: Collapses) -> Steps[Flags]:
+        """Which collapses take the surface too far from the original, (n,) bool."""
+        if self.bound is None:
+            return np.zeros(len(collapses.edges), bool)
         moved = collapses.moved(self.positions)
-        yield
-        return (yield from self.bound.exceeded(collapses, self.faces, moved))
+        yield PAUSE
+        return (yield from self.bound.exceeded_steps(collapses, self.faces, moved))
 
-    def merge(self, collapses: Collapses) -> Pauses[None]:
-        """Do it."""
+    def merge_steps(self, collapses: Collapses) -> Steps[None]:
+        """Collapse; what is gone stands at the dummy vertex until `compact_steps`."""
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
         self.collapsed += len(keep)
-        self.positions[:, keep] = collapses.target
+        self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
+        if self.compacting:
+            self.positions[:, keep] = collapses.target
+        else:
+            yield from self.move_steps(collapses)
         if self.normals is not None:
             self.normals[:, keep] += self.normals[:, drop]
+        if self.bound is not None:
+            self.history.add(self.original_vertex[keep], self.original_vertex[drop], collapses.target)
 
-        # In every face that vanishes the other two edges become one.
-        collapsed = np.zeros(len(self.cost), bool)
-        collapsed[collapses.edges] = True
+        # In every face that vanishes the other two edges become a single edge.
         sides = np.take(self.face_edges, gone, axis=1)
-        slot = np.argmax(collapsed[sides], axis=0)
+        self.edge_becomes[collapses.edges] = -1
+        slot = np.argmax(np.take(self.edge_becomes, sides) < 0, axis=0)
         column = np.arange(len(gone))
         lost, stays = sides[(slot + 1) % 3, column], sides[(slot + 2) % 3, column]
-        collapsed[lost] = True
-        edge_left = np.flatnonzero(~collapsed)
-        edge_number = np.empty(len(collapsed), np.int32)
-        edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
-        edge_number[lost] = edge_number[stays]
+        self.edge_becomes[lost] = stays
+        self.vertex_becomes[drop] = keep
+        yield PAUSE
 
-        yield
+        left = collapses.faces[~collapses.gone]
+        corners = np.take(self.vertex_becomes, np.take(self.faces, left, axis=1))
+        around = np.take(self.edge_becomes, np.take(self.face_edges, left, axis=1))
+        for row in range(3):  # one row at a time: several times faster in NumPy than all at once
+            self.faces[row, left], self.face_edges[row, left] = corners[row], around[row]
+            self.faces[row, gone] = self.dummy
+        beside = np.zeros(len(self.cost), bool)
+        beside[around] = True
+        beside = np.flatnonzero(beside)
+        ends = np.take(self.vertex_becomes, np.take(self.edges, beside, axis=1))
+        for row, end in zip(self.edges, ends, strict=True):
+            row[beside] = end
+            row[collapses.edges] = row[lost] = self.dummy
+        yield PAUSE
+        for dead in (collapses.edges, lost):
+            self.edge_becomes[dead], self.cost[dead] = dead, np.inf
+        self.vertex_becomes[drop] = drop
+        self.face_count -= len(gone)
 
-        face_left = np.ones(self.face_count, bool)
-        face_left[gone] = False
-        face_left = np.flatnonzero(face_left)
-        vertex_left = np.ones(self.positions.shape[1], bool)
-        vertex_left[drop] = False
-        vertex_left = np.flatnonzero(vertex_left)
-        vertex_number = np.empty(self.positions.shape[1], np.int32)
+        if self.compacting:
+            changed = np.zeros(len(self.vertex_becomes), bool)
+            changed[keep] = True
+            changed = changed[(yield from self.compact_steps())]
+            self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
+            yield from self.update_costs_steps(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
+        else:
+            moved = np.zeros(len(self.vertex_becomes), bool)
+            moved[keep] = True
+            yield from self.update_costs_steps(beside[moved[ends].any(axis=0)])
+
+    def move_steps(self, collapses: Collapses) -> Steps[None]:
+        """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
+        faces = np.take(self.faces, collapses.faces, axis=1)
+        change = -face_quadrics(self.positions, faces)
+        yield PAUSE
+        after = np.flatnonzero(~collapses.gone)
+        for row, target in zip(self.positions, collapses.target, strict=True):
+            row[collapses.kept] = row[collapses.dropped] = target
+        new = face_quadrics(self.positions, faces[:, after])
+        change[:, after] += new
+        yield PAUSE
+        vertices = faces.ravel()
+        around = np.zeros(len(self.vertex_becomes), bool)
+        around[vertices] = True
+        around = np.flatnonzero(around)
+        number = np.empty(len(self.vertex_becomes), np.int32)
+        number[around] = np.arange(len(around), dtype=np.int32)
+        index, owner = number[vertices], collapses.owner[after]
+        for row, difference, total in zip(self.quadrics, change, new, strict=True):
+            row[around] += np.bincount(index, np.tile(difference, 3), len(around)).astype(np.float32)
+            row[collapses.kept] = np.bincount(owner, total, len(collapses.kept))
+            yield PAUSE
+
+    def compact_steps(self) -> Steps[Indices]:
+        """Leave out faces, edges and vertices that are gone; which vertices are left."""
+        face_left = np.flatnonzero(self.faces[0] != self.dummy)
+        edge_left = np.flatnonzero(self.edges[0] != self.dummy)
+        used = np.zeros(len(self.vertex_becomes), bool)
+        used[self.edges] = used[self.dummy] = True
+        vertex_left = np.flatnonzero(used)
+        yield PAUSE
+        vertex_number = np.empty(len(used), np.int32)
         vertex_number[vertex_left] = np.arange(len(vertex_left), dtype=np.int32)
-        vertex_number[drop] = vertex_number[keep]
-
-        yield
-
+        edge_number = np.empty(len(self.cost), np.int32)
+        edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
         if self.bound is not None:
             self.bound.accept(face_left)
-            self.history.add(self.name[keep], self.name[drop], collapses.target)
-            self.name = self.name[vertex_left]
+            self.original_vertex = self.original_vertex[vertex_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
-        yield
+        yield PAUSE
         self.edges = np.take(vertex_number, np.take(self.edges, edge_left, axis=1))
         self.cost = self.cost[edge_left]
         self.positions = np.take(self.positions, vertex_left, axis=1)
-        self.fixed = self.fixed[vertex_left]
+        self.locked = self.locked[vertex_left]
         if self.normals is not None:
             self.normals = np.take(self.normals, vertex_left, axis=1)
-        yield
-        self.quadrics = yield from quadrics_rows(self.positions, self.faces)
+        if self.bound is None:
+            self.component = self.component[vertex_left]
+            self.quadrics = np.take(self.quadrics, vertex_left, axis=1)
+        self.dummy = len(vertex_left) - 1
+        self.vertex_becomes = np.arange(len(vertex_left), dtype=np.int32)
+        self.edge_becomes = np.arange(len(edge_left), dtype=np.int32)
+        yield PAUSE
+        return vertex_left
 
-        changed = np.zeros(len(vertex_left), bool)
-        changed[vertex_number[keep]] = True
-        yield from self.price(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
-
-    def keep_bound(self) -> Pauses[None]:
-        """Take collapses back until the bound on the error, if there is one, is kept everywhere: last of all."""
+    def roll_back_steps(self) -> Steps[None]:
+        """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""
         if self.bound is not None:
             history, check, self.bound = self.history, self.bound.check, None  # the samples are not needed any more
             del self.quadrics, self.cost, self.edges, self.face_edges
-            yield from keep_bound(history, check)
-            self.positions, self.normals, self.faces = history.positions, history.normals, history.faces
+            yield from roll_back_steps(history, check)
+            self.positions, self.normals = history.positions, history.normals
+            self.faces = yield from without_components_steps(self.components, history, check)
+            self.face_count = self.faces.shape[1]
+
+    @property
+    def removed(self) -> RemovedComponents:
+        """Components that were removed as a whole, in the unit of the mesh."""
+        removed = self.components.removed
+        return RemovedComponents(removed.count, removed.largest / float(self.scale) ** 3)
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""
+        faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
         used = np.zeros(self.positions.shape[1], bool)
-        used[self.faces] = True
+        used[faces] = True
         number = np.cumsum(used, dtype=np.int32) - np.int32(1)
         vertices = np.ascontiguousarray((self.positions[:, used] / self.scale).T)
         normals = None
@@ -366,25 +377,4 @@ class CollapsingMesh:
             length = np.sqrt(dot(normals, normals))
             length[length == 0] = 1.0
             normals = np.ascontiguousarray((normals / length).T)
-        return TriangleMesh(vertices, np.ascontiguousarray(number[self.faces].T), normals)
-
-
-def _fixed(faces: Ints, edges: Ints, face_edges: Ints, vertex_count: int) -> Pauses[Flags]:
-    """Vertices that must stay: those on a border, and those of faces at an edge with other than two faces."""
-    faces_at = np.bincount(face_edges.ravel(), minlength=edges.shape[1])
-    yield
-    fixed = np.zeros(vertex_count, bool)
-    fixed[edges[:, faces_at == 1]] = True
-    odd = (faces_at > 2) | (edges[0] == edges[1])
-    fixed[faces[:, odd[face_edges].any(axis=0)]] = True
-    return fixed
-
-
-def _shuffled(numbers: Places) -> NDArray[np.uint32]:
-    """Another number for every number below 2^32, none twice, in no visible order."""
-    mixed = numbers.astype(np.uint32)
-    for factor in (0x85EBCA6B, 0xC2B2AE35):  # the odd factors of MurmurHash3's last mixing
-        mixed ^= mixed >> np.uint32(15)
-        mixed *= np.uint32(factor)
-    mixed ^= mixed >> np.uint32(16)
-    return mixed
+        return TriangleMesh(vertices, np.ascontiguousarray(number[faces].T), normals)

@@ -1,31 +1,28 @@
-"""Hold a simplified surface within a distance of the original, both ways, while edges collapse.
+"""Keep a simplified surface within a distance of the original, both ways, while edges collapse.
 
-The original is held by samples: its vertices, and points spread over its edges and faces. Each has a
-home, a face of the surface as it is now that is no farther than the bound. A collapse changes the faces
-round one edge; samples at home there move to one of the faces that remain, and if all are too far for
-one of them the collapse is refused. So it is if its new vertex, or a point spread over the new edges
-and faces, is too far from the original.
+Samples stand for the original: its vertices, and points spread over its edges and faces. Each has an assigned face of
+the surface as it is now, no farther away than the bound. A collapse changes the faces round one edge; samples assigned
+to these go to one of the faces that remain, and if all are too far for one of them the collapse is refused. So it is
+if its new vertex, or a point spread over the incident edges and faces, is too far from the original.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.triangle_tree import squared_distances
 from ..mesh.vectors import dot
-from ..progress import Pauses
+from ..progress import PAUSE, Steps
+from .collapses import Collapses
 from .error_check import STEPS, ErrorCheck
 
-if TYPE_CHECKING:
-    from .edge_collapse import Collapses
-
 Ints = NDArray[np.int32]
-Places = NDArray[np.int64]
+Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
@@ -35,52 +32,52 @@ SAMPLE = 8  # of so many samples one is looked at first: most refusals need no m
 
 
 class ErrorBound:
-    """Samples of the original, and the face where each is at home.
+    """Samples of the original, and the face that each is assigned to.
 
     Parameters
     ----------
     limit : float
         In the unit of the positions.
-    held : float
-        Share of the limit that samples are held to: between them a surface swings out a little farther.
+    safety_factor : float
+        Share of the limit that samples must keep: between them a surface swings out a little farther.
     """
 
-    def __init__(self, limit: float, held: float) -> None:
+    def __init__(self, limit: float, safety_factor: float) -> None:
         self.check = ErrorCheck(limit)
-        self.limit = held * limit
+        self.limit = safety_factor * limit
         self.limit_squared = np.float32(self.limit * self.limit)
-        self.moving = self.new_home = np.empty(0, np.int64)  # what a round would change
+        self.moving = self.new_assigned_face = np.empty(0, np.int64)  # what a round would change
 
-    def prepare(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints) -> Pauses[None]:
+    def prepare_steps(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints) -> Steps[None]:
         """Take in the original, (3, P), (3, F), (2, E), (3, F), which is also the surface at first."""
         vertex_count, face_count = positions.shape[1], faces.shape[1]
         ends = [np.take(positions, end, axis=1) for end in edges]
-        yield
+        yield PAUSE
         along = ends[1] - ends[0]
         length = np.sqrt(dot(along, along))
         self.gap = max(2.0 * float(np.median(length)), self.check.limit)
-        yield
+        yield PAUSE
         long = np.flatnonzero(length > 2.0 * self.check.limit)  # between the ends of others little can go wrong
         on_edges, edge_of = _spread([np.take(end, long, axis=1) for end in ends], self.gap)
         edge_of = long[edge_of]
-        yield
+        yield PAUSE
         corners = [np.take(positions, corner, axis=1) for corner in faces]
         in_faces, face_of = _spread(corners, self.gap)
-        yield
+        yield PAUSE
         self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
 
         face_at = np.tile(np.arange(face_count), 3)
         face_at_vertex, face_at_edge = np.full(vertex_count, -1, np.int64), np.empty(edges.shape[1], np.int64)
         face_at_vertex[faces.ravel()] = face_at
         face_at_edge[face_edges.ravel()] = face_at
-        self.home = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
-        yield
-        yield from self.check.prepare(positions.copy(), faces)
+        self.assigned_face = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
+        yield PAUSE
+        yield from self.check.prepare_steps(positions.copy(), faces)
         number = np.empty(face_count, np.int64)
         number[self.check.to_original.tree.order] = np.arange(face_count)
         self.triangle_of = number[face_of]  # of the samples inside faces
 
-    def exceeded(self, collapses: Collapses, faces: Ints, moved: Floats) -> Pauses[Flags]:
+    def exceeded_steps(self, collapses: Collapses, faces: Ints, moved: Floats) -> Steps[Flags]:
         """Which of the n collapses take the surface too far from the original, (n,) bool.
 
         Parameters
@@ -94,9 +91,9 @@ class ErrorBound:
         count = len(collapses.edges)
         collapse_at = np.full(faces.shape[1], -1, np.int32)
         collapse_at[collapses.faces] = collapses.owner
-        moving = np.flatnonzero((np.take(collapse_at, self.home) >= 0) & (self.home >= 0))
-        collapse = collapse_at[self.home[moving]]
-        yield
+        moving = np.flatnonzero((np.take(collapse_at, self.assigned_face) >= 0) & (self.assigned_face >= 0))
+        collapse = collapse_at[self.assigned_face[moving]]
+        yield PAUSE
 
         left = np.flatnonzero(~collapses.gone)
         left = left[np.argsort(collapses.owner[left], kind="stable")]
@@ -107,80 +104,80 @@ class ErrorBound:
         exceeded = np.zeros(count, bool)
         column = np.full(faces.shape[1], -1)
         column[star] = np.arange(len(star))
-        near = column[self.home[moving]]  # mostly the face where a sample is at home will do, if it remains
+        near = column[self.assigned_face[moving]]  # mostly the face assigned so far will do, if it remains
         for step in (SAMPLE, 1):
-            yield
+            yield PAUSE
             rest = np.arange(0, len(moving), step)
             rest = rest[~exceeded[collapse[rest]]]
-            places = np.take(self.samples, moving[rest], axis=1)
+            points = np.take(self.samples, moving[rest], axis=1)
             stays = np.flatnonzero(near[rest] >= 0)
-            home = np.take(corners, near[rest[stays]], axis=1)
-            squared = squared_distances(places[:, stays], *(np.take(moved, corner, axis=1) for corner in home))
+            face = np.take(corners, near[rest[stays]], axis=1)
+            squared = squared_distances(points[:, stays], *(np.take(moved, corner, axis=1) for corner in face))
             moves = np.ones(len(rest), bool)
             moves[stays[squared <= self.limit_squared]] = False
-            rest, places = rest[moves], places[:, moves]
+            rest, points = rest[moves], points[:, moves]
             own = collapse[rest]
-            yield
+            yield PAUSE
             near[rest], squared = _near_face(
-                places, moved, corners, middles, first[own], faces_of[own], self.limit_squared
+                points, moved, corners, middles, first[own], faces_of[own], self.limit_squared
             )
             exceeded[own[squared > self.limit_squared]] = True
 
-        chosen = ~exceeded[collapse]
-        moving, collapse, near = moving[chosen], collapse[chosen], near[chosen]
-        yield
-        refused = yield from self._away_from_original(collapses, owner, corners, moved, moving, near, exceeded)
-        chosen = ~refused[collapse]
-        self.moving, self.new_home = moving[chosen], star[near[chosen]]
+        kept = ~exceeded[collapse]
+        moving, collapse, near = moving[kept], collapse[kept], near[kept]
+        yield PAUSE
+        refused = yield from self._far_from_original_steps(collapses, owner, corners, moved, moving, near, exceeded)
+        kept = ~refused[collapse]
+        self.moving, self.new_assigned_face = moving[kept], star[near[kept]]
         return refused
 
-    def _away_from_original(
+    def _far_from_original_steps(
         self,
         collapses: Collapses,
-        owner: Places,
+        owner: Indices,
         corners: Ints,
         moved: Floats,
-        moving: Places,
-        near: Places,
+        moving: Indices,
+        near: Indices,
         refused: Flags,
-    ) -> Pauses[Flags]:
-        """Which collapses are refused or put a vertex, or a point of a spoke or face, too far from the original."""
+    ) -> Steps[Flags]:
+        """Which collapses are refused or put a vertex, or a point of an edge or face, too far from the original."""
         count = len(refused)
-        hub = np.zeros(moved.shape[1], bool)
-        hub[collapses.kept] = hub[collapses.dropped] = True
+        new_vertex = np.zeros(moved.shape[1], bool)
+        new_vertex[collapses.kept] = new_vertex[collapses.dropped] = True
         column = np.flatnonzero(~refused[owner])
         corners = np.take(corners, column, axis=1)
-        slot, each = np.argmax(np.take(hub, corners), axis=0), np.arange(len(column))
+        slot, each = np.argmax(np.take(new_vertex, corners), axis=0), np.arange(len(column))
         a, b, c = (np.take(moved, corners[(slot + k) % 3, each], axis=1) for k in range(3))  # a is the one that moves
-        on_spokes, spoke = _spread([a, b], self.gap)
+        on_edges, edge = _spread([a, b], self.gap)
         in_faces, face = _spread([a, b, c], self.gap)
         once = np.flatnonzero(np.diff(owner[column], prepend=-1))  # of every collapse one face, for its new vertex
-        places = np.concatenate([a[:, once], on_spokes, in_faces], axis=1)
-        yield
-        face_of = column[np.concatenate([each[once], spoke, face])]
+        points = np.concatenate([a[:, once], on_edges, in_faces], axis=1)
+        yield PAUSE
+        face_of = column[np.concatenate([each[once], edge, face])]
         of = owner[face_of]
-        yield
+        yield PAUSE
 
-        # Mostly the original's face of the nearest sample at home in the same face will do.
+        # Mostly the original's face of the nearest sample assigned to the same face will do.
         inner = moving - (self.samples.shape[1] - len(self.triangle_of))
         inside = np.flatnonzero(inner >= 0)
         inside = inside[np.argsort(near[inside], kind="stable")]
         first, near_to = _runs(near[inside], len(owner))
         squared = np.full(len(of), np.inf)
-        some = np.flatnonzero(near_to[face_of])
+        open_ = np.flatnonzero(near_to[face_of])
         samples = np.take(self.samples, moving[inside], axis=1)
-        yield
-        nearest = _nearest_point(places[:, some], samples, first[face_of[some]], near_to[face_of[some]])
+        yield PAUSE
+        nearest = _nearest_point(points[:, open_], samples, first[face_of[open_]], near_to[face_of[open_]])
         triangle = self.triangle_of[inner[inside][nearest]]
         to_original = self.check.to_original
-        squared[some] = squared_distances(places[:, some], *to_original.triangles(triangle))
-        yield
+        squared[open_] = squared_distances(points[:, open_], *to_original.triangles(triangle))
+        yield PAUSE
         for _ in range(STEPS):
-            far = np.flatnonzero(squared[some] > self.limit_squared)
-            some, triangle = some[far], to_original.across(places[:, some[far]], triangle[far])
-            found = squared_distances(places[:, some], *to_original.triangles(triangle))
-            squared[some] = np.minimum(squared[some], found)
-        yield
+            far = np.flatnonzero(squared[open_] > self.limit_squared)
+            open_, triangle = open_[far], to_original.across(points[:, open_[far]], triangle[far])
+            other = squared_distances(points[:, open_], *to_original.triangles(triangle))
+            squared[open_] = np.minimum(squared[open_], other)
+        yield PAUSE
 
         # For the others the tree is asked, first for the farthest of each collapse: mostly that decides it.
         refused = refused.copy()
@@ -190,21 +187,21 @@ class ErrorBound:
         farthest[of[far]] = far
         ask = farthest[farthest >= 0]
         for _ in range(2):
-            asked, _ = yield from to_original.nearest(places[:, ask], np.full(len(ask), self.limit * self.limit))
-            refused[of[ask[np.isinf(asked)]]] = True
+            answer, _ = yield from to_original.nearest_steps(points[:, ask], np.full(len(ask), self.limit * self.limit))
+            refused[of[ask[np.isinf(answer)]]] = True
             ask = far[~refused[of[far]] & (farthest[of[far]] != far)]
-            yield
+            yield PAUSE
         return refused
 
-    def accept(self, face_left: Places) -> None:
-        """Take over the homes for the collapses that `exceeded` let pass; (f,) are the faces that are left."""
-        self.home[self.moving] = self.new_home
-        number = np.zeros(max(int(self.home.max()), int(face_left.max())) + 1, np.int64)
+    def accept(self, face_left: Indices) -> None:
+        """Assign samples anew for the collapses that `exceeded_steps` let pass; faces `face_left`, (f,), remain."""
+        self.assigned_face[self.moving] = self.new_assigned_face
+        number = np.zeros(max(int(self.assigned_face.max()), int(face_left.max())) + 1, np.int64)
         number[face_left] = np.arange(len(face_left))
-        self.home = np.where(self.home < 0, -1, number[self.home])
+        self.assigned_face = np.where(self.assigned_face < 0, -1, number[self.assigned_face])
 
 
-def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
+def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Indices]:
     """Points spread over edges (two corners, (3, m) each) or faces (three), and the edge or face of each.
 
     The longest side is cut into parts no longer than the gap, an odd number of them; the points are the
@@ -216,21 +213,21 @@ def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Places]:
         np.maximum(longest, dot(along, along), out=longest)
     parts = np.ceil(np.sqrt(longest) / np.float32(gap)).clip(1, MOST_PARTS)
     parts += 1 - parts % 2
-    places, owners = [], []
+    points, owners = [], []
     for count in range(1, int(parts.max(initial=1)) + 1, 2):
-        chosen = np.flatnonzero(parts == count)
-        some = [np.take(corner, chosen, axis=1) for corner in corners]
+        numbers = np.flatnonzero(parts == count)
+        of_these = [np.take(corner, numbers, axis=1) for corner in corners]
         for steps in itertools.product(range(count), repeat=len(corners)):
-            if len(chosen) and sum(steps) == count - 1:
+            if len(numbers) and sum(steps) == count - 1:
                 shares = [np.float32((step + 1 / len(corners)) / count) for step in steps]
-                places.append(sum(share * corner for share, corner in zip(shares, some, strict=True)))
-                owners.append(chosen)
-    if not places:
+                points.append(sum(share * corner for share, corner in zip(shares, of_these, strict=True)))
+                owners.append(numbers)
+    if not points:
         return np.empty((3, 0), np.float32), np.empty(0, np.int64)
-    return np.concatenate(places, axis=1), np.concatenate(owners)
+    return np.concatenate(points, axis=1), np.concatenate(owners)
 
 
-def _runs(owner: Places, count: int) -> tuple[Places, Places]:
+def _runs(owner: Indices, count: int) -> tuple[Indices, Indices]:
     """Where each of `count` numbers begins in the sorted `owner`, and how often it is there."""
     counts = np.bincount(owner, minlength=count)
     return np.cumsum(counts) - counts, counts
@@ -243,8 +240,8 @@ def _middles(positions: Floats, faces: Ints) -> Floats:
 
 
 def _near_face(
-    points: Floats, positions: Floats, faces: Ints, middles: Floats, start: Places, count: Places, limit_squared: Any
-) -> tuple[Places, Floats]:
+    points: Floats, positions: Floats, faces: Ints, middles: Floats, start: Indices, count: Indices, limit_squared: Any
+) -> tuple[Indices, Floats]:
     """For every point (3, n) one of the faces start to start + count within the limit, or the nearest of them.
 
     Mostly the one with the nearest middle will do.
@@ -258,38 +255,38 @@ def _near_face(
 
 
 def _nearest_face(
-    points: Floats, positions: Floats, faces: Ints, start: Places, count: Places
-) -> tuple[Places, Floats]:
+    points: Floats, positions: Floats, faces: Ints, start: Indices, count: Indices
+) -> tuple[Indices, Floats]:
     """For every point (3, n) the nearest of the faces start to start + count, and its squared distance."""
     nearest = np.empty(len(start), np.int64)
     least = np.empty(len(start), np.float32)
-    for block, some, face in _pairs(start, count):
+    for block, counts, face in _pairs(start, count):
         corners = (np.take(positions, np.take(corner, face), axis=1) for corner in faces)
-        squared = squared_distances(np.repeat(points[:, block], some, axis=1), *corners)
-        hit, least[block] = _least(squared, some)
+        squared = squared_distances(np.repeat(points[:, block], counts, axis=1), *corners)
+        hit, least[block] = _least(squared, counts)
         nearest[block] = face[hit]
     return nearest, least
 
 
-def _nearest_point(points: Floats, others: Floats, start: Places, count: Places) -> Places:
+def _nearest_point(points: Floats, others: Floats, start: Indices, count: Indices) -> Indices:
     """For every point (3, n) the nearest of others[:, start:start + count]."""
     nearest = np.empty(len(start), np.int64)
-    for block, some, other in _pairs(start, count):
-        away: Floats = np.repeat(points[:, block], some, axis=1) - np.take(others, other, axis=1)
-        nearest[block] = other[_least(dot(away, away), some)[0]]
+    for block, counts, other in _pairs(start, count):
+        away: Floats = np.repeat(points[:, block], counts, axis=1) - np.take(others, other, axis=1)
+        nearest[block] = other[_least(dot(away, away), counts)[0]]
     return nearest
 
 
-def _pairs(start: Places, count: Places) -> Iterator[tuple[slice, Places, Places]]:
+def _pairs(start: Indices, count: Indices) -> Iterator[tuple[slice, Indices, Indices]]:
     """Some of the n at a time: which, the counts of those, and all their numbers from start to start + count."""
     for low in range(0, len(start), BLOCK):
         block = slice(low, low + BLOCK)
-        some = count[block]
-        before = np.cumsum(some) - some
-        yield block, some, np.arange(some.sum()) + np.repeat(start[block] - before, some)
+        counts = count[block]
+        before = np.cumsum(counts) - counts
+        yield block, counts, np.arange(counts.sum()) + np.repeat(start[block] - before, counts)
 
 
-def _least(values: Floats, count: Places) -> tuple[Places, Floats]:
+def _least(values: Floats, count: Indices) -> tuple[Indices, Floats]:
     """Of every `count` values in turn: where the least is, the first of equals, and what it is."""
     least = np.minimum.reduceat(values, np.cumsum(count) - count)
     hits = np.flatnonzero(values == np.repeat(least, count))

@@ -1,4 +1,4 @@
-"""Where a simplified surface leaves the original farther than a bound, or the original it: between any samples.
+"""Where a simplified surface is farther than a bound from the original, or the original from it: between samples too.
 
 A triangle is convex: a piece whose three corners are near one triangle is near it everywhere. Other pieces are near
 where the other surface's distance from their middle is so small that it cannot grow beyond the bound on the way
@@ -16,10 +16,10 @@ from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.triangle_tree import TriangleTree, squared_distances
 from ..mesh.vectors import cross, dot
-from ..progress import Pauses
+from ..progress import PAUSE, Steps
 
 Ints = NDArray[np.int32]
-Places = NDArray[np.int64]
+Indices = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -32,9 +32,9 @@ STEPS = 2  # from triangle to triangle in search of a nearer one, at each quarte
 
 
 class Target:
-    """A surface that others are measured against: its triangles in the order of their tree, and their neighbours."""
+    """A surface that others are measured against: its triangles in the order of their tree, and their neighbors."""
 
-    def prepare(self, positions: Floats, faces: Ints) -> Pauses[None]:
+    def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in positions (3, V) and faces (3, F)."""
         self.tree = TriangleTree()
         yield from self.tree.prepare_steps(
@@ -45,27 +45,27 @@ class Target:
         face = np.tile(np.arange(faces.shape[1]), 3)
         first, last = np.empty(edges.shape[1], np.int64), np.empty(edges.shape[1], np.int64)
         last[face_edges.ravel()] = face
-        yield
+        yield PAUSE
         first[face_edges.ravel()[::-1]] = face[::-1]
-        yield
+        yield PAUSE
         first, last = np.take(first, face_edges), np.take(last, face_edges)
         self.beside = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
 
-    def triangles(self, number: Places) -> Iterator[Doubles]:
+    def triangles(self, number: Indices) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
         return (np.take(corner, number, axis=1) for corner in self.tree.corners)
 
-    def nearest(self, points: Floats, limits: Doubles) -> Pauses[tuple[Doubles, Places]]:
+    def nearest_steps(self, points: Floats, limits: Doubles) -> Steps[tuple[Doubles, Indices]]:
         """`TriangleTree.nearest` of any number of points, (3, n)."""
         squared, near = np.empty(len(limits)), np.empty(len(limits), np.int64)
         for start in range(0, len(limits), ASKED):
             block = slice(start, start + ASKED)
             squared[block], near[block] = self.tree.nearest(points[:, block].astype(np.float64), limits[block])
-            yield
+            yield PAUSE
         return squared, near
 
-    def across(self, points: Floats, number: Places) -> Places:
-        """The neighbour across the side that each point (3, n) lies beyond most, or the triangle itself."""
+    def across(self, points: Floats, number: Indices) -> Indices:
+        """The neighbor across the side that each point (3, n) lies beyond most, or the triangle itself."""
         corners = list(self.triangles(number))
         normal = cross(corners[1] - corners[0], corners[2] - corners[0])
         least, across = np.zeros(len(number)), number
@@ -79,69 +79,69 @@ class Target:
 
 
 class ErrorCheck:
-    """An original and, after `against`, a simplified surface of it."""
+    """An original and, after `compare_with_steps`, a simplified surface of it."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
 
-    def prepare(self, positions: Floats, faces: Ints) -> Pauses[None]:
+    def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in the original: positions (3, V) and faces (3, F)."""
         self.original, self.original_faces, self.to_original = positions, faces, Target()
-        yield from self.to_original.prepare(positions, faces)
+        yield from self.to_original.prepare_steps(positions, faces)
 
-    def against(self, positions: Floats, faces: Ints) -> Pauses[None]:
+    def compare_with_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in the simplified surface: positions (3, W) and faces (3, G)."""
         self.positions, self.faces, self.to_simplified = positions, faces, Target()
-        yield from self.to_simplified.prepare(positions, faces)
-        squared, near = yield from self.to_simplified.nearest(self.original, self._limits(self.original))
+        yield from self.to_simplified.prepare_steps(positions, faces)
+        squared, near = yield from self.to_simplified.nearest_steps(self.original, self._squared_limits(self.original))
         self.far, self.near = np.isinf(squared), near
         self.nearest = self.to_simplified.tree.order[near]  # face of every vertex of the original, if it is not far
-        yield from self._steepness()
+        yield from self._steepness_steps()
 
-    def faces_away(self, some: Places) -> Pauses[Places]:
-        """Which of some faces of the simplified surface are somewhere farther than the limit from the original."""
-        pieces = _pieces(self.positions, self.faces[:, some])
+    def faces_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
+        """Which of these faces of the simplified surface are somewhere farther than the limit from the original."""
+        pieces = _pieces(self.positions, self.faces[:, numbers])
         middle = _middle(pieces)
-        _, near = yield from self.to_original.nearest(middle, self._limits(middle))
-        away = yield from _away(self.to_original, pieces, near, self.steep[some], self.limit)
-        return some[away]
+        _, near = yield from self.to_original.nearest_steps(middle, self._squared_limits(middle))
+        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit)
+        return numbers[away]
 
-    def original_away(self, some: Places) -> Pauses[Places]:
-        """Which of some faces of the original are somewhere farther than the limit from the simplified surface."""
-        far = self.far[self.original_faces[:, some]].any(axis=0)
+    def original_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
+        """Which of these faces of the original are somewhere farther than the limit from the simplified surface."""
+        far = self.far[self.original_faces[:, numbers]].any(axis=0)
         open_ = []
-        for start in range(0, len(some), BLOCK):
-            yield
-            rest = some[start : start + BLOCK][~far[start : start + BLOCK]]
+        for start in range(0, len(numbers), BLOCK):
+            yield PAUSE
+            rest = numbers[start : start + BLOCK][~far[start : start + BLOCK]]
             for corner in self.original_faces:
                 pieces = _pieces(self.original, self.original_faces[:, rest])
-                rest = rest[~_near_one(pieces, self.to_simplified, self.near[corner[rest]], self.limit)]
+                rest = rest[~_near_triangle(pieces, self.to_simplified, self.near[corner[rest]], self.limit)]
             open_.append(rest)
-        rest = np.concatenate(open_) if open_ else some
+        rest = np.concatenate(open_) if open_ else numbers
         pieces = _pieces(self.original, self.original_faces[:, rest])
         near = self.near[self.original_faces[0, rest]]
-        away = yield from _away(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
-        return np.concatenate([some[far], rest[away]])
+        away = yield from _exceeding_steps(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
+        return np.concatenate([numbers[far], rest[away]])
 
-    def _limits(self, points: Floats) -> Doubles:
+    def _squared_limits(self, points: Floats) -> Doubles:
         return np.full(points.shape[1], self.limit * self.limit)
 
-    def _steepness(self) -> Pauses[None]:
+    def _steepness_steps(self) -> Steps[None]:
         """How steep faces stand against the other surface there: sines, at most `STEEP`."""
         normals = []
         for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
             normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
             length = np.sqrt(dot(normal, normal))
             normals.append(normal / np.where(length > 0, length, 1.0))
-            yield
+            yield PAUSE
         at_vertex = np.zeros(self.original.shape[1])
         for corner in self.original_faces:
             along = dot(normals[0], np.take(normals[1], self.nearest[corner], axis=1))
             sine = np.where(along > 0, np.sqrt(np.maximum(0.0, 1.0 - along * along)), 1.0)
             np.maximum.at(at_vertex, corner, np.minimum(sine, STEEP))
-            yield
+            yield PAUSE
         self.steep_original = at_vertex[self.original_faces].max(axis=0)
-        # A face that no vertex is nearest to stands as its neighbours do.
+        # A face that no vertex is nearest to stands as its neighbors do.
         steep, around = np.zeros(self.faces.shape[1]), np.zeros(self.positions.shape[1])
         np.maximum.at(steep, self.nearest, at_vertex)
         for corner in self.faces:
@@ -154,8 +154,8 @@ def _pieces(positions: Floats, faces: Ints) -> Pieces:
     return [np.take(positions, corner, axis=1) for corner in faces]
 
 
-def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: float) -> Pauses[Flags]:
-    """Which faces are somewhere farther than the limit from the target; `near` is one not far from each."""
+def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float) -> Steps[Flags]:
+    """Which faces are somewhere farther than the limit from the target; `near` is a triangle not far from each."""
     away = np.zeros(len(near), bool)
     stack = [(faces, near, np.arange(len(near)), 0)]
     while stack:
@@ -165,23 +165,23 @@ def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: fl
                 block = slice(start, start + BLOCK)
                 stack.append(([corner[:, block] for corner in pieces], near[block], face[block], level))
             continue
-        yield
+        yield PAUSE
         middle = _middle(pieces)
         growth = steep[face] * np.sqrt(np.max([dot(corner - middle, corner - middle) for corner in pieces], axis=0))
         squared = squared_distances(middle, *target.triangles(near))
         open_ = np.flatnonzero((np.sqrt(squared) + growth > limit) & ~away[face])
-        open_ = open_[~_near_one([corner[:, open_] for corner in pieces], target, near[open_], limit)]
+        open_ = open_[~_near_triangle([corner[:, open_] for corner in pieces], target, near[open_], limit)]
         for _ in range(STEPS):
             open_ = open_[np.sqrt(squared[open_]) + growth[open_] > limit]
             across = target.across(middle[:, open_], near[open_])
-            found = squared_distances(middle[:, open_], *target.triangles(across))
-            closer = found < squared[open_]
-            squared[open_[closer]], near[open_[closer]] = found[closer], across[closer]
+            other = squared_distances(middle[:, open_], *target.triangles(across))
+            closer = other < squared[open_]
+            squared[open_[closer]], near[open_[closer]] = other[closer], across[closer]
         # The nearest triangle of all is worth finding only where it can decide.
         ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
-        found, nearer = yield from target.nearest(middle[:, ask], np.minimum(squared[ask], limit * limit))
-        closer = found < squared[ask]
-        squared[ask[closer]], near[ask[closer]] = found[closer], nearer[closer]
+        other, nearer = yield from target.nearest_steps(middle[:, ask], np.minimum(squared[ask], limit * limit))
+        closer = other < squared[ask]
+        squared[ask[closer]], near[ask[closer]] = other[closer], nearer[closer]
         away[face[ask[squared[ask] > limit * limit]]] = True
         open_ = open_[(np.sqrt(squared[open_]) + growth[open_] > limit) & ~away[face[open_]]]
         if level < CUTS and len(open_):
@@ -190,15 +190,15 @@ def _away(target: Target, faces: Pieces, near: Places, steep: Doubles, limit: fl
     return away
 
 
-def _near_one(pieces: Pieces, target: Target, near: Places, limit: float) -> Flags:
+def _near_triangle(pieces: Pieces, target: Target, near: Indices, limit: float) -> Flags:
     """Which pieces have all corners within the limit of the one triangle given for each."""
     rest = np.arange(len(near))
     for corner in pieces:
         squared = squared_distances(np.take(corner, rest, axis=1), *target.triangles(near[rest]))
         rest = rest[squared <= limit * limit]
-    held = np.zeros(len(near), bool)
-    held[rest] = True
-    return held
+    within = np.zeros(len(near), bool)
+    within[rest] = True
+    return within
 
 
 def _middle(pieces: Pieces) -> Floats:
@@ -208,5 +208,5 @@ def _middle(pieces: Pieces) -> Floats:
 def _quartered(pieces: Pieces) -> Pieces:
     """Every triangle's three corner pieces and its middle piece."""
     a, b, c = pieces
-    ab, bc, ca = ((one + other) * np.float32(0.5) for one, other in ((a, b), (b, c), (c, a)))
+    ab, bc, ca = ((u + v) * np.float32(0.5) for u, v in ((a, b), (b, c), (c, a)))
     return [np.concatenate(parts, axis=1) for parts in ((a, ab, ca, ab), (ab, b, bc, bc), (ca, bc, c, ca))]

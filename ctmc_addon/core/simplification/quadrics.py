@@ -8,7 +8,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; made anew from the faces t
 from those that were, as in Lindstrom and Turk 1998, doi:10.1109/VISUAL.1998.745314: nearer to the
 surface by a fifth.
 
-Only + - * / in fixed order: the order of collapses hangs on these bits.
+Only + - * / in locked order: the order of collapses hangs on these bits.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.vectors import cross, dot
-from ..progress import Pauses
+from ..progress import PAUSE, Steps
 
 Floats = NDArray[np.float32]
 
@@ -28,15 +28,15 @@ Floats = NDArray[np.float32]
 DAMPING = np.float32(1e-6)
 
 
-def quadrics_rows(positions: Floats, faces: NDArray[np.int32]) -> Pauses[Floats]:
+def vertex_quadrics_steps(positions: Floats, faces: NDArray[np.int32]) -> Steps[Floats]:
     """Quadric of every vertex, (6, V) float32, from positions (3, V) and faces (3, F); yields now and then."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
-    yield
+    yield PAUSE
     normal = cross(b - a, c - a)
-    yield
+    yield PAUSE
     length = np.sqrt(dot(normal, normal))
     length[length == 0] = 1.0  # a face without area has no plane, and weighs nothing
-    yield
+    yield PAUSE
     weighted = normal / (np.float32(6.0) * length)  # by twice the normal: a third of the area
 
     corners = faces.astype(np.intp)
@@ -44,13 +44,27 @@ def quadrics_rows(positions: Floats, faces: NDArray[np.int32]) -> Pauses[Floats]
     rows = iter(quadrics)
     for i in range(3):
         for j in range(i, 3):
-            yield
+            yield PAUSE
             share = (weighted[i] * normal[j]).astype(np.float64)
             total = np.zeros(positions.shape[1])
             for corner in corners:  # bincount adds in the order of the faces: the same bits everywhere
                 total += np.bincount(corner, share, positions.shape[1])
             next(rows)[:] = total
     return quadrics
+
+
+def face_quadrics(positions: Floats, faces: NDArray[np.int32]) -> Floats:
+    """What faces (3, f) add to the quadric of each of their corners, (6, f)."""
+    a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
+    normal = cross(b - a, c - a)
+    length = np.sqrt(dot(normal, normal))
+    length[length == 0] = 1.0
+    weighted = normal / (np.float32(6.0) * length)
+    out = np.empty((6, faces.shape[1]), np.float32)
+    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    for row, (i, j) in zip(out, pairs, strict=True):
+        np.multiply(weighted[i], normal[j], out=row)
+    return out
 
 
 class EdgeQuadric(NamedTuple):

@@ -1,8 +1,8 @@
-"""Take back some of the collapses that made a surface, and those that were built on them.
+"""Revert some of the collapses that made a surface, and those that depend on them.
 
-All that was done is a list of rounds. To take collapses back, it is done once more without them. What is around a
-vertex is then no longer as it was, so a later collapse whose ends met that vertex's triangles is left out too; all
-others find what they found before, and were found good.
+The history is a list of rounds. To revert collapses, it is replayed without them. What is around a vertex is then no
+longer as it was, so a later collapse whose ends met that vertex's triangles is excluded too; all others meet the
+triangles that they met before, for which they were checked.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Pauses
+from ..progress import PAUSE, Steps
 from .error_check import ErrorCheck
 
 Ints = NDArray[np.int32]
@@ -26,52 +26,56 @@ class History:
     positions, normals : (3, V) float32
         Normals may be None.
     faces : (3, F) int32
-    fixed : (V,) bool
+    locked : (V,) bool
     """
 
-    def __init__(self, positions: Floats, normals: Floats | None, faces: Ints, fixed: Flags) -> None:
+    def __init__(self, positions: Floats, normals: Floats | None, faces: Ints, locked: Flags) -> None:
         self.first = positions, normals, faces
-        self.fixed = fixed
-        self.rounds: list[tuple[Ints, Ints, Floats, Flags]] = []  # kept, dropped, target, whether it is left out
-        self.positions, self.normals, self.faces = positions, normals, faces  # as they are after the last `replay`
-        self.changed = np.zeros(len(fixed), bool)  # vertices whose triangles are other than without anything left out
-        self.last = np.full(len(fixed), -1)  # number of the last collapse that each vertex was kept in
-        self.becomes = np.arange(len(fixed), dtype=np.int32)  # vertex that each has been collapsed into
+        self.locked = locked
+        self.rounds: list[tuple[Ints, Ints, Floats, Flags]] = []  # kept, dropped, target, excluded
+        self.positions, self.normals, self.faces = (
+            positions,
+            normals,
+            faces,
+        )  # after the last `replay_steps`
+        self.changed = np.zeros(len(locked), bool)  # vertices whose triangles are not as they were with every collapse
+        self.last = np.full(len(locked), -1)  # number of the last collapse that each vertex was kept in
+        self.becomes = np.arange(len(locked), dtype=np.int32)  # vertex that each has been collapsed into
 
     def add(self, kept: Ints, dropped: Ints, target: Floats) -> None:
         """Another round: none of its collapses touch each other's triangles."""
         self.rounds.append((kept, dropped, target, np.zeros(len(kept), bool)))
 
-    def leave_out(self, collapses: NDArray[np.int64]) -> None:
-        """Leave out these collapses by their numbers, in the next `replay`."""
+    def exclude(self, collapses: NDArray[np.int64]) -> None:
+        """Exclude these collapses, by their numbers, from the next `replay_steps`."""
         ends = np.cumsum([0] + [len(kept) for kept, *_ in self.rounds])
         for number in np.unique(collapses).tolist():
             at = int(np.searchsorted(ends, number, side="right")) - 1
             self.rounds[at][3][number - ends[at]] = True
 
-    def replay(self) -> Pauses[None]:
-        """Do everything again but what is left out, and what was built on that; this is left out from then on."""
+    def replay_steps(self) -> Steps[None]:
+        """Do everything again but what is excluded, and what depends on that, which is excluded from then on."""
         positions, normals, faces = self.first
         self.positions, self.normals = positions.copy(), None if normals is None else normals.copy()
         self.changed[:], self.last[:] = False, -1
-        self.becomes = np.arange(len(self.fixed), dtype=np.int32)
+        self.becomes = np.arange(len(self.locked), dtype=np.int32)
         number = 0
-        for kept, dropped, target, left_out in self.rounds:
-            yield
-            left_out |= self.changed[kept] | self.changed[dropped]
+        for kept, dropped, target, excluded in self.rounds:
+            yield PAUSE
+            excluded |= self.changed[kept] | self.changed[dropped]
             if self.changed.any():
-                left_out |= self._folding(faces, kept, dropped)
-            touched = np.zeros(len(self.fixed), bool)
-            touched[kept[left_out]] = touched[dropped[left_out]] = True
-            if left_out.any():
+                excluded |= self._folding(faces, kept, dropped)
+            touched = np.zeros(len(self.locked), bool)
+            touched[kept[excluded]] = touched[dropped[excluded]] = True
+            if excluded.any():
                 self.changed[faces[:, np.take(touched, faces).any(axis=0)]] = True
-            done = np.flatnonzero(~left_out)
+            done = np.flatnonzero(~excluded)
             self.positions[:, kept[done]] = target[:, done]
             if self.normals is not None:
                 self.normals[:, kept[done]] += self.normals[:, dropped[done]]
             self.last[kept[done]] = number + done
             number += len(kept)
-            new = np.arange(len(self.fixed), dtype=np.int32)
+            new = np.arange(len(self.locked), dtype=np.int32)
             new[dropped[done]] = kept[done]
             self.becomes = new[self.becomes]
             before, faces = faces, np.take(new, faces)
@@ -81,40 +85,40 @@ class History:
 
     def _folding(self, faces: Ints, kept: Ints, dropped: Ints) -> Flags:
         """Which collapses would leave a vertex with two triangles: more triangles around it had gone before."""
-        collapse = np.full(len(self.fixed), -1)
+        collapse = np.full(len(self.locked), -1)
         collapse[kept] = collapse[dropped] = np.arange(len(kept))
         of = collapse[faces]
         a, b, c = faces
         folding = np.zeros(len(kept), bool)
-        count = np.bincount(faces.ravel(), minlength=len(self.fixed))
-        for one, other, third in ((0, 1, c), (1, 2, a), (2, 0, b)):
-            gone = np.flatnonzero((of[one] >= 0) & (of[one] == of[other]))
-            few = gone[(count[third[gone]] <= 3) & ~self.fixed[third[gone]]]
-            folding[of[one][few]] = True
+        count = np.bincount(faces.ravel(), minlength=len(self.locked))
+        for start, end, third in ((0, 1, c), (1, 2, a), (2, 0, b)):
+            gone = np.flatnonzero((of[start] >= 0) & (of[start] == of[end]))
+            few = gone[(count[third[gone]] <= 3) & ~self.locked[third[gone]]]
+            folding[of[start][few]] = True
         return folding
 
 
-def keep_bound(history: History, check: ErrorCheck) -> Pauses[None]:
-    """Take back the last collapse wherever the bound is exceeded, until it is kept everywhere.
+def roll_back_steps(history: History, check: ErrorCheck) -> Steps[None]:
+    """Revert the last collapse wherever the bound is exceeded, until it holds everywhere.
 
-    After the first time only what has changed is looked at, of the original only what is near that: so all of the
-    original is looked at once more in the end.
+    After the first time only what has changed is checked, of the original only what is near that: so all of the
+    original is checked once more in the end.
     """
     corners = check.original_faces
     every_face = every_original = True
-    yield from history.replay()
-    yield from check.against(history.positions, history.faces)
+    yield from history.replay_steps()
+    yield from check.compare_with_steps(history.positions, history.faces)
     while True:
         touched = history.changed[history.faces].any(axis=0)
-        faces = yield from check.faces_away(np.flatnonzero(touched | every_face))
+        faces = yield from check.faces_exceeding_steps(np.flatnonzero(touched | every_face))
         near = (touched[check.nearest] | history.changed[history.becomes])[corners].any(axis=0)
-        original = yield from check.original_away(np.flatnonzero(near | every_original))
+        original = yield from check.original_exceeding_steps(np.flatnonzero(near | every_original))
         last = np.concatenate([_last(history, faces), _last_near(history, check, original)])
         last = last[last >= 0]  # a triangle that no collapse has touched is away by the rounding of the check alone
         if len(last):
-            history.leave_out(last)
-            yield from history.replay()
-            yield from check.against(history.positions, history.faces)
+            history.exclude(last)
+            yield from history.replay_steps()
+            yield from check.compare_with_steps(history.positions, history.faces)
             every_face = every_original = False
         elif every_original:
             return

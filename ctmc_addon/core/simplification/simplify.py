@@ -2,22 +2,38 @@
 
 What never changes: closed stays closed and manifold stays manifold (link condition), no triangle turns
 over, vertices on a border stay where they are and border edges are not collapsed. Triangles at edges
-with three triangles or more are left alone.
+with three triangles or more are left alone. A small component may go as a whole, the largest never does.
 Garland and Heckbert 1997, doi:10.1145/258734.258849.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ..errors import SettingsError
 from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Step, Steps, finish, said
+from ..progress import Stages, Step, Steps, equal_part, finish
+from .component_removal import RemovedComponents
 from .edge_collapse import CollapsingMesh
 
-FACE_BYTES, BOUNDED_FACE_BYTES = 260, 800  # of memory for each triangle at the start, without and with a maximum error
-MESSAGE = "Simplifying"
-HELD = 0.75  # of max_error is what samples are held to: between them a surface swings out farther
+FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
+SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
+STAGES = {"Simplifying": 1}
+BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Simplification:
+    """A simplified surface, and the components that were removed.
+
+    mesh : TriangleMesh
+    removed : RemovedComponents
+        Small components that went as a whole.
+    """
+
+    mesh: TriangleMesh
+    removed: RemovedComponents
 
 
 def simplify(
@@ -43,7 +59,7 @@ def simplify(
     -------
     TriangleMesh
         No more triangles than asked, and at most one fewer, unless collapsing more edges would break
-        what is promised above (`simplify_steps` says so in its last step).
+        what is promised above (the last step's message gives the reason).
 
     Raises
     ------
@@ -68,28 +84,58 @@ def simplify_steps(
     max_error: float | None = None,
 ) -> Steps[TriangleMesh]:
     """`simplify` as steps; the last message says how many triangles there are, and why if that is more than asked."""
+    return (yield from simplification_steps(mesh, reduction, target_faces, max_error)).mesh
+
+
+def simplification_steps(
+    mesh: TriangleMesh,
+    reduction: float | None = None,
+    target_faces: int | None = None,
+    max_error: float | None = None,
+) -> Steps[Simplification]:
+    """`simplify_steps`, which also returns what was removed."""
     target = _target(len(mesh.faces), reduction, target_faces, max_error)
-    start = len(mesh.faces)
-    if target >= start:
-        return mesh
-    fraction = 0.0
-    yield Step(fraction, MESSAGE)
-    work = CollapsingMesh(mesh, max_error, HELD)
-    yield from said(work.prepare(), fraction, MESSAGE)
-    while work.face_count > target and (yield from said(work.can_collapse(), fraction, MESSAGE)):
-        budget = -(-(work.face_count - target) // 2)
-        yield from said(work.collapse(budget), fraction, MESSAGE)
-        fraction = max(fraction, (start - work.face_count) / (start - target))
-    yield from said(work.keep_bound(), fraction, "Checking the error")
-    message = f"{work.face_count} triangles"
-    if max_error is None and work.face_count > target:
+    if target >= len(mesh.faces):
+        return Simplification(mesh, RemovedComponents())
+    collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
+    stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
+    yield from stages.run("Simplifying", _collapse_steps(collapsing, target))
+    if max_error is not None:
+        yield from stages.run("Checking the error", collapsing.roll_back_steps())
+    removed = collapsing.removed
+    message = f"{collapsing.face_count} triangles"
+    if max_error is None and collapsing.face_count > target:
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+    if removed.count:
+        message += f"; {removed.count} small components were removed"
     yield Step(1.0, message)
-    return work.mesh()
+    return Simplification(collapsing.mesh(), removed)
+
+
+def _collapse_steps(collapsing: CollapsingMesh, target: int) -> Steps[None]:
+    """Collapse edges and remove components until there are `target` faces, or nothing more can go."""
+    start = collapsing.face_count
+    yield from collapsing.prepare_steps()
+    while (excess := collapsing.face_count - target) > 0:
+        round_ = equal_part(_round_steps(collapsing, excess), start - collapsing.face_count, start - target)
+        if not (yield from round_):
+            return
+
+
+def _round_steps(collapsing: CollapsingMesh, excess: int) -> Steps[bool]:
+    """One round, in which at most `excess` faces go; whether there was anything to try."""
+    if not (yield from collapsing.can_collapse_steps()):
+        return (yield from collapsing.remove_components_steps(excess, stuck=True))
+    faces = collapsing.face_count
+    yield from collapsing.remove_components_steps(excess)
+    excess -= faces - collapsing.face_count
+    if excess > 0:
+        yield from collapsing.collapse_round_steps(-(-excess // 2))
+    return True
 
 
 def memory_needed(face_count: int, max_error: float | None) -> int:
-    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumours, rounded up."""
+    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumors and bone, rounded up."""
     return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
 
 

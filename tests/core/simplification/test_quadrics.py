@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.simplification.quadrics import DAMPING, best_step, cross, dot, edge_quadric, error, quadrics_rows
+from ctmc_addon.core.simplification.quadrics import (
+    DAMPING,
+    best_step,
+    cross,
+    dot,
+    edge_quadric,
+    error,
+    vertex_quadrics_steps,
+)
 
 
 @pytest.fixture
@@ -30,7 +38,7 @@ def error_by_planes(positions, faces, vertex, point):
 
 
 def quadric_of_edge(positions, faces, first, second):
-    quadrics = finish(quadrics_rows(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
+    quadrics = finish(vertex_quadrics_steps(np.ascontiguousarray(positions.T), np.ascontiguousarray(faces.T)))
     half = (positions[second] - positions[first])[:, None] / np.float32(2)
     return edge_quadric(quadrics[:, [first]], quadrics[:, [second]], half)
 

@@ -34,9 +34,9 @@ def largest_error(mesh, small):
 def collapsed(mesh, max_error, rounds=60):
     """A mesh in which some rounds of edges have collapsed, its bound not yet checked."""
     work = CollapsingMesh(mesh, max_error, 0.75)
-    finish(work.prepare())
+    finish(work.prepare_steps())
     for _ in range(rounds):
-        finish(work.collapse(len(mesh.faces)))
+        finish(work.collapse_round_steps(len(mesh.faces)))
     return work
 
 
@@ -48,7 +48,7 @@ def of_history(work):
 def test_a_history_replayed_whole_ends_where_the_collapses_did():
     work = collapsed(bumpy(), 0.5)
     expected = work.mesh()
-    finish(work.history.replay())
+    finish(work.history.replay_steps())
     again = of_history(work)
     assert again.vertices.tobytes() == expected.vertices.tobytes()
     assert again.faces.tobytes() == expected.faces.tobytes()
@@ -63,8 +63,8 @@ def test_whatever_is_left_out_the_surface_stays_closed_and_manifold(shape, share
     count = sum(len(kept) for kept, *_ in work.history.rounds)
     draw = np.random.default_rng(1)
     for _ in range(3):
-        work.history.leave_out(draw.choice(count, max(1, round(share * count)), replace=False))
-        finish(work.history.replay())
+        work.history.exclude(draw.choice(count, max(1, round(share * count)), replace=False))
+        finish(work.history.replay_steps())
         again = of_history(work)
         assert again.closed
         assert not len(again.non_manifold_edges)
@@ -80,10 +80,10 @@ def test_whatever_is_left_out_the_surface_stays_closed_and_manifold(shape, share
 
 def test_vertices_that_nothing_was_left_out_at_keep_their_triangles():
     work = collapsed(bumpy(), 0.5)
-    finish(work.history.replay())
+    finish(work.history.replay_steps())
     before = {tuple(sorted(face)) for face in work.history.faces.T.tolist()}
-    work.history.leave_out(np.array([0, 100]))
-    finish(work.history.replay())
+    work.history.exclude(np.array([0, 100]))
+    finish(work.history.replay_steps())
     history = work.history
     same = ~history.changed[history.faces].any(axis=0)
     assert 0 < history.changed.sum() < 0.5 * len(history.changed)
@@ -92,10 +92,10 @@ def test_vertices_that_nothing_was_left_out_at_keep_their_triangles():
 
 def checked(original, surface, limit):
     check = ErrorCheck(limit)
-    finish(check.prepare(np.ascontiguousarray(original.vertices.T), np.ascontiguousarray(original.faces.T)))
-    finish(check.against(np.ascontiguousarray(surface.vertices.T), np.ascontiguousarray(surface.faces.T)))
-    faces = finish(check.faces_away(np.arange(len(surface.faces))))
-    return faces, finish(check.original_away(np.arange(len(original.faces))))
+    finish(check.prepare_steps(np.ascontiguousarray(original.vertices.T), np.ascontiguousarray(original.faces.T)))
+    finish(check.compare_with_steps(np.ascontiguousarray(surface.vertices.T), np.ascontiguousarray(surface.faces.T)))
+    faces = finish(check.faces_exceeding_steps(np.arange(len(surface.faces))))
+    return faces, finish(check.original_exceeding_steps(np.arange(len(original.faces))))
 
 
 def test_a_face_that_leaves_the_bound_between_its_corners_is_found():

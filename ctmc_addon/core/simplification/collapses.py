@@ -1,0 +1,163 @@
+"""The collapses of one round: edges whose triangles do not meet, and the faces round them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.vectors import cross, dot
+from ..progress import PAUSE, Steps
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
+FAR_SHARE, FAR, MOST_SHARE = 0.04, 2.0, 0.16  # more while there are over FAR times as many faces as asked for
+TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
+PASSES = 2  # of selecting edges whose triangles do not meet
+
+
+@dataclass(frozen=True, eq=False)
+class Collapses:
+    """Edges about to collapse, no two with an end at the same triangle, and the faces round them.
+
+    edges : (n,) int64
+    kept, dropped : (n,) int32
+        The ends: the vertex that stays, and moves to the target, and the one that goes.
+    target : (3, n) float32
+    faces : (s,) int64
+        With a corner in a collapse.
+    owner : (s,) int32
+        In which.
+    gone : (s,) bool
+        Whether the face vanishes: it has two corners there.
+    """
+
+    edges: Indices
+    kept: Ints
+    dropped: Ints
+    target: Floats
+    faces: Indices
+    owner: Ints
+    gone: Flags
+
+    def select(self, selected: Flags) -> Collapses:
+        """Return the selected ones, (n,) bool, numbered anew."""
+        if selected.all():
+            return self
+        number = np.cumsum(selected, dtype=np.int32) - np.int32(1)
+        faces = selected[self.owner]
+        return Collapses(
+            self.edges[selected],
+            self.kept[selected],
+            self.dropped[selected],
+            np.compress(selected, self.target, axis=1),
+            self.faces[faces],
+            number[self.owner[faces]],
+            self.gone[faces],
+        )
+
+    def moved(self, positions: Floats) -> Floats:
+        """Positions (3, V) with both ends of every edge at its target."""
+        moved = positions.copy()
+        for row, target in zip(moved, self.target, strict=True):
+            row[self.kept] = row[self.dropped] = target
+        return moved
+
+
+def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[tuple[Ints, Ints]]:
+    """Vertices that stay where they are: those on a border, and those of faces at an edge with three faces or more."""
+    faces_at = np.bincount(face_edges.ravel(), minlength=edges.shape[1])
+    yield PAUSE
+    non_manifold = (faces_at > 2) | (edges[0] == edges[1])
+    return edges[:, faces_at == 1].ravel(), faces[:, non_manifold[face_edges].any(axis=0)].ravel()
+
+
+def share_of(face_count: int, budget: int) -> float:
+    """Of the edges looked at in a round: more while the goal is far, when the order of the cheapest matters less."""
+    far = face_count / max(1, face_count - 2 * budget)  # times as many faces as in the end
+    return min(max(SHARE, FAR_SHARE * (far - FAR)), MOST_SHARE)
+
+
+def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -> Steps[Indices]:
+    """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
+    candidates = candidates[np.argsort(_shuffled(candidates))]
+    first, second = edges
+    free = np.ones(vertex_count, bool)
+    independent: list[Indices] = []
+    for _ in range(PASSES):
+        a, b = np.take(edges, candidates, axis=1)
+        count = len(candidates)
+        rank = np.arange(count, dtype=np.int32)
+        # The best rank at every vertex: written from the worst to the best, the last stays.
+        best = np.full(len(free), count, np.int32)
+        best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
+        beside_first, beside_second = np.take(best, first), np.take(best, second)
+        lost = np.zeros(len(free), bool)
+        lost[np.compress(beside_first > beside_second, first)] = True
+        lost[np.compress(beside_second > beside_first, second)] = True
+        won = (np.take(best, a) == rank) & (np.take(best, b) == rank) & ~(np.take(lost, a) | np.take(lost, b))
+        independent.append(candidates[won])
+        yield PAUSE
+
+        near = np.zeros(len(free), bool)
+        near[a[won]] = near[b[won]] = True
+        free[near] = False
+        free[np.compress(np.take(near, second), first)] = False
+        free[np.compress(np.take(near, first), second)] = False
+        candidates = candidates[np.take(free, a) & np.take(free, b)]
+        yield PAUSE
+    return np.concatenate(independent)
+
+
+def violates_link_condition_steps(collapses: Collapses, edges: Ints, locked: Flags) -> Steps[Flags]:
+    """Which collapses violate the link condition, (n,) bool: the ends must share two neighbors, no more.
+
+    And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat.
+    """
+    count = len(collapses.edges)
+    owner = np.full(len(locked), -1, np.int32)
+    owner[collapses.kept] = owner[collapses.dropped] = np.arange(count, dtype=np.int32)
+    first, second = edges
+    owner_first, owner_second = np.take(owner, first), np.take(owner, second)
+    pairs = []
+    for inside, outside, end in ((owner_first, owner_second, second), (owner_second, owner_first, first)):
+        across = np.flatnonzero((inside >= 0) & (inside != outside))
+        pairs.append(inside[across].astype(np.int64) * len(owner) + end[across])
+        yield PAUSE
+    keys = np.sort(np.concatenate(pairs))
+    shared, neighbor = np.divmod(keys[1:][keys[1:] == keys[:-1]], len(owner))
+    refused = np.bincount(shared, minlength=count) != 2
+    neighbors = np.bincount(edges.ravel(), minlength=len(owner))
+    refused[shared[(neighbors[neighbor] == 3) & ~locked[neighbor]]] = True
+    return refused
+
+
+def flips_normal_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Flags]:
+    """Which collapses turn a face too far, or leave it without area, (n,) bool."""
+    corners = np.take(faces, collapses.faces[~collapses.gone], axis=1)
+    normals = []
+    for places in (positions, collapses.moved(positions)):
+        a, b, c = (np.take(places, corner, axis=1) for corner in corners)
+        normals.append(cross(b - a, c - a))
+        yield PAUSE
+    before, after = normals
+    along, size = dot(before, after), dot(after, after)
+    bad = (along < 0) | (along * along < TURN * TURN * dot(before, before) * size) | (size == 0)
+    refused = np.zeros(len(collapses.edges), bool)
+    refused[collapses.owner[~collapses.gone][bad]] = True
+    return refused
+
+
+def _shuffled(numbers: Indices) -> NDArray[np.uint32]:
+    """Another number for every number below 2^32, none twice, in no visible order."""
+    mixed = numbers.astype(np.uint32)
+    for factor in (0x85EBCA6B, 0xC2B2AE35):  # the non_manifold factors of MurmurHash3's last mixing
+        mixed ^= mixed >> np.uint32(15)
+        mixed *= np.uint32(factor)
+    mixed ^= mixed >> np.uint32(16)
+    return mixed
