@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..progress import PAUSE, Steps
 
-FACES_PER_STEP = 1 << 18
+FACES_PER_STEP = 1 << 17
 BUCKET = 1 << 19  # corners whose edges are sorted together
 
 Ints = NDArray[np.int32]
