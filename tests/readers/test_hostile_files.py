@@ -297,6 +297,22 @@ def test_a_palette_tiff_gives_its_grays_and_no_colors(tmp_path, pages):
             refused(tmp_path, "colored")
 
 
+@pytest.mark.parametrize(("kind", "count"), [(3, 2), (2, 1), (7, 3)])
+def test_a_tiff_tag_of_another_type_is_no_traceback(tmp_path, kind, count):
+    path = tmp_path / "ct.tif"
+    tifffile.imwrite(path, VALUES, photometric="minisblack")
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as tiff:
+        at = tiff.pages[0].tags["PhotometricInterpretation"].offset
+    content[at + 2 : at + 12] = struct.pack("<HIHH", kind, count, 1, 1)
+    path.write_bytes(content)
+    try:
+        values = read_volume(path).values
+    except ReadError:
+        return
+    np.testing.assert_array_equal(values, VALUES)
+
+
 def test_a_pipe_is_refused(tmp_path):
     if not hasattr(os, "mkfifo"):
         pytest.skip("this system has no named pipes")

@@ -159,15 +159,20 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     if not stack:
         raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
     notes = (f"{len(every) - 1} further series of pages in the TIFF left out",) if len(every) > 1 else ()
-    plain = keyframe.samplesperpixel == 1 and int(keyframe.photometric) == 1 and first.dtype != bool
+    plain = keyframe.samplesperpixel == 1 and code_of(keyframe.photometric) == 1 and first.dtype != bool
     if first.dataoffset is not None and plain:
         return PageStack((count, *size), dtype, [], int(first.dataoffset), notes)
     return PageStack((count, *size), dtype, [first.pages[number] for number in range(count)], None, notes)
 
 
+def code_of(value: Any) -> int:
+    """The number in a tag that holds one; -1 where a damaged file has something else."""
+    return int(value) if isinstance(value, int) else -1
+
+
 def is_palette(page: Any) -> bool:
     """Whether the page's pixels are numbers of colors."""
-    return int(page.photometric or 0) == 3
+    return code_of(page.photometric) == 3
 
 
 def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
@@ -181,9 +186,9 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
             raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
         pixels = _by_pillow(path, number, about)
     else:
-        if pixels.ndim == 3 and int(about.planarconfig) == 2:
+        if pixels.ndim == 3 and code_of(about.planarconfig) == 2:
             pixels = np.moveaxis(pixels, 0, -1)  # color planes one behind the other
-        if int(about.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
+        if code_of(about.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
             pixels = ~pixels
         if is_palette(about):  # 16 bits for each color, of which 8 are more than a screen shows
             pixels = np.moveaxis(np.asarray(about.colormap >> 8, np.uint8)[:, pixels], 0, -1)
@@ -200,7 +205,7 @@ def check_segments(tiff: Any, page: Any, path: Path) -> None:
             raise ReadError(
                 f"{path.name} is truncated: {length} bytes of pixels at byte {start} of {size}; copy it again"
             )
-    if int(page.keyframe.compression) == 1 and sum(page.databytecounts) < page.keyframe.nbytes:
+    if code_of(page.keyframe.compression) == 1 and sum(page.databytecounts) < page.keyframe.nbytes:
         raise ReadError(
             f"{path.name} is truncated: {sum(page.databytecounts)} of {page.keyframe.nbytes} bytes of pixels; "
             "copy it again"
