@@ -19,6 +19,7 @@ from typing import Any
 import bpy
 
 from ..core import CtmcError, Step, Steps, finish
+from .needs import Needs
 from .state import session
 from .translations import translate
 
@@ -164,7 +165,7 @@ def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
     return {"CANCELLED"}
 
 
-class LongOperator:
+class LongOperator(Needs):
     """What an operator with long work inherits, before `bpy.types.Operator`; it gives `plan`."""
 
     windowed = False
@@ -269,8 +270,8 @@ class CTMC_OT_cancel(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def idle(operator: Any) -> bool:
-    """For polls: whether no job is running, with the reason if one is."""
+def idle(operator: Any, _context: Any) -> bool:
+    """Whether no job is running, with the reason if one is."""
     if running() is not None:
         operator.poll_message_set("Another job is running; wait or cancel it")
         return False

@@ -183,10 +183,7 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
         f"scene of its own. {ESC}"
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface."""
-        return jobs.idle(cls) and has_surfaces(cls, context)
+    needs = (jobs.idle, has_surfaces)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """All selected surfaces in one figure."""
@@ -205,10 +202,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     )
     kind = named = "sheet"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
-        return jobs.idle(cls) and volumes.has_volume(cls, context)
+    needs = (jobs.idle, volumes.has_volume)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Every setting in a cell."""
@@ -228,6 +222,14 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         )
 
 
+def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the active surface is of the CT in memory, with the reason if not."""
+    if not surfaces.is_of_ct(context.view_layer.objects.active, context.scene):
+        operator.poll_message_set("Make a surface of this CT active first")
+        return False
+    return True
+
+
 class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     """Render the active surface in the colors of its distance to the surface of full resolution."""
 
@@ -239,15 +241,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     )
     named = "distances"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface whose CT is in memory."""
-        if not (jobs.idle(cls) and has_surfaces(cls, context) and volumes.has_volume(cls, context)):
-            return False
-        if not surfaces.is_of_ct(context.view_layer.objects.active, context.scene):
-            cls.poll_message_set("Make a surface of this CT active first")
-            return False
-        return True
+    needs = (jobs.idle, has_surfaces, volumes.has_volume, is_of_ct)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """The active surface, as it is shown."""
@@ -275,10 +269,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         name="Overwrite", description="Begin anew where frames of a turntable are there already", options={"SKIP_SAVE"}
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface."""
-        return jobs.idle(cls) and has_surfaces(cls, context)
+    needs = (jobs.idle, has_surfaces)
 
     def suggestion(self, context: bpy.types.Context) -> str:
         """A video's name, or a folder's."""

@@ -54,10 +54,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        """Not beside another job."""
-        return jobs.idle(cls)
+    needs = (jobs.idle,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Ask for a file or folder, unless one was dropped."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import bpy
 from bpy.props import BoolProperty
@@ -33,6 +34,24 @@ SURFACE_STAGES = {"Extracting the surface": 50, "Simplifying": 30, "Measuring": 
 JOB_STAGES = {"Reconstructing": 97, "Adding the surface": 3}
 
 
+def is_possible(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
+    cost = session.of(context.scene).cost
+    if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
+        operator.poll_message_set(cost.refusal)
+        return False
+    return True
+
+
+def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
+    """The settings of every surface of the panel; None while they contradict each other."""
+    try:
+        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
+    except SettingsError:
+        return None
+    return settings
+
+
 class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     """Make a surface from the loaded CT with the settings of the panel."""
 
@@ -50,16 +69,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory, and where the cost estimate has found a surface that fits into memory."""
-        if not (jobs.idle(cls) and volumes.has_volume(cls, context)):
-            return False
-        cost = session.of(context.scene).cost
-        if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
-            cls.poll_message_set(cost.refusal)
-            return False
-        return True
+    needs = (jobs.idle, volumes.has_volume, is_possible)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Every surface the panel asks for."""
@@ -77,15 +87,6 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
             for run in runs
         ]
         return surfaces_steps(loaded.volume, requests, scene.session_uid)
-
-
-def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
-    """The settings of every surface of the panel; None while they contradict each other."""
-    try:
-        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
-    except SettingsError:
-        return None
-    return settings
 
 
 def require_labels(loaded: volumes.Loaded, label: int | None) -> None:

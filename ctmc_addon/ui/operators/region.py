@@ -5,10 +5,11 @@ from __future__ import annotations
 import bpy
 
 from ...core.volume import region_limits
+from ..needs import Needs
 from ..state import volumes
 
 
-class CTMC_OT_fit_region(bpy.types.Operator):
+class CTMC_OT_fit_region(Needs, bpy.types.Operator):
     """Begin with a box around the whole CT."""
 
     bl_idname = "ctmc.fit_region"
@@ -16,10 +17,7 @@ class CTMC_OT_fit_region(bpy.types.Operator):
     bl_description = "Put the region's box around the whole CT; its handles in the viewport then make it smaller"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
-        return volumes.has_volume(cls, context)
+    needs = (volumes.has_volume,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set it, and use it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -27,10 +28,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface to measure."""
-        return jobs.idle(cls) and surfaces.can_change(cls, context)
+    needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """The evaluated surface."""
@@ -55,6 +53,14 @@ def measure_steps(
     return conclude
 
 
+def has_full(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the full surface of the active one is in memory, with the reason if not."""
+    if surfaces.origin_of(context.view_layer.objects.active) not in session.of(context.scene).full:
+        operator.poll_message_set("The full surface is not in memory; reconstruct again first")
+        return False
+    return True
+
+
 class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     """Color the active surface by its distance to the full one."""
 
@@ -66,15 +72,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where the full surface is known."""
-        if not (jobs.idle(cls) and surfaces.can_change(cls, context)):
-            return False
-        if surfaces.origin_of(context.view_layer.objects.active) not in session.of(context.scene).full:
-            cls.poll_message_set("The full surface is not in memory; reconstruct again first")
-            return False
-        return True
+    needs = (jobs.idle, surfaces.can_change, has_full)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Distances of the object's own vertices."""

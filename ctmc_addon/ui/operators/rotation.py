@@ -18,6 +18,7 @@ from ...reporting.atomic_write import write_text
 from ...reporting.parse import parsed_levels
 from ...reporting.rotation_table import RotationTable
 from .. import jobs
+from ..needs import Needs
 from ..state import session, surfaces
 from ..translations import translate
 from ..viewport import preview
@@ -25,6 +26,26 @@ from . import placing
 from .paths import SaveDialog
 
 STAGES = {"Simplifying": 3, "Timing the rotation": 7}
+
+
+def is_mesh(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the active object is a mesh in object mode, with the reason if not."""
+    obj = context.view_layer.objects.active
+    if obj is None or obj.type != "MESH":
+        operator.poll_message_set("Choose a surface first")
+        return False
+    if obj.mode != "OBJECT":
+        operator.poll_message_set("Leave edit mode first")
+        return False
+    return True
+
+
+def has_table(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether a test has been run, with the reason if not."""
+    if session.of(context.scene).rotation is None:
+        operator.poll_message_set("Run the rotation test first")
+        return False
+    return True
 
 
 class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
@@ -38,17 +59,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     )
     locks = True  # its levels stand in the scene meanwhile
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface to turn."""
-        obj = context.view_layer.objects.active
-        if obj is None or obj.type != "MESH":
-            cls.poll_message_set("Choose a surface first")
-            return False
-        if obj.mode != "OBJECT":
-            cls.poll_message_set("Leave edit mode first")
-            return False
-        return jobs.idle(cls)
+    needs = (is_mesh, jobs.idle)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Levels, then rounds."""
@@ -152,17 +163,14 @@ def set_hidden(uids: Container[int], hide: bool) -> None:
             obj.hide_viewport = hide
 
 
-class CTMC_OT_rotation_copy(bpy.types.Operator):
+class CTMC_OT_rotation_copy(Needs, bpy.types.Operator):
     """Copy the table."""
 
     bl_idname = "ctmc.rotation_copy"
     bl_label = "Copy Table"
     bl_description = "Copy the table as CSV, times in seconds"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a table."""
-        return has_table(cls, context)
+    needs = (has_table,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy it."""
@@ -171,7 +179,7 @@ class CTMC_OT_rotation_copy(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CTMC_OT_rotation_save(SaveDialog, bpy.types.Operator):
+class CTMC_OT_rotation_save(Needs, SaveDialog, bpy.types.Operator):
     """Save the table."""
 
     bl_idname = "ctmc.rotation_save"
@@ -182,10 +190,7 @@ class CTMC_OT_rotation_save(SaveDialog, bpy.types.Operator):
 
     filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a table."""
-        return has_table(cls, context)
+    needs = (has_table,)
 
     def suggestion(self, _context: bpy.types.Context) -> str:
         """A name for the file."""
@@ -194,14 +199,6 @@ class CTMC_OT_rotation_save(SaveDialog, bpy.types.Operator):
     def write(self, context: bpy.types.Context, path: Path) -> None:
         """Write it."""
         write_text(path, session.of(context.scene).rotation.csv())
-
-
-def has_table(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether a test has been run, with the reason if not."""
-    if session.of(context.scene).rotation is None:
-        operator.poll_message_set("Run the rotation test first")
-        return False
-    return True
 
 
 register, unregister = bpy.utils.register_classes_factory(

@@ -9,6 +9,7 @@ import bpy
 from ...blender.surface import apply_shape_and_modifiers, require_editable, require_provenance
 from ...core import GOALS, CtmcError, MeshError, Steps
 from .. import jobs
+from ..needs import Needs
 from ..state import surfaces, volumes
 from ..translations import translate
 from .placing import SurfaceRequest
@@ -26,10 +27,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface to simplify."""
-        return jobs.idle(cls) and surfaces.can_change(cls, context)
+    needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """The active surface, from its full form."""
@@ -47,7 +45,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
         return surfaces_steps(volumes.current(scene), [request], scene.session_uid, full)
 
 
-class CTMC_OT_make_final(bpy.types.Operator):
+class CTMC_OT_make_final(Needs, bpy.types.Operator):
     """Bake alpha and modifiers of the active surface."""
 
     bl_idname = "ctmc.make_final"
@@ -55,10 +53,7 @@ class CTMC_OT_make_final(bpy.types.Operator):
     bl_description = "Bake alpha and every modifier that shows in the viewport into a plain mesh"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface to bake."""
-        return jobs.idle(cls) and surfaces.can_change(cls, context)
+    needs = (jobs.idle, surfaces.can_change)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Bake it."""

@@ -12,6 +12,7 @@ from bpy.props import EnumProperty
 from ...core import CtmcError, finish
 from ...core.volume import TISSUES, histogram_picture, quick_threshold, used_threshold_steps
 from .. import jobs
+from ..needs import Needs
 from ..state import volumes
 from ..translations import translate
 
@@ -22,7 +23,7 @@ _pictures: dict[str, Any] = {}
 _shown: dict[str, Any] = {}
 
 
-class CTMC_OT_auto_threshold(bpy.types.Operator):
+class CTMC_OT_auto_threshold(Needs, bpy.types.Operator):
     """Set the threshold by Otsu's method."""
 
     bl_idname = "ctmc.auto_threshold"
@@ -32,10 +33,7 @@ class CTMC_OT_auto_threshold(bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
-        return volumes.has_volume(cls, context)
+    needs = (volumes.has_volume,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Find and set it."""

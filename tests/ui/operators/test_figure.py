@@ -283,23 +283,27 @@ def test_a_users_blend_of_that_name_is_not_replaced(surface, tmp_path):
     assert not (tmp_path / "day.png").exists()
 
 
-def test_disabled_buttons_say_why(loaded, monkeypatch):
+def test_disabled_buttons_say_why(loaded):
     said = []
-    for name in ("figure", "figure_turntable", "figure_deviation"):
+
+    def polled(name):
         kind = getattr(figure, f"CTMC_OT_{name}")
-        holder = type("Operator", (), {"poll_message_set": staticmethod(said.append)})
-        assert not kind.poll.__func__(holder, bpy.context)
+        holder = type("Operator", (), {"poll_message_set": staticmethod(said.append), "needs": kind.needs})
+        return kind.poll.__func__(holder, bpy.context)
+
+    for name in ("figure", "figure_turntable", "figure_deviation"):
+        assert not polled(name)
     assert set(said) == {"Choose a reconstructed surface first"}
     bpy.ops.ctmc.reconstruct()
     volumes._loaded.clear()
     said.clear()
     for name in ("figure_sheet", "figure_deviation"):
-        assert not getattr(figure, f"CTMC_OT_{name}").poll.__func__(holder, bpy.context)
+        assert not polled(name)
     assert said == ["Load the CT again first"] * 2
     assert bpy.ops.ctmc.figure.poll()
     bpy.ops.object.mode_set(mode="EDIT")
     said.clear()
-    assert not figure.CTMC_OT_figure.poll.__func__(holder, bpy.context)
+    assert not polled("figure")
     bpy.ops.object.mode_set(mode="OBJECT")
     assert said == ["Leave edit mode first"]
 
