@@ -300,7 +300,8 @@ def _order_steps(codes: NDArray[np.uint64]) -> Steps[NDArray[np.intp]]:
     """`np.argsort(codes, kind="stable")` in short steps: by 16 bits at a time, which NumPy sorts by counting."""
     order = np.arange(len(codes))
     for shift in (0, 16, 32, 48):
-        digits = (codes >> np.uint64(shift)).astype(np.uint16)
-        order = order[np.argsort(digits[order], kind="stable")]
+        digits = (codes >> np.uint64(shift)).astype(np.uint16)[order]
+        yield PAUSE
+        order = order[np.argsort(digits, kind="stable")]
         yield PAUSE
     return order
