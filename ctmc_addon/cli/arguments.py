@@ -261,9 +261,15 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
 
 
-def add_threads(parser: Any) -> None:
-    """How many threads work."""
+def add_work(parser: Any) -> None:
+    """How many threads work, and whether anything is printed."""
+    add_quiet(parser)
     parser.add_argument("--threads", type=at_least(1), metavar="N", help="default: one for each processor, at most 8")
+
+
+def add_quiet(parser: Any) -> None:
+    """Whether anything is printed."""
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def reading_of(args: argparse.Namespace) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 
 from ..core import VERSION, CtmcError
 from .arguments import Parser, UsageError, with_flags
@@ -37,7 +38,12 @@ def run(argv: Sequence[str] | None) -> int:
     try:
         args = parser().parse_args(argv)
         try:
-            args.run(args)
+            with ExitStack() as undo:
+                if getattr(args, "quiet", False):
+                    nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
+                    undo.enter_context(redirect_stdout(nowhere))
+                    undo.enter_context(redirect_stderr(nowhere))
+                args.run(args)
         except UsageError as error:
             args.parser.error(with_flags(str(error)))
         sys.stdout.flush()

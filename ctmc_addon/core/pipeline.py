@@ -26,13 +26,13 @@ from .volume.scalar_field import scalar_field_steps
 from .volume.volume import Volume
 
 # What report.json and a user read, and the usual share of the time.
-EXTRACTION = {
+EXTRACTION_STAGES = {
     "Preparing values": 20,
     "Extracting the surface": 39,
     "Placing it in the patient": 3,
     "Keeping parts": 3,
 }
-SIMPLIFICATION = {"Simplifying": 33, "Averaging normals": 2}
+SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
 POINTS_AT_ONCE = 1 << 16  # moved to millimetres in one go, so the float64 in between stays small
 
 
@@ -170,12 +170,12 @@ def simplified_steps(
 
 
 def _extraction_of(settings: ReconstructionSettings) -> dict[str, int]:
-    return {name: weight for name, weight in EXTRACTION.items() if name != "Keeping parts" or _drops(settings)}
+    return {name: weight for name, weight in EXTRACTION_STAGES.items() if name != "Keeping parts" or _drops(settings)}
 
 
 def _simplification_of(settings: ReconstructionSettings) -> dict[str, int]:
     needed = {"Simplifying": _simplifies(settings), "Averaging normals": settings.normals == "mesh"}
-    return {name: weight for name, weight in SIMPLIFICATION.items() if needed[name]}
+    return {name: weight for name, weight in SIMPLIFICATION_STAGES.items() if needed[name]}
 
 
 def _drops(settings: ReconstructionSettings) -> bool:
@@ -216,7 +216,7 @@ def _full_steps(
         threshold=field.threshold,
         full_faces=len(mesh.faces),
         voxels_visited=visited,
-        stages=_seconds_of(stages, EXTRACTION),
+        stages=_seconds_of(stages, EXTRACTION_STAGES),
         spacing_mm=volume.spacing,
         notes=volume.notes + field.notes,
         name=volume.name,
@@ -253,7 +253,7 @@ def _simplified_steps(
         mesh=mesh,
         surface=surface,
         settings=settings,
-        stages=full.stages + _seconds_of(stages, SIMPLIFICATION),
+        stages=full.stages + _seconds_of(stages, SIMPLIFICATION_STAGES),
         notes=notes,
         removed_components=removed.count,
     )

@@ -337,12 +337,17 @@ def test_nested_folders_without_end_are_refused(tmp_path):
             folder = folder.parent
 
 
-@pytest.mark.parametrize("count", [20_000_000, 2_147_483_647, -1, 0])
+@pytest.mark.parametrize("count", [20_000_000, 2_147_483_647, -1])
 def test_a_number_of_frames_that_the_file_cannot_hold_is_refused(tmp_path, save_stack, save_slice, count):
     save_stack(tmp_path, range(3))
     save_slice(tmp_path / "3.dcm", np.zeros((5, 7), np.uint16), (-10, -20, 3), NumberOfFrames=count)
     refused(tmp_path, "3.dcm")
     refused(tmp_path / "3.dcm", "3.dcm")
+
+
+def test_a_slice_of_0_frames_is_a_slice(tmp_path, save_stack):
+    expected = save_stack(tmp_path, range(3), NumberOfFrames=0)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, expected)
 
 
 @pytest.mark.parametrize(
@@ -379,11 +384,12 @@ def test_slices_too_short_to_be_known_are_said(tmp_path, save_stack):
     assert any("2 files" in note and "left out" in note for note in volume.notes)
 
 
-def test_a_color_slice_in_a_gray_series_is_said(tmp_path, save_stack, save_slice):
-    save_stack(tmp_path, range(3))
-    color = {"SamplesPerPixel": 3, "PhotometricInterpretation": "RGB", "PlanarConfiguration": 0}
-    dataset = save_slice(tmp_path / "3.dcm", np.zeros((5, 21), np.uint8), (-10, -20, 3), **color)
-    dataset.Columns = 7
+@pytest.mark.parametrize(("photometric", "samples"), [("RGB", 3), ("YBR_FULL_422", 2)])
+def test_a_color_slice_in_a_gray_series_is_said(tmp_path, save_stack, save_slice, photometric, samples):
+    save_stack(tmp_path, range(3), shape=(4, 6))
+    color = {"SamplesPerPixel": 3, "PhotometricInterpretation": photometric, "PlanarConfiguration": 0}
+    dataset = save_slice(tmp_path / "3.dcm", np.zeros((4, 6 * samples), np.uint8), (-10, -20, 3), **color)
+    dataset.Columns = 6
     dataset.save_as(tmp_path / "3.dcm")
     volume = read_volume(tmp_path)
     assert len(volume.values) == 3

@@ -9,7 +9,7 @@ class Layout:
     """Takes the place of Blender's, which exists only while a window is drawn."""
 
     def __init__(self):
-        self.shown, self.buttons, self.texts, self.icons = [], [], [], []
+        self.shown, self.buttons, self.texts, self.labels = [], [], [], []
 
     def row(self, **_):
         return self
@@ -19,9 +19,10 @@ class Layout:
     def panel(self, _identifier, **_):
         return self, self
 
-    def prop(self, owner, name, **_):
+    def prop(self, owner, name, text="", **_):
         assert name in owner.bl_rna.properties, name
         self.shown.append(name)
+        self.labels.append(text)
 
     def operator(self, name, text=None, **_):
         self.buttons.append(name if text is None else f"{name} {text}".rstrip())

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import PAUSE, Steps, TriangleMesh
-from ...core.mesh import ReferenceSurface, longest_edges, subdivided, vertex_distances_steps
+from ...core.mesh import ReferenceSurface, mean_longest_edge_steps, subdivided_steps, vertex_distances_steps
 from ..materials import mixed, principled, surface_input, use_nodes
 from .spec import ColorScale
 
@@ -38,7 +38,8 @@ def distance_map_steps(
 ) -> Steps[DistanceMap]:
     """The distance of a surface to another, at the vertices of its triangles and of their parts."""
     yield PAUSE
-    fine = subdivided(mesh, float(longest_edges(reference.mesh).mean()))
+    length = yield from mean_longest_edge_steps(reference.mesh)
+    fine = yield from subdivided_steps(mesh, length)
     distances = yield from vertex_distances_steps(fine, reference, threads)
     return DistanceMap(fine, distances)
 

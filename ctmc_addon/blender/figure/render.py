@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from ...core import OutputError, Stages, Step, Steps, finish
+from ...core import OutputError, Step, Steps, finish
 from ..output_files import require_room, written_whole
 from .compose import FigureScene, compose
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface
@@ -56,26 +56,18 @@ def figure_steps(
     require_png(target)
     if blend is not None:
         require_own_blend(Path(blend))
-    stages = Stages({"Setting up the figure": 2, f"Rendering {target.name}": 8})
-    figure = yield from stages.run("Setting up the figure", composed_steps(cells, page, style, scene))
+    yield Step(0.0, "Setting up the figure")
+    figure = compose(cells, page, style, scene)
     try:
         with ExitStack() as files:
             if blend is not None:
                 write_scene(figure, files.enter_context(written_whole(Path(blend))))
             beside = files.enter_context(written_whole(target))
-            yield from stages.run(f"Rendering {target.name}", png_steps(figure, beside, target.name, page.dpi))
+            yield from png_steps(figure, beside, target.name, page.dpi)
         yield Step(1.0, f"{target.name} written")
         return figure.size
     finally:
         figure.remove()
-
-
-def composed_steps(
-    cells: Sequence[Cell], page: Page, style: FigureStyle, scene: bpy.types.Scene | None
-) -> Steps[FigureScene]:
-    """`compose`, after a step that says so."""
-    yield Step(0.0)
-    return compose(cells, page, style, scene)
 
 
 def render_figure(
@@ -175,7 +167,7 @@ def png_steps(figure: FigureScene, path: Path, name: str, dpi: float, tiled: boo
     part = path.with_name(f"{path.stem}-tile.png")
     try:
         for number, (low, high) in enumerate(rows):
-            yield Step(number / len(rows), f"Rendering {name}, {number / len(rows):.0%}" if number else "")
+            yield Step(number / len(rows), f"Rendering {name}" + (f", {number / len(rows):.0%}" if number else ""))
             # A quarter of a row up: right whether Blender rounds or cuts.
             render.border_min_y = (low + 0.25) / height
             render.border_max_y = min((high + 0.25) / height, 1.0)

@@ -19,7 +19,7 @@ from typing import Any
 
 import bpy
 
-from ...core import VERSION, OutputError, Stages, Step, Steps, finish
+from ...core import VERSION, OutputError, Step, Steps, finish
 from ...reporting.atomic_write import made_folder, refused, write_json
 from ..output_files import written_whole
 from ..surface import mesh_data as meshes
@@ -66,9 +66,10 @@ def turntable_steps(
     require_turntable(target, page, resume, overwrite)
     if blend is not None:
         require_own_blend(Path(blend))
-    stages = Stages({"Setting up the turntable": 2, "Rendering frames": 95, f"Writing {target.name}": 3})
-    figure, pivot = yield from stages.run("Setting up the turntable", composed_steps(cell, page, style, turn, scene))
+    yield Step(0.0, "Setting up the turntable")
+    figure = compose([cell], page, style, scene, turning=True, even=True)
     try:
+        pivot = add_pivot(figure, turn)
         note = note_of(figure, page, style, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
@@ -78,29 +79,15 @@ def turntable_steps(
         if blend is not None:
             with written_whole(Path(blend)) as beside:
                 write_scene(figure, beside)
-        rendered = yield from stages.run("Rendering frames", frames_steps(figure, pivot, folder, page, turn))
+        rendered = yield from frames_steps(figure, pivot, folder, page, turn)
     finally:
         figure.remove()
     if is_video(target):
-        yield from stages.run(f"Writing {target.name}", video_steps(folder, target, turn, figure.size))
+        yield Step(1.0, f"Writing {target.name}")
+        write_video([folder / FRAME.format(at + 1) for at in range(turn.frames)], target, turn.fps, figure.size)
+        shutil.rmtree(folder)
     yield Step(1.0, f"{target.name} written")
     return figure.size, rendered
-
-
-def composed_steps(
-    cell: Cell, page: Page, style: FigureStyle, turn: Turn, scene: bpy.types.Scene | None
-) -> Steps[tuple[FigureScene, bpy.types.Object]]:
-    """The figure's scene, and the pivot that turns what it shows."""
-    yield Step(0.0)
-    figure = compose([cell], page, style, scene, turning=True, even=True)
-    return figure, add_pivot(figure, turn)
-
-
-def video_steps(folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
-    """Make a video of the frames in a folder, and remove that."""
-    yield Step(0.0)
-    write_video([folder / FRAME.format(at + 1) for at in range(turn.frames)], target, turn.fps, size)
-    shutil.rmtree(folder)
 
 
 def is_video(path: Path) -> bool:

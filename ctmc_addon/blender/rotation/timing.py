@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 
 from ...core import Stages, Step, Steps, TriangleMesh
-from ..datablocks import remove_blocks
+from ..datablocks import remove_blocks, remove_render_results, render_results
 from ..figure.spec import AZIMUTH, ELEVATION
 from ..studio import frame, prepare_scene, swept, view_axes
 from ..surface import mesh_data as meshes
@@ -113,6 +113,7 @@ def rotation_test_steps(
     size = size or SIZES[engine]
     scene = bpy.data.scenes.new(NAME)
     blocks: tuple[bpy.types.ID, ...] = ()
+    renders = render_results()
     stages = Stages({"Timing whole frames": 8, "Timing the triangles alone": 2})
     try:
         with levels_in(scene, simplified) as levels:
@@ -135,6 +136,7 @@ def rotation_test_steps(
             ]
     finally:
         remove_blocks(*blocks, scene)
+        remove_render_results(renders)
 
 
 def frame_turning(scene: bpy.types.Scene, level: Level, size: tuple[int, int]) -> None:

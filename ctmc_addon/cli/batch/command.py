@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ...core import VERSION, CtmcError, Step, Steps
 from ...reporting.atomic_write import made_folder, require_writable
 from ...reporting.mesh_files import SPACES
-from ..arguments import add_reading, add_settings, at_least, given_settings, reading_of
+from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import SUFFIXES, Outputs, source_of
 from ..terminal import Progress, listing, require_empty, table
@@ -71,6 +71,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument(
         "--scheduler", metavar="ADDRESS", help="send the cases to a dask.distributed cluster, such as tcp://host:8786"
     )
+    add_quiet(group)
     parser.set_defaults(run=run)
 
 

@@ -38,7 +38,7 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     Raises
     ------
     ReadError
-        If it is no text, has no rows, an unknown column, or names a missing file; with the number of the line.
+        If it is not text, has no rows, an unknown column, or names a missing file; with the number of the line.
     SettingsError
         If a cell does not fit its column.
     """

@@ -10,10 +10,11 @@ import numpy as np
 from ... import readers
 from ...core import Stages, Volume
 from ...core.volume import slabs, value_range
+from ...reporting.atomic_write import json_text
+from ...reporting.formatting import SIDES
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
 
-SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 MOST_LABELS = 150
 READING = {"Reading headers": 1, "Reading values": 4}
 
@@ -26,6 +27,7 @@ def add_parser(commands: Any) -> None:
         description="Shape, spacing, orientation, values, series, labels and notes of a volume.",
     )
     add_input(parser)
+    parser.add_argument("--json", action="store_true", help="as JSON, for programs")
     parser.set_defaults(run=run)
 
 
@@ -35,50 +37,78 @@ def run(args: argparse.Namespace) -> None:
     with Progress() as progress:
         source = progress.finish(stages.run("Reading headers", readers.open_volume_steps(args.input)))
         volume = progress.finish(stages.run("Reading values", source.read_steps(**reading_of(args))))
-    series = source.series
-    columns, rows, slices = volume.size
-    axes = zip(("columns", "rows", "slices"), volume.orientation, strict=True)
-    facts = [
-        ("name", volume.name),
-        ("shape", f"{columns} x {rows} x {slices} (columns x rows x slices)"),
-        ("spacing", f"{dimensions(volume.spacing)} mm"),
-        ("orientation", f"{volume.orientation} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})"),
-        ("dtype", str(volume.values.dtype)),
-        ("values", values_text(volume)),
-    ]
-    if len(series) > 1 or any(item.uid for item in series):
-        facts += titled("series", [f"{item.text}{', UID ' + item.uid if item.uid else ''}" for item in series])
-    facts += titled("labels", labels_text(volume))
-    sibling = readers.segmentation_sibling(args.input)
-    if sibling is not None:
-        facts.append(("label file", f"{sibling.name} beside it"))
-    facts += titled("notes", list(volume.notes))
-    print(listing(facts))
+    facts = facts_of(volume, source)
+    print(json_text(facts) if args.json else text_of(facts), end="" if args.json else "\n")
 
 
-def values_text(volume: Volume) -> str:
-    """The range and meaning of the values, and how many are not finite."""
-    low, high = value_range(volume.values)
-    span = f"{low:.10g} to {high:.10g}" if np.isfinite([low, high]).all() else "no number"
-    text = f"{span}, {volume.kind}{'s' if volume.kind != 'HU' else ''}"
+def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
+    """What is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
+    finite = np.isfinite(extremes := value_range(volume.values)).all()
+    broken = 0
     if volume.values.dtype.kind == "f":
         broken = sum(int(slab.size - np.isfinite(slab).sum()) for slab in slabs(volume.values))
-        if broken:
-            text += f"; {broken} are NaN or infinite, --nan-as gives them a value"
-    return text
+    sibling = readers.segmentation_sibling(source.path)
+    return {
+        "name": volume.name,
+        "format": source.format,
+        "size": list(volume.size),
+        "spacing_mm": list(volume.spacing),
+        "orientation": volume.orientation,
+        "affine": volume.affine.tolist(),
+        "dtype": str(volume.values.dtype),
+        "kind": volume.kind,
+        "low": float(extremes[0]) if finite else None,
+        "high": float(extremes[1]) if finite else None,
+        "not_finite": broken,
+        "series": [{"text": series.text, "uid": series.uid} for series in source.series],
+        "labels": labels_of(volume),
+        "label_file": None if sibling is None else sibling.name,
+        "notes": list(volume.notes),
+    }
 
 
-def labels_text(volume: Volume) -> list[str]:
-    """A line for every label: its value, its name if it has one, and its voxels."""
+def labels_of(volume: Volume) -> list[dict[str, Any]]:
+    """Every label with its value, its name if it has one, and its voxels."""
     if volume.kind != "label":
         return []
     counts: dict[float, int] = {}
     for slab in slabs(volume.values):
-        for value, count in zip(*(found.tolist() for found in np.unique(slab, return_counts=True)), strict=True):
+        for value, count in zip(*(part.tolist() for part in np.unique(slab, return_counts=True)), strict=True):
             counts[value] = counts.get(value, 0) + count
-    lines = []
-    for value, count in sorted(counts.items()):
-        name = volume.label_names.get(int(value), "")
-        lines.append(f"{value:g}{' ' + name if name else ''}: {count} voxels")
-    more = len(lines) - MOST_LABELS
-    return lines if more <= 0 else [*lines[:MOST_LABELS], f"and {more} more"]
+    return [
+        {"value": value, "name": volume.label_names.get(int(value), ""), "voxels": count}
+        for value, count in sorted(counts.items())
+    ]
+
+
+def text_of(facts: dict[str, Any]) -> str:
+    """The facts for a person."""
+    axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
+    values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
+    values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"
+    if facts["not_finite"]:
+        values += f"; {facts['not_finite']} are NaN or infinite, --nan-as gives them a value"
+    labels = [
+        f"{label['value']:g}{' ' + label['name'] if label['name'] else ''}: {label['voxels']} voxels"
+        for label in facts["labels"][:MOST_LABELS]
+    ]
+    if len(facts["labels"]) > MOST_LABELS:
+        labels.append(f"and {len(facts['labels']) - MOST_LABELS} more")
+    lines = [
+        ("name", facts["name"]),
+        ("shape", f"{dimensions(facts['size'])} (columns x rows x slices)"),
+        ("spacing", f"{dimensions(facts['spacing_mm'])} mm"),
+        (
+            "orientation",
+            f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})",
+        ),
+        ("dtype", facts["dtype"]),
+        ("values", values),
+    ]
+    if len(facts["series"]) > 1 or any(item["uid"] for item in facts["series"]):
+        texts = [f"{item['text']}{', UID ' + item['uid'] if item['uid'] else ''}" for item in facts["series"]]
+        lines += titled("series", texts)
+    lines += titled("labels", labels)
+    if facts["label_file"]:
+        lines.append(("label file", f"{facts['label_file']} beside it"))
+    return listing([*lines, *titled("notes", facts["notes"])])

@@ -25,7 +25,7 @@ from ...core import (
 )
 from ...reporting import mesh_files
 from ...reporting.atomic_write import require_writable, whole_files, write_json
-from ..arguments import add_input, add_settings, add_threads, command_of, reading_of, settings_from
+from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..terminal import Progress, dimensions, listing, table, titled
 
@@ -80,7 +80,7 @@ def add_parser(commands: Any) -> None:
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
-    add_threads(group)
+    add_work(group)
     parser.set_defaults(run=run)
 
 

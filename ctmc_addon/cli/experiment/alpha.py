@@ -80,7 +80,7 @@ def require_alpha(settings: ReconstructionSettings) -> None:
     require_builtin(settings)
     if settings.threshold is None and settings.soften_mm == 0:
         raise UsageError(
-            "alpha moves vertices between grey values, and a bare label has none: "
+            "alpha moves vertices between gray values, and a bare label has none: "
             "give --threshold T, or --label N with --soften MM"
         )
 

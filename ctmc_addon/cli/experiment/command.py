@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
+from ...reporting.atomic_write import own_folder
+from ..terminal import require_empty
 from . import alpha, rotation, simplify, voxels
 from .common import add_common
-from .table import experiment_folder
 
 EXPERIMENTS = {"voxels": voxels, "rotation": rotation, "alpha": alpha, "simplify": simplify}
 
@@ -30,7 +32,9 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Measure, write the table and its pictures, and print the table."""
-    with experiment_folder(args.output, args.overwrite) as folder:
+    if not args.overwrite:
+        require_empty(Path(args.output), "replace an older experiment with --overwrite, or choose another folder")
+    with own_folder(args.output) as folder:
         table = EXPERIMENTS[args.experiment].table_of(args, folder)
         table.write(folder)
     print(table.printed())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ...core import ReconstructionSettings, Steps, TriangleMesh, Volume, equal_part
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ..arguments import UsageError, add_input, add_settings, add_threads, command_of
+from ..arguments import UsageError, add_input, add_settings, add_work, command_of
 from ..terminal import dimensions
 from .table import plain, unique
 
@@ -19,7 +19,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, metavar="DIR", help="folder for table and pictures; made with its parents"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an older experiment in that folder")
-    add_threads(parser)
+    add_work(parser)
     add_settings(parser)
 
 

@@ -16,8 +16,8 @@ DPI = 200
 TEXT, TITLE = 24, 30  # pixels
 BAR = 110  # at most, pixels
 INK, GREY, RULE = (30, 30, 30), (110, 110, 110), (222, 222, 222)
-# Told apart by the colour-blind, and in grey (Okabe and Ito 2008).
-COLOURS = ((0, 90, 160), (230, 159, 0), (0, 158, 115))
+# Distinguishable by the color-blind, and in gray (Okabe and Ito 2008).
+COLORS = ((0, 90, 160), (230, 159, 0), (0, 158, 115))
 
 
 @dataclass(frozen=True)
@@ -84,15 +84,15 @@ def draw_panel(pen: Any, panel: Panel, left: int) -> None:
             if value is None:
                 continue
             start = middle + (which - len(panel.series) / 2) * bar
-            pen.rectangle([(start + 3, height(value)), (start + bar - 3, y1)], COLOURS[which % len(COLOURS)])
+            pen.rectangle([(start + 3, height(value)), (start + bar - 3, y1)], COLORS[which % len(COLORS)])
             pen.text((start + bar / 2, height(value) - 8), f"{value:.3g}", INK, font(TEXT - 4), anchor="mb")
     pen.text(((x0 + x1) / 2, PANEL[1] - 14), panel.across, GREY, text, anchor="mb")
 
 
 def legend(pen: Any, panel: Panel, x: float, face: Any) -> None:
-    """The colours of the series in a line under the title."""
+    """The colors of the series in a line under the title."""
     for which, name in enumerate(panel.series):
-        pen.rectangle([(x, 84), (x + 24, 108)], COLOURS[which % len(COLOURS)])
+        pen.rectangle([(x, 84), (x + 24, 108)], COLORS[which % len(COLORS)])
         pen.text((x + 34, 96), name, INK, face, anchor="lm")
         x += 34 + pen.textlength(name, face) + 40
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...reporting.atomic_write import csv_text, own_folder, write_json, write_text
+from ...reporting.atomic_write import csv_text, write_json, write_text
 from ..machine import machine, versions
-from ..terminal import listing, require_empty, table
+from ..terminal import listing, table
 
 Row = dict[str, Any]
 
@@ -83,13 +82,12 @@ class Table:
         head = [f"## {self.title}", "", escaped("; ".join(fact for _, fact in self.made_on)), ""]
         return "\n".join([*head, *body, "", *lines, *(["", *pictures] if pictures else []), ""])
 
-    def write(self, folder: Path) -> list[str]:
-        """Write table.csv, table.json and table.md; returns the names of all files in the folder's table."""
+    def write(self, folder: Path) -> None:
+        """Write table.csv, table.json and table.md."""
         rows = [{**row, **dict(self.made_on)} for row in self.rows]
         write_json(folder / "table.json", rows)
         write_text(folder / "table.csv", as_csv(rows))
         write_text(folder / "table.md", self.markdown())
-        return ["table.csv", "table.json", "table.md", *(name for name, _ in self.pictures)]
 
 
 def as_csv(rows: Sequence[Row]) -> str:
@@ -115,21 +113,6 @@ def as_csv(rows: Sequence[Row]) -> str:
 def escaped(text: str) -> str:
     """Text that Markdown leaves as it is, inside a table too."""
     return "".join("\\" + letter if letter in "\\`*_|<>" else letter for letter in text)
-
-
-@contextmanager
-def experiment_folder(path: str, overwrite: bool) -> Iterator[Path]:
-    """The folder `path`, made with its parents, and removed again if nothing is written to it.
-
-    Raises
-    ------
-    OutputError
-        If it is not empty and may not be overwritten, or cannot be made.
-    """
-    if not overwrite:
-        require_empty(Path(path), "replace an older experiment with --overwrite, or choose another folder")
-    with own_folder(path) as folder:
-        yield folder
 
 
 def runs_text(repeats: int) -> str:

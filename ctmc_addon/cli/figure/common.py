@@ -16,7 +16,7 @@ from ..arguments import (
     UsageError,
     add_input,
     add_settings,
-    add_threads,
+    add_work,
     flags_checked,
     given_settings,
     overridden,
@@ -29,13 +29,13 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     add_input(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
     add_settings(parser, many=("label",))
-    add_threads(parser)
+    add_work(parser)
     group = parser.add_argument_group("figure")
     group.add_argument(
         "--style",
         choices=tuple(STYLES),
         help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colors (default for "
-        "several labels); print: grey faces, dark edges",
+        "several labels); print: gray faces, dark edges",
     )
     group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
     group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")

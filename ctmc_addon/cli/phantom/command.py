@@ -9,7 +9,7 @@ from typing import Any
 from ...core import Stages, Step, Steps, equal_part
 from ...core.phantom import Phantom, phantom_steps
 from ...reporting.atomic_write import made_folder, require_writable, write_json
-from ..arguments import Numbers, at_least, spacing_of
+from ..arguments import Numbers, add_quiet, at_least, spacing_of
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices
 
@@ -21,7 +21,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "phantom",
         help="make a CT with known truth",
-        description="Make an abdominal CT with a liver and tumours of known volume.",
+        description="Make an abdominal CT with a liver and tumors of known volume.",
     )
     parser.add_argument("folder", metavar="DIR", help="where to write; made with its parents")
     parser.add_argument("--slices", type=at_least(3), default=29, metavar="N", help="3 or more (default 29)")
@@ -38,6 +38,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("--format", choices=FORMATS, default="all", help="(default all)")
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="0 or more (default 0)")
+    add_quiet(parser)
     parser.set_defaults(run=run)
 
 
@@ -61,8 +62,8 @@ def run(args: argparse.Namespace) -> None:
                     "phantom",
                     f"{shape}, seed {phantom.seed}",
                 ),
-                ("tumours", f"{volumes} ml, together {sum(phantom.tumour_volumes_mm3) / 1000:.2f} ml"),
-                ("liver", f"{phantom.liver_volume_mm3 / 1000:.2f} ml with its tumours"),
+                ("tumors", f"{volumes} ml, together {sum(phantom.tumour_volumes_mm3) / 1000:.2f} ml"),
+                ("liver", f"{phantom.liver_volume_mm3 / 1000:.2f} ml with its tumors"),
                 ("written", ", ".join(written)),
             ]
         )

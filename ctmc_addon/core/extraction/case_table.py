@@ -7,7 +7,7 @@ One rule cuts every face: walking around it, each run of inside corners is cut o
 on an ambiguous face the two inside corners are separated. The rule knows only the face's own corners:
 both voxels at a face cut it the same way, and the surface has no holes. The segments join into
 loops, and each loop is cut into triangles by diagonals that lie in no face of the cube: otherwise the
-neighbour could have the same diagonal, and an edge would have four triangles.
+neighbor could have the same diagonal, and an edge would have four triangles.
 
 Example: in case 1 corner 0 alone is inside. The edges 0, 4 and 8, which start from it along x, y and z, are crossed;
 three faces are cut, and the segments join into the one loop 0, 4, 8: one triangle.

@@ -1,10 +1,10 @@
-"""Normals from the grey values: central differences, interpolated to the vertex.
+"""Normals from the gray values: central differences, interpolated to the vertex.
 
 Su and Ma, eq. 2 to 4. One departure: under a stride the differences are those of the volume's own
-neighbouring voxels, not of the enlarged voxel's corners as equation 4 read literally would have it.
+neighboring voxels, not of the enlarged voxel's corners as equation 4 read literally would have it.
 The wider difference would blur the shading for nothing.
 
-In index space; volume.py carries normals to millimetres. Example: on an edge along x from sample 4 to 6 with the
+In index space; volume.py carries normals to millimeters. Example: on an edge along x from sample 4 to 6 with the
 crossing at 4.4, the gradient is that of the values at columns 4 and 5, interpolated by 0.4.
 """
 

@@ -10,10 +10,10 @@ Three passes, each over slabs of sample layers and each spread over threads. Rea
     vertices.py         3. a vertex is placed on every crossed edge, with its normal (gradients.py)
     faces.py               the triangles' corners are gathered
 
-For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their grey
+For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their gray
 values, trilinear_cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
 
-Positions are in index space (x = column, y = row, z = slice); volume.py moves them to RAS+ millimetres.
+Positions are in index space (x = column, y = row, z = slice); volume.py moves them to RAS+ millimeters.
 Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37422.
 """
 
@@ -47,9 +47,13 @@ SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
 TOPOLOGIES = ("classic", "trilinear")
-COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
-PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
-STAGES = {COMPARING: 3, FINDING: 2, PLACING: 4.5, COMPLETING: 0.5}
+STAGES = {
+    "Comparing with the threshold": 3,
+    "Finding active voxels": 2,
+    "Placing vertices and triangles": 4.5,
+    "Completing normals": 0.5,
+}
+COMPARING, FINDING, PLACING, COMPLETING = STAGES
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def marching_cubes(
     close_border : bool
         Cap the surface half a pixel outside the outermost samples.
     normals : bool
-        Whether to give normals, from central differences of the grey values (Su and Ma, eq. 2 to 4).
+        Whether to give normals, from central differences of the gray values (Su and Ma, eq. 2 to 4).
     threads : int, optional
         By default one for each processor. The result does not depend on it.
     topology : {"classic", "trilinear"}
@@ -157,7 +161,7 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     if values.ndim != 3 or min(values.shape) < 2:
         raise VolumeError(f"values must be (slices, rows, columns) with at least 2 of each, not {values.shape}")
     if values.dtype.kind not in "buif" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-        raise VolumeError(f"values of type {values.dtype} are not grey values; convert them to int16 or float32")
+        raise VolumeError(f"values of type {values.dtype} are not gray values; convert them to int16 or float32")
     return values
 
 
@@ -166,7 +170,7 @@ def _scan_steps(stages: Stages, grid: Grid, threshold: float, threads: int, topo
     if topology not in TOPOLOGIES:
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
-        raise ThresholdError(f"threshold {threshold} is not a number; give a grey value of the volume")
+        raise ThresholdError(f"threshold {threshold} is not a number; give a gray value of the volume")
     # The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger
     # piece was freed before. This is one; nothing is written to it.
     np.empty(KEPT_BYTES, np.uint8)

@@ -1,4 +1,4 @@
-"""Which of a case's surfaces the trilinear interpolant has: faces and interior decided from the grey values.
+"""Which of a case's surfaces the trilinear interpolant has: faces and interior decided from the gray values.
 
 A face is decided by the sign of its bilinear interpolant at the saddle (the asymptotic decider): of the
 two diagonals, the one with the larger product of differences from the threshold is connected. Both voxels at a
@@ -136,7 +136,7 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
 
     Notes
     -----
-    Ties, frequent with integer grey values, are decided as by a threshold a little lower: inside is
+    Ties, frequent with integer gray values, are decided as by a threshold a little lower: inside is
     ``value >= threshold``. A tie in a face connects the inside corners.
 
     Examples

@@ -4,7 +4,7 @@ Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 
 order in which faces.py numbers them: those on edges along x, then y, then z, each in the order of their voxels, then
 those inside voxels (interior_vertices.py).
 
-Example: grey values 100 and 200 at the samples x = 4 and x = 6 of a stride of 2, a threshold of 120: t = 0.2, so the
+Example: gray values 100 and 200 at the samples x = 4 and x = 6 of a stride of 2, a threshold of 120: t = 0.2, so the
 linear crossing (alpha 1) is at x = 4.4 and the midpoint (alpha 0) at x = 5.
 """
 

@@ -4,7 +4,7 @@ from .components import keep_components_steps
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
-from .subdivision import longest_edges, subdivided
+from .subdivision import mean_longest_edge_steps, subdivided_steps
 from .surface_distance import (
     ReferenceSurface,
     SurfaceDistance,
@@ -24,10 +24,10 @@ __all__ = [
     "blend",
     "edges_steps",
     "keep_components_steps",
-    "longest_edges",
+    "mean_longest_edge_steps",
     "measures_steps",
     "roughness",
-    "subdivided",
+    "subdivided_steps",
     "surface_distance",
     "surface_distance_steps",
     "triangle_shapes",

@@ -19,7 +19,7 @@ SEED = 0
 
 
 def roughness(mesh: TriangleMesh) -> float:
-    """Mean angle between neighbouring triangles, degrees.
+    """Mean angle between neighboring triangles, degrees.
 
     Over all edges with two triangles, each edge counted once; triangles without area have no direction and
     are left out. A flat surface has 0, a cube of two triangles a side 60 (twelve edges of 90, six of 0).

@@ -3,35 +3,38 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..progress import finish
-from .topology import edges_steps
+from ..progress import PAUSE, Steps
+from .topology import FACES_PER_STEP, edges_steps
 from .triangle_mesh import TriangleMesh
 
 MOST_FACES = 400_000
 
 
-def longest_edges(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """The longest edge of every triangle, (F,)."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
-    edges = corners - corners[:, (1, 2, 0)]
-    return np.sqrt((edges**2).sum(axis=2)).max(axis=1)
+def mean_longest_edge_steps(mesh: TriangleMesh) -> Steps[float]:
+    """Mean of the longest edges of all triangles."""
+    total = 0.0
+    for start in range(0, len(mesh.faces), FACES_PER_STEP):
+        corners = mesh.vertices[mesh.faces[start : start + FACES_PER_STEP]].astype(np.float64)  # (f, 3, 3)
+        edges = corners - corners[:, (1, 2, 0)]
+        total += float(np.sqrt((edges**2).sum(axis=2)).max(axis=1).sum())
+        yield PAUSE
+    return total / max(1, len(mesh.faces))
 
 
-def subdivided(mesh: TriangleMesh, length: float) -> TriangleMesh:
+def subdivided_steps(mesh: TriangleMesh, length: float) -> Steps[TriangleMesh]:
     """The same surface with all triangles cut in four until their longest edges are about `length` on average.
 
     Not beyond `MOST_FACES`, so that a picture of a large surface stays possible.
     """
-    while longest_edges(mesh).mean() > 1.4 * length and 4 * len(mesh.faces) <= MOST_FACES:
-        mesh = cut_in_four(mesh)
+    while 4 * len(mesh.faces) <= MOST_FACES and (yield from mean_longest_edge_steps(mesh)) > 1.4 * length:
+        mesh = yield from cut_in_four_steps(mesh)
     return mesh
 
 
-def cut_in_four(mesh: TriangleMesh) -> TriangleMesh:
+def cut_in_four_steps(mesh: TriangleMesh) -> Steps[TriangleMesh]:
     """Every triangle cut in four at the middles of its edges, normals interpolated."""
-    edges, face_edges = finish(edges_steps(np.ascontiguousarray(mesh.faces.T), len(mesh.vertices)))
+    edges, face_edges = yield from edges_steps(np.ascontiguousarray(mesh.faces.T), len(mesh.vertices))
     low, high = edges
     vertices = np.concatenate([mesh.vertices, (mesh.vertices[low] + mesh.vertices[high]) * np.float32(0.5)])
     normals = mesh.normals

@@ -155,7 +155,8 @@ def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
     """
     region = settings.region
     if region is None:
-        return tuple((0, size) for size in volume.size)  # type: ignore[return-value]
+        x, y, z = volume.size
+        return (0, x), (0, y), (0, z)
     low, high = np.array(region[:3]), np.array(region[3:])
     if settings.region_unit == "mm":
         corners = np.array(list(product(*zip(low, high, strict=True))))  # (8, 3)

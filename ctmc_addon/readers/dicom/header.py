@@ -217,7 +217,10 @@ def missing_pixels(dataset: Any, element: str, syntax: str, file_bytes: int) -> 
     """What is missing where the file holds fewer pixels than its header tells of; else empty."""
     stored = dataset.get_item(element, keep_deferred=True)
     frames = frame_count(dataset)
-    size = int(dataset.Rows) * int(dataset.Columns) * int(dataset.get("SamplesPerPixel", None) or 1)
+    samples = int(dataset.get("SamplesPerPixel", None) or 1)
+    if "422" in str(dataset.get("PhotometricInterpretation", "")):  # two color samples for every second pixel
+        samples = 2
+    size = int(dataset.Rows) * int(dataset.Columns) * samples
     needed_bytes = (frames * size * int(dataset.BitsAllocated) + 7) // 8
     if syntax not in UNCOMPRESSED:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
@@ -229,8 +232,7 @@ def missing_pixels(dataset: Any, element: str, syntax: str, file_bytes: int) -> 
 
 def frame_count(dataset: Any) -> int:
     """NumberOfFrames, at least 1."""
-    value = dataset.get("NumberOfFrames", None)
-    count = 1 if value is None else int(value)
+    count = int(dataset.get("NumberOfFrames", None) or 1)  # some write 0 of a single frame
     if count < 1:
         raise ValueError(f"{count} frames")
     return count

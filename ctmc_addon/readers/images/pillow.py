@@ -19,23 +19,10 @@ from ..file_formats import suffix
 from ..optional_imports import needed, reason
 
 DECODED = "PNG, JPEG and BMP"
-# Pillow's modes, and the mode to decode them in; None leaves them as they are.
-MODES: dict[str, tuple[str | None, str]] = {
-    "1": ("L", "uint8"),
-    "L": (None, "uint8"),
-    "P": ("RGBA", "uint8"),
-    "LA": ("RGBA", "uint8"),
-    "PA": ("RGBA", "uint8"),
-    "RGB": (None, "uint8"),
-    "RGBA": (None, "uint8"),
-    "RGBX": ("RGB", "uint8"),
-    "CMYK": ("RGB", "uint8"),
-    "YCbCr": ("RGB", "uint8"),
-    "I": (None, "uint16"),
-    "I;16": (None, "uint16"),
-    "I;16B": (None, "uint16"),
-    "I;16L": (None, "uint16"),
-}
+# Of Pillow's modes those that are decoded in another one, and the type of the values of every mode that is read.
+DECODE_AS = {"1": "L", "P": "RGBA", "LA": "RGBA", "PA": "RGBA", "RGBX": "RGB", "CMYK": "RGB", "YCbCr": "RGB"}
+DTYPES = dict.fromkeys((*DECODE_AS, "L", "RGB", "RGBA"), "uint8")
+DTYPES |= dict.fromkeys(("I", "I;16", "I;16B", "I;16L"), "uint16")
 CUT_TO_8_BITS = ("LA;16B", "RGB;16B", "RGBA;16B")  # Pillow's names for what it would lose the low bits of
 PILLOW_ERRORS = (OSError, ValueError, EOFError, SyntaxError, struct.error, zlib.error)  # beside its bomb error
 JPEG_NOISE = 2  # of 255: how far JPEG's rounding separates the channels of a gray picture
@@ -61,11 +48,11 @@ def picture(path: Path) -> Picture:
             stored = str(image.tile[0][3]) if image.format == "PNG" and image.tile else ""
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{path.name} is not a readable image ({image_reason(error)}); copy it again") from error
-    if mode not in MODES:
+    if mode not in DTYPES:
         raise ReadError(f"{path.name} has pixels of Pillow's type '{mode}'; save it as 8 or 16 bit gray")
     if stored in CUT_TO_8_BITS:
         raise ReadError(f"{path.name} has 16 bit color or an alpha channel; save it as 16 bit gray without alpha")
-    return Picture(path, rows, columns, np.dtype(MODES[mode][1]), 1, mode)
+    return Picture(path, rows, columns, np.dtype(DTYPES[mode]), 1, mode)
 
 
 def image_reason(error: BaseException) -> str:
@@ -82,7 +69,7 @@ def gray_slice(header: Picture) -> NDArray[Any]:
         content = header.path.read_bytes()
         with pillow.open(io.BytesIO(content)) as image:
             image.verify()  # check sums of PNG, which decoding passes over
-        pixels = iio.imread(content, plugin="pillow", mode=MODES[header.mode][0])
+        pixels = iio.imread(content, plugin="pillow", mode=DECODE_AS.get(header.mode))
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{header.path.name} is truncated or damaged ({image_reason(error)}); copy it again") from error
     if pixels.dtype.kind == "i" and pixels.min() >= 0 and pixels.max() <= 65535:

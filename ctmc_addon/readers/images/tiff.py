@@ -15,7 +15,7 @@ from ..optional_imports import needed, quiet, reason
 from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..streams import fill_steps
 from ..value_kind import native_steps, require_memory
-from .pillow import JPEG_NOISE, MODES, PILLOW_ERRORS, Picture, gray
+from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
 TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
@@ -217,8 +217,7 @@ def _by_pillow(path: Path, number: int, about: Any) -> NDArray[Any]:
     try:
         with pillow.open(path) as image:
             image.seek(number)
-            mode = MODES.get(image.mode, (None,))[0]
-            return np.asarray(image.convert(mode) if mode else image)
+            return np.asarray(image.convert(DECODE_AS.get(image.mode, image.mode)))
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         name = getattr(about.compression, "name", str(about.compression))
         raise ReadError(

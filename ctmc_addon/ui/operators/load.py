@@ -88,17 +88,17 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected)
 
     def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
-        """The work: series, values, survey; the CT of this fingerprint is expected there, if any."""
+        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any."""
         stages = Stages(STAGES)
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
         volume = yield from stages.run(values, source.read_steps(**reading, threads=machine().threads))
         selected = source.selected_series(reading["series"])
-        survey = yield from stages.run(counting, volume_statistics_steps(volume))
+        statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
             path,
             volume,
-            survey,
+            statistics,
             source.series,
             reading,
             source.has_geometry,
@@ -129,7 +129,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
     stored, reading = scene.ctmc, loaded.reading
-    other = loaded.survey.fingerprint != stored.volume_fingerprint
+    other = loaded.statistics.fingerprint != stored.volume_fingerprint
     volumes.keep(loaded, scene)
     stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
     for axis in "xyz":
@@ -137,12 +137,12 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     stored.series = str(reading["series"] or "")
     if other:
         names = loaded.volume.label_names
-        stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.survey.labels])
-    if loaded.volume.kind == "label" and loaded.survey.labels and not (stored.use_threshold or stored.use_label):
-        stored.label = loaded.survey.labels[0][0]  # Otsu's threshold would part labels by their numbers
+        stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.statistics.labels])
+    if loaded.volume.kind == "label" and loaded.statistics.labels and not (stored.use_threshold or stored.use_label):
+        stored.label = loaded.statistics.labels[0][0]  # Otsu's threshold would part labels by their numbers
     known = session.of(scene)
     known.message = known.load_message = ""
-    if expected not in ("", loaded.survey.fingerprint):
+    if expected not in ("", loaded.statistics.fingerprint):
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
         known.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")

@@ -77,7 +77,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
         targets = {} if self.new else surfaces.targets(context, runs)
-        names, fingerprint = loaded.volume.label_names, loaded.survey.fingerprint
+        names, fingerprint = loaded.volume.label_names, loaded.statistics.fingerprint
         for run in runs:
             require_labels(loaded, run.label)
         requests = [

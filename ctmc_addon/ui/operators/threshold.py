@@ -94,11 +94,11 @@ def histogram_icon(scene: bpy.types.Scene) -> int:
     loaded = volumes.loaded(scene)
     if loaded is None or not _pictures:
         return 0
-    key = (loaded.survey.fingerprint, used_threshold(scene))
+    key = (loaded.statistics.fingerprint, used_threshold(scene))
     pictures = _pictures[NAME]
     picture = pictures[NAME] if NAME in pictures else pictures.new(NAME)
     if _shown.get("key") != key:
-        pixels = histogram_picture(loaded.survey, key[1], *PICTURE)
+        pixels = histogram_picture(loaded.statistics, key[1], *PICTURE)
         picture.image_size = PICTURE
         picture.image_pixels_float.foreach_set(pixels.ravel())
         _shown["key"] = key

@@ -14,7 +14,6 @@ from ..translations import OURS, translate
 
 LETTER = 5.8  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
-SHORT_UNITS = ("mm", "mm3", "px")
 NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 
 
@@ -42,25 +41,21 @@ def prepare(layout: Any, lock: bool = True) -> None:
     layout.use_property_decorate = False
 
 
-def label_of(settings: Any, name: str) -> str:
-    """A setting's label with its unit, where that is short; "All" where it counts components and keeps them all."""
-    about = described()[name]
-    note = "" if about.unit not in SHORT_UNITS else about.unit
-    if name == "keep_parts" and not settings.keep_parts:
-        note = translate("All")
-    return f"{translate(about.label)} [{note}]" if note else translate(about.label)
-
-
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
     """One setting, with its switch if it may be absent."""
-    if not optional(name):
-        layout.prop(settings, name, text=label_of(settings, name))
-        return
-    row = layout.row(heading=label_of(settings, name), heading_ctxt=OURS)
-    row.prop(settings, switch(name), text="")
-    value = row.row()
-    value.active = getattr(settings, switch(name))
-    value.prop(settings, name, text="")
+    label = translate(described()[name].label)
+    if name == "keep_parts" and not settings.keep_parts:
+        value = layout.row(heading=label, heading_ctxt=OURS).row()
+        value.use_property_split = False
+        value.prop(settings, name, text=translate("All"))
+    elif not optional(name):
+        layout.prop(settings, name)
+    else:
+        row = layout.row(heading=label, heading_ctxt=OURS)
+        row.prop(settings, switch(name), text="")
+        value = row.row()
+        value.active = getattr(settings, switch(name))
+        value.prop(settings, name, text="")
 
 
 def width_of(context: bpy.types.Context) -> float:

@@ -54,7 +54,7 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
 
 def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Size, spacing, orientation, values, series, and all that was assumed."""
-    volume, survey, stored = loaded.volume, loaded.survey, context.scene.ctmc
+    volume, statistics, stored = loaded.volume, loaded.statistics, context.scene.ctmc
     columns, rows, slices = volume.size
     x, y, z = volume.spacing
     right, down, up = (translate(side) for side in directions(volume.orientation))
@@ -65,7 +65,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         (
             translate("Values"),
             translate("{low} to {high} {kind}").format(
-                low=f"{survey.low:g}", high=f"{survey.high:g}", kind=translate(volume.kind)
+                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(volume.kind)
             ),
         ),
     ]
@@ -81,11 +81,11 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
         column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
-    if survey.non_finite:
+    if statistics.non_finite:
         draw_text(
             layout,
             context,
-            translate("{count} voxels are NaN or infinite").format(count=count(survey.non_finite)),
+            translate("{count} voxels are NaN or infinite").format(count=count(statistics.non_finite)),
             "INFO",
         )
     for note in volume.notes:

@@ -120,6 +120,8 @@ def property_of(name: str, about: Setting) -> Any:
         options["max"] = int(about.high) if whole else highest(about)
     if not whole:
         options["precision"] = 3
+    if about.unit == "mm" and about.size == 1:
+        options["unit"] = "CAMERA"  # Blender shows it in mm, whatever the scene's unit scale
     if about.size > 1:
         return (integers if whole else decimals)(about.label, tooltip(about), size=about.size, **options)
     return (integer if whole else decimal)(about.label, tooltip(about), **options)

@@ -38,7 +38,7 @@ def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
 def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
     """Whether a surface was made of the CT in memory: of the same values at the same place, whatever its name."""
     loaded, provenance = volumes.loaded(scene), read_provenance(obj)
-    return loaded is not None and provenance is not None and provenance.fingerprint == loaded.survey.fingerprint
+    return loaded is not None and provenance is not None and provenance.fingerprint == loaded.statistics.fingerprint
 
 
 def can_change(operator: Any, context: bpy.types.Context) -> bool:

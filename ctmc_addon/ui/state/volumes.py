@@ -35,7 +35,7 @@ class Loaded:
 
     path: Path
     volume: Volume
-    survey: VolumeStatistics
+    statistics: VolumeStatistics
     series: tuple[Series, ...] = ()
     reading: Mapping[str, Any] = field(default_factory=dict)
     geometry: bool = True
@@ -48,7 +48,7 @@ _loaded: dict[str, Loaded] = {}
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     """Make a volume the current one of `scene`; earlier ones stay while they take less than the memory available."""
-    fingerprint = loaded.survey.fingerprint
+    fingerprint = loaded.statistics.fingerprint
     scene.ctmc.volume_path = stored_path(loaded.path)
     scene.ctmc.volume_fingerprint = fingerprint
     _loaded.pop(fingerprint, None)

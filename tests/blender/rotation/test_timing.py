@@ -18,7 +18,7 @@ from ctmc_addon.blender.surface.objects import add_reconstruction
 from ctmc_addon.core import finish
 from ctmc_addon.core.errors import MeshError, ReadError
 
-KINDS = ("objects", "meshes", "scenes", "materials", "cameras", "lights", "worlds", "collections")
+KINDS = ("images", "objects", "meshes", "scenes", "materials", "cameras", "lights", "worlds", "collections")
 needs_egl = pytest.mark.skipif(not can_draw(), reason="no EGL: the package libegl1 is not installed")
 
 

@@ -1,5 +1,9 @@
+import json
+
 import numpy as np
 import pytest
+
+from ctmc_addon import readers
 
 
 def facts(outcome):
@@ -38,6 +42,19 @@ def test_flip_and_spacing_change_what_is_said(ctmc, phantom_folder):
     out = facts(ctmc("info", phantom_folder / "png", "--spacing", "0.7", "0.7", "5", "--flip", "z"))
     assert "0.7 x 0.7 x 5 mm" in out
     assert "LPI" in out
+
+
+def test_json_has_the_same_facts_for_programs(ctmc, phantom_folder):
+    said = json.loads(facts(ctmc("info", phantom_folder / "volume-4.nii.gz", "--json")))
+    volume = readers.read_volume(phantom_folder / "volume-4.nii.gz")
+    assert (said["size"], said["orientation"], said["kind"]) == ([64, 64, 9], "LPS", "HU")
+    assert said["spacing_mm"] == list(volume.spacing)
+    assert said["affine"] == volume.affine.tolist()
+    assert (said["low"], said["high"]) == (volume.values.min(), volume.values.max())
+    assert said["label_file"] == "segmentation-4.nii.gz"
+    labels = json.loads(facts(ctmc("info", phantom_folder / "segmentation-4.nii.gz", "--json")))["labels"]
+    assert [label["value"] for label in labels] == [0, 1, 2]
+    assert sum(label["voxels"] for label in labels) == 64 * 64 * 9
 
 
 def test_voxels_without_a_value_are_counted(ctmc, tmp_path):

@@ -87,6 +87,14 @@ def test_without_threshold_or_label_otsu_is_used_and_said(ctmc, phantom_folder, 
     assert -900 < json.loads(report.read_text())["threshold"] < -100
 
 
+def test_quiet_prints_nothing_but_errors(ctmc, refused, phantom_folder, tmp_path):
+    words = ["reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.stl", "--quiet"]
+    outcome = ctmc(*words, "--label", "2")
+    assert (outcome.code, outcome.out, outcome.errors) == (0, "", [])
+    assert files_in(tmp_path) == ["t.stl"]
+    assert "label 9" in refused(*words, "--label", "9")
+
+
 def test_lps_mirrors_x_and_y_and_keeps_the_outside_out(ctmc, phantom_folder, tmp_path):
     for space in ("ras", "lps"):
         words = ["-o", tmp_path / f"{space}.stl", "--label", "2", "--space", space]

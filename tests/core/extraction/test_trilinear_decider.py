@@ -170,7 +170,7 @@ def test_tunnels_are_found_along_any_axis(axes):
     assert (tunnel == tunnel_turned).all()
 
 
-def test_a_closed_border_that_repeats_its_neighbours_is_closed_and_manifold():
+def test_a_closed_border_that_repeats_its_neighbors_is_closed_and_manifold():
     """As `close_border` has it: the outside samples repeat the outermost ones and count as outside."""
     rng = np.random.default_rng(4)
     for _ in range(10):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import TriangleMesh, marching_cubes
-from ctmc_addon.core.mesh.subdivision import cut_in_four, longest_edges, subdivided
+from ctmc_addon.core import TriangleMesh, finish, marching_cubes
+from ctmc_addon.core.mesh.subdivision import cut_in_four_steps, mean_longest_edge_steps, subdivided_steps
 
 OCTAHEDRON = TriangleMesh(
     np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32),
@@ -12,7 +12,7 @@ OCTAHEDRON = TriangleMesh(
 
 def test_cutting_keeps_the_surface():
     mesh = marching_cubes(8 - np.sqrt(((np.indices((20, 20, 20)) - 9.5) ** 2).sum(axis=0)), 0.0)
-    cut = cut_in_four(mesh)
+    cut = finish(cut_in_four_steps(mesh))
     assert len(cut.faces) == 4 * len(mesh.faces)
     assert len(cut.vertices) == len(mesh.vertices) + len(mesh.edges[0])
     assert cut.closed
@@ -22,7 +22,7 @@ def test_cutting_keeps_the_surface():
 
 
 def test_triangles_are_cut_until_their_edges_are_short_enough_but_not_beyond_the_limit():
-    assert longest_edges(OCTAHEDRON) == pytest.approx(np.sqrt(2))
-    assert len(subdivided(OCTAHEDRON, 1.1).faces) == 8
-    assert len(subdivided(OCTAHEDRON, 0.3).faces) == 8 * 16
-    assert len(subdivided(OCTAHEDRON, 1e-6).faces) == 8 * 4**7 < 400_000 < 8 * 4**8
+    assert finish(mean_longest_edge_steps(OCTAHEDRON)) == pytest.approx(np.sqrt(2))
+    assert len(finish(subdivided_steps(OCTAHEDRON, 1.1)).faces) == 8
+    assert len(finish(subdivided_steps(OCTAHEDRON, 0.3)).faces) == 8 * 16
+    assert len(finish(subdivided_steps(OCTAHEDRON, 1e-6)).faces) == 8 * 4**7 < 400_000 < 8 * 4**8

@@ -43,7 +43,7 @@ def test_the_same_surface_is_at_no_distance():
     assert surface_distance(rolled, mesh).largest < 1e-12
 
 
-def test_balls_of_10_and_11_mm_are_a_millimetre_apart_both_ways():
+def test_balls_of_10_and_11_mm_are_a_millimeter_apart_both_ways():
     apart = surface_distance(ball(11), ball(10))
     assert apart.mean == pytest.approx(1, abs=0.02)
     assert apart.percentile_95 == pytest.approx(1, abs=0.06)

@@ -10,8 +10,8 @@ from ui.drawing import Layout, drawn
 
 from ctmc_addon.core.settings import described
 from ctmc_addon.ui.panels import figure as figure_panel
-from ctmc_addon.ui.panels import layout, region, results, rotation, settings
 from ctmc_addon.ui.panels import main as panels
+from ctmc_addon.ui.panels import region, results, rotation, settings
 
 PANELS = (
     panels.CTMC_PT_main,
@@ -117,9 +117,9 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}
 
 
-def test_units_stand_beside_the_label_and_zero_components_are_all(scene):
-    assert layout.label_of(scene.ctmc, "keep_parts") == "Keep Largest [All]"
+def test_millimetres_are_shown_as_such_and_zero_components_as_all(scene):
+    for name in ("soften_mm", "max_error_mm"):
+        assert scene.ctmc.bl_rna.properties[name].unit == "CAMERA"  # which Blender shows in mm at any scene scale
+    assert "All" in drawn(settings.CTMC_PT_parts).labels
     scene.ctmc.keep_parts = 2
-    assert layout.label_of(scene.ctmc, "keep_parts") == "Keep Largest"
-    assert layout.label_of(scene.ctmc, "min_part_mm3").endswith("[mm3]")
-    assert layout.label_of(scene.ctmc, "max_error_mm").endswith("[mm]")
+    assert "All" not in drawn(settings.CTMC_PT_parts).labels
