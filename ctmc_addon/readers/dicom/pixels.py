@@ -62,7 +62,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         deflated = syntax == DEFLATED
         source = pydicom.dcmread(image.path) if deflated else image.path
         options = {} if deflated else {"transfer_syntax_uid": syntax}  # a file without preamble does not say it
-        for stored in pixels.iter_pixels(source, indices=frames, **options):
+        for stored in pixels.iter_pixels(source, indices=frames, view_only=True, **options):
             if stored.shape != (image.rows, image.columns):
                 raise ReadError(
                     f"the pixels of {image.path.name} are {stored.shape}, and its header says "
