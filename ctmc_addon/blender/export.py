@@ -23,8 +23,9 @@ import numpy as np
 
 from ..core import OutputError, TriangleMesh
 from ..reporting import mesh_files
+from ..reporting.atomic_write import whole_file
 from .datablocks import remove_blocks
-from .output_files import require_complete, require_room, written_whole
+from .output_files import require_complete, require_room
 from .studio import prepare_scene
 from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_copy
@@ -67,7 +68,7 @@ def export(
     if suffix in mesh_files.SUFFIXES:
         mesh_files.write_mesh(evaluated_triangles(obj, scene), target, space)
         return
-    with written_whole(target) as beside:
+    with whole_file(target) as beside:
         try:
             written, expected = WRITERS[suffix](obj, beside, space, scene)
         except RuntimeError as error:  # how Blender's operators report what they could not do

@@ -1,6 +1,6 @@
 """What only Blender's exporters need of an output file: room before they start, and all of it afterwards.
 
-That a file is written whole or not at all is `core.output`'s.
+That a file is written whole or not at all is `reporting.atomic_write`'s.
 """
 
 from __future__ import annotations
@@ -10,9 +10,6 @@ import shutil
 from pathlib import Path
 
 from ..core import OutputError
-from ..reporting.atomic_write import whole_file as written_whole
-
-__all__ = ["require_complete", "require_room", "written_whole"]
 
 ZEROS = bytes(2**20)
 

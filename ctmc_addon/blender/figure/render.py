@@ -17,7 +17,8 @@ from typing import Any
 import bpy
 
 from ...core import OutputError, Step, Steps, finish
-from ..output_files import require_room, written_whole
+from ...reporting.atomic_write import whole_file
+from ..output_files import require_room
 from .compose import FigureScene, compose
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface
 from .styles import EDGE_MM, NAME
@@ -61,8 +62,8 @@ def figure_steps(
     try:
         with ExitStack() as files:
             if blend is not None:
-                write_scene(figure, files.enter_context(written_whole(Path(blend))))
-            beside = files.enter_context(written_whole(target))
+                write_scene(figure, files.enter_context(whole_file(Path(blend))))
+            beside = files.enter_context(whole_file(target))
             yield from png_steps(figure, beside, target.name, page.dpi)
         yield Step(1.0, f"{target.name} written")
         return figure.size

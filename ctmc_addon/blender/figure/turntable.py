@@ -20,8 +20,7 @@ from typing import Any
 import bpy
 
 from ...core import VERSION, OutputError, Step, Steps, finish
-from ...reporting.atomic_write import made_folder, refused, write_json
-from ..output_files import written_whole
+from ...reporting.atomic_write import made_folder, refused, whole_file, write_json
 from ..surface import mesh_data as meshes
 from .annotations import PIVOT
 from .compose import FigureScene, all_positions, center_of, compose
@@ -77,7 +76,7 @@ def turntable_steps(
             half.unlink(missing_ok=True)
         write_json(folder / NOTE, note)
         if blend is not None:
-            with written_whole(Path(blend)) as beside:
+            with whole_file(Path(blend)) as beside:
                 write_scene(figure, beside)
         rendered = yield from frames_steps(figure, pivot, folder, page, turn)
     finally:
@@ -136,7 +135,7 @@ def frames_steps(figure: FigureScene, pivot: bpy.types.Object, folder: Path, pag
         yield Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
         pivot.rotation_euler.z = math.radians(turn.degrees(at))
         target = folder / FRAME.format(at + 1)
-        with written_whole(target) as beside:
+        with whole_file(target) as beside:
             finish(png_steps(figure, beside, target.name, page.dpi, tiled=False))
     return len(missing)
 

@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 
 from ...core import OutputError
+from ...reporting.atomic_write import whole_file
 from ..datablocks import remove_render_results, render_results
-from ..output_files import written_whole
 from ..studio import set_render
 from .spec import VIDEO_FORMATS
 
@@ -56,7 +56,7 @@ def write_video(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, i
         written = sorted(folder.iterdir())
         if len(written) != 1 or not written[0].stat().st_size:
             raise OutputError(f"this Blender cannot write {path.suffix} videos; take PNG frames in a folder")
-        with written_whole(path) as beside:
+        with whole_file(path) as beside:
             shutil.copyfile(written[0], beside)
     except RuntimeError as error:
         raise OutputError(f"{path.name} could not be written: {' '.join(str(error).split())}") from error

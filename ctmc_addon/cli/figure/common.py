@@ -8,7 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from ...blender.colors import color_of
-from ...blender.figure.spec import ENGINES, OPACITIES, STYLES, FigureStyle, Page, ShownSurface, require_within
+from ...blender.figure.spec import (
+    AZIMUTH,
+    ELEVATION,
+    ENGINES,
+    OPACITIES,
+    STYLES,
+    FigureStyle,
+    Page,
+    ShownSurface,
+    require_within,
+)
 from ...core import OutputError, Reconstruction, ReconstructionSettings
 from ...reporting.atomic_write import own_folder
 from ...reporting.captions import figure_caption
@@ -34,8 +44,8 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     group.add_argument(
         "--style",
         choices=tuple(STYLES),
-        help="paper: red faces, yellow triangle edges (default); clinical: smooth, in the labels' colors (default for "
-        "several labels); print: gray faces, dark edges",
+        help="; ".join(f"{name}: {style.text}" for name, style in STYLES.items())
+        + " (default paper, of several labels clinical)",
     )
     group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
     group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")
@@ -43,8 +53,12 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     group.add_argument("--dpi", type=float, default=dpi, metavar="N", help=f"pixels to the inch (default {dpi:g})")
     group.add_argument("--font-pt", type=float, default=8.0, metavar="PT", help="letters (default 8; turntables 12)")
     group.add_argument("--transparent", action="store_true", help="no background instead of a white one")
-    group.add_argument("--azimuth", type=float, default=30.0, metavar="DEG", help="camera, from the front to the left")
-    group.add_argument("--elevation", type=float, default=20.0, metavar="DEG", help="camera, upwards (default 20)")
+    group.add_argument(
+        "--azimuth", type=float, default=AZIMUTH, metavar="DEG", help="camera, from the front to the left"
+    )
+    group.add_argument(
+        "--elevation", type=float, default=ELEVATION, metavar="DEG", help=f"camera, upwards (default {ELEVATION:g})"
+    )
     group.add_argument("--scale-bar", action=argparse.BooleanOptionalAction, default=True, help="(default: yes)")
     group.add_argument(
         "--orientation", action=argparse.BooleanOptionalAction, default=True, help="R L A P S I (default: yes)"
