@@ -134,7 +134,7 @@ DRAWER = [
     (one_dicom, ["one slice", "at least 2"]),
     (one_nifti_slice, ["one slice", "at least 2"]),
     (two_sizes, ["8 x 8", "8 x 9"]),
-    (colours, ["grey"]),
+    (colours, ["slice_0.png", "200"]),
     (cut_png, ["slice_3.png"]),
     (cut_dicom, ["slice_0003.dcm"]),
     (cut_gzip, ["cut.nii.gz"]),

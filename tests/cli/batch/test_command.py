@@ -206,8 +206,8 @@ def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_pa
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
-    for number in range(3):
-        np.save(tmp_path / f"c{number}.npy", ball(4 + number))
+    for number in range(5):
+        np.save(tmp_path / f"c{number}.npy", ball(40 + number, size=120))
     out = tmp_path / "out"
     words = ["batch", str(tmp_path / "c*.npy"), "-o", str(out), *FLAGS, "--jobs", "1", "--no-thumbnails"]
     process = subprocess.Popen(
@@ -215,19 +215,19 @@ def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp
     )
     try:
         wait_until(
-            lambda: (out / "summary.json").exists() and list(states(out).values()) == ["done", "running", "waiting"]
+            lambda: (out / "summary.json").exists() and {"done", "running", "waiting"} <= set(states(out).values())
         )
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    # The case that ran notices, and removes what it has not finished.
-    wait_until(lambda: not list(out.glob(".ctmc-*")))
+    # The case that ran notices, and removes what it has not finished; half a summary is for the next batch to remove.
+    wait_until(lambda: not any(path.is_dir() for path in out.glob(".ctmc-*")))
     assert whole(out)
     before = written_at(out)
-    assert list(before) == ["c0.json"]
+    assert 1 <= len(before) < 5
     assert ctmc(*words, "--resume").code == 0
     assert set(states(out).values()) == {"done"}
-    assert written_at(out)["c0.json"] == before["c0.json"]
+    assert {name: written_at(out)[name] for name in before} == before
     assert not list(out.glob(".ctmc-*"))
 
 
