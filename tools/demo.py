@@ -31,8 +31,7 @@ from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
 from ctmc_addon.reporting.atomic_write import made_folder, write_json
 
 FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
-# Softening shrinks what is round: a ball of radius r by about soften^2 / r. One pixel is 0.74 mm.
-SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), alpha=0.5, soften_mm=0.75, reduction=0.9)
+SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), reduction=0.9)
 SIDES = (1, 2, 3)
 STAGES = {"Making the phantom": 2, "Writing the phantom": 4, "Reading": 1, "Reconstructing": 6, "Writing": 7}
 
@@ -121,7 +120,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
         ("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumours"),
         ("truth", f"{true / 1000:.2f} ml of tumour; its labelled voxels count {against(made, counted):+.1f} %"),
         ("settings", f"{command_of(SETTINGS)} (voxel sides 1 and 3 beside it)"),
-        ("", "softening makes round shapes a little smaller, and fewer triangles cut their corners"),
+        ("", "the labels are smoothed with every sample on its own side, their volume kept; larger voxels cut corners"),
         ("files", f"{', '.join([*outputs.names, 'report.json'])}, the phantom"),
         ("", f"in {folder.parent.name}/{folder.name}"),
     ]

@@ -89,6 +89,9 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
         groups.update(dict.fromkeys(names, group.add_mutually_exclusive_group()))
     for name, about in described().items():
         add_setting(groups.get(name, group), name, about, name in many)
+    width = described()["smoothing_mm"]  # --soften is its name in older scripts
+    reader = setting_reader("smoothing_mm", width)
+    group.add_argument("--soften", dest="smoothing_mm", type=reader, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
 def add_setting(group: Any, name: str, about: Setting, several: bool = False) -> None:
@@ -208,6 +211,10 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     {'alpha': 0.5, 'label': 2}
     """
     replaced = {name for names in EXCLUSIVE if set(names) & set(above) for name in names}
+    if above.get("smoothing", "gaussian") != "gaussian":
+        replaced.add("smoothing_mm")
+    elif "smoothing_mm" in above:
+        replaced.add("smoothing")
     return {name: value for name, value in below.items() if name not in replaced} | dict(above)
 
 

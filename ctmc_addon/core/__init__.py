@@ -10,7 +10,7 @@ from .parallel import map_steps, worker_count
 from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
 from .preview import Preview, PreviewResult
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
-from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed
+from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .version import VERSION
 from .volume.volume import Volume
@@ -57,5 +57,6 @@ __all__ = [
     "simplify",
     "simplify_steps",
     "timed_steps",
+    "with_present_names",
     "worker_count",
 ]

@@ -158,7 +158,10 @@ class FieldCache:
         key = (
             settings.label,
             settings.threshold is None,
-            settings.soften_mm,
+            settings.smoothing_method,
+            settings.gaussian_mm,
+            settings.slice_steps,
+            settings.close_border and settings.smoothing_method == "constrained",
             settings.region,
             settings.region_unit,
             settings.nan_as,
@@ -169,7 +172,7 @@ class FieldCache:
             self.field, self.seconds = yield from timed_steps(work)
             self.key = key
         elif settings.threshold is not None:
-            self.field = replace(self.field, threshold=settings.threshold)
+            self.field = replace(self.field, threshold=settings.threshold, level=settings.threshold)
         return self.field
 
 
@@ -185,10 +188,10 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
     field = yield from stages.run("Preparing values", cache.field_steps(settings))
     grid = grid_of(field, settings, settings.stride)
-    counting = count_steps(grid, field.threshold, cache.threads, settings.topology)
+    counting = count_steps(grid, field.level, cache.threads, settings.topology)
     counts = yield from stages.run("Counting", counting)
     if not counts.faces:
-        check_threshold(field.threshold, field.values, cache.volume.kind)
+        check_threshold(field.level, field.values, cache.volume.kind)
         raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
     seconds = stages.seconds["Counting"]
     estimate = CostEstimate(
@@ -233,13 +236,14 @@ def seconds_after_counting(counts: Counts, settings: ReconstructionSettings) -> 
 
 
 def memory_of(counts: Counts, settings: ReconstructionSettings, field: ScalarField, volume: Volume) -> int:
-    """Return the peak, bytes: the smoothed values, the surface, and the larger of simplifier and Blender's mesh."""
+    """Return the peak, bytes: of smoothing, or of its values, the surface, and the larger of simplifier and Blender."""
     smoothed = 0 if np.may_share_memory(field.values, volume.values) else field.values.nbytes
     surface = VERTEX_BYTES * counts.vertices + FACE_BYTES * counts.faces + ACTIVE_BYTES * counts.active
     builtin = settings.simplifies and settings.simplifier == "builtin"
     left = simplified_faces(counts.faces, settings) if builtin else counts.faces
     blender = (BLENDER_FACE_BYTES + BLENDER_VERTEX_BYTES // 2) * left
-    return smoothed + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
+    extracting = smoothed + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
+    return max(field.working_bytes, extracting)
 
 
 def remedy_steps(
@@ -258,7 +262,7 @@ def remedy_steps(
         wider = (min(x, sizes[0] - 1), min(y, sizes[1] - 1), min(z, sizes[2] - 1))
         grid = grid_of(field, settings, wider)
         try:
-            counts = yield from count_steps(grid, field.threshold, cache.threads, settings.topology)
+            counts = yield from count_steps(grid, field.level, cache.threads, settings.topology)
         except CtmcError:
             break
         if memory_of(counts, settings, field, cache.volume) <= estimate.available:

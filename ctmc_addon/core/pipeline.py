@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -20,8 +21,8 @@ from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
 from .simplification.simplify import memory_needed, simplification_steps
 from .version import VERSION
-from .volume.affine import transform_faces, transform_normals, transform_points, with_origin
-from .volume.region import region_box
+from .volume.affine import transform_faces, transform_normals, transform_points
+from .volume.region import Box, region_box
 from .volume.scalar_field import scalar_field_steps
 from .volume.volume import Volume
 
@@ -70,6 +71,10 @@ class Reconstruction:
         The volume's name.
     removed_components : int
         Small components that the built-in simplifier removed as a whole.
+    slice_steps : int
+        Steps from slice to slice of a label that was smoothed as constrained.
+    wrong_side : int or None
+        Samples of the label on the wrong side of the surface at stride 1, before simplification; None for a threshold.
     """
 
     mesh: TriangleMesh
@@ -83,6 +88,8 @@ class Reconstruction:
     notes: tuple[str, ...]
     name: str
     removed_components: int = 0
+    slice_steps: int = 1
+    wrong_side: int | None = None
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
@@ -101,6 +108,9 @@ class Reconstruction:
             "removed_components": self.removed_components,
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
+            "smoothing": self.settings.smoothing_method,
+            "slice_steps": self.slice_steps,
+            "wrong_side": self.wrong_side,
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
@@ -194,16 +204,15 @@ def _full_steps(
     memory_limit: int | None,
 ) -> Steps[Reconstruction]:
     region = region_box(volume, settings)
-    visited = make_grid(volume.values, settings.stride, settings.close_border, region).voxels
-
+    make_grid(volume.values, settings.stride, settings.close_border, region)  # refuses a stride that is too large
     preparing = scalar_field_steps(volume, settings, threads, memory_limit)
     field = yield from stages.run("Preparing values", preparing)
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
     gradient = settings.normals == "gradient"
-    extracting = extract_steps(grid, field.threshold, gradient, threads, memory_limit, settings.topology)
+    extracting = extract_steps(grid, field.level, gradient, threads, memory_limit, settings.topology)
     surface = yield from stages.run("Extracting the surface", extracting)
-    affine = with_origin(volume.affine, field.origin)
-    surface = yield from stages.run("Placing it in the patient", _transform_steps(surface, affine))
+    placing = _transform_steps(surface, field.affine(volume))
+    surface = yield from stages.run("Placing it in the patient", placing)
     mesh = surface.at(settings.alpha)
     if _drops(settings):
         keeping = keep_components_steps(surface, mesh, settings.keep_parts, settings.min_part_mm3)
@@ -215,12 +224,20 @@ def _full_steps(
         settings=settings,
         threshold=field.threshold,
         full_faces=len(mesh.faces),
-        voxels_visited=visited,
+        voxels_visited=_voxels_visited(region, settings.stride, field.slice_steps),
         stages=_seconds_of(stages, EXTRACTION_STAGES),
         spacing_mm=volume.spacing,
         notes=volume.notes + field.notes,
         name=volume.name,
+        slice_steps=field.slice_steps,
+        wrong_side=field.wrong_side,
     )
+
+
+def _voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:
+    gaps = [stop - 1 - start for start, stop in region]
+    gaps[2] *= slice_steps
+    return math.prod(-(-gap // side) for gap, side in zip(gaps, stride, strict=True))
 
 
 def _simplified_steps(

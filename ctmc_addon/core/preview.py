@@ -21,7 +21,8 @@ from .volume.region import Box, region_box
 from .volume.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Volume
 
-FIRST_SECONDS = 8e-8  # a voxel, before anything has been measured: slow on purpose
+# A voxel, by how it is smoothed, before anything has been measured: slow on purpose.
+FIRST_SECONDS = {"none": 8e-8, "gaussian": 8e-8, "constrained": 4e-7}
 REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
 SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
@@ -56,7 +57,7 @@ class Preview:
         self.volume, self.budget = volume, budget
         self.threads, self.memory_limit = threads, memory_limit
         self.subsampled: dict[tuple[object, ...], Volume] = {}
-        self.last: tuple[int, float] | None = None  # voxels and seconds of the last surface
+        self.last: dict[str, tuple[int, float]] = {}  # voxels and seconds of the last surface of every smoothing
         self.threshold: float | None = None  # of the last surface
 
     def interactive(self, settings: ReconstructionSettings) -> PreviewResult | None:
@@ -76,7 +77,8 @@ class Preview:
         limit = self.budget * REFINED if seconds is None else seconds
         box = region_box(self.volume, settings)
         ladder = strides(self.volume, settings.stride, box_size(box))
-        rung = next((at for at, stride in enumerate(ladder) if self.expected(stride, box) <= limit), len(ladder) - 1)
+        fitting = (at for at, stride in enumerate(ladder) if self.expected(settings, stride, box) <= limit)
+        rung = next(fitting, len(ladder) - 1)
         while True:
             try:
                 if threshold is None:
@@ -89,12 +91,12 @@ class Preview:
             except CtmcError:
                 return None
 
-    def expected(self, stride: Stride, box: Box) -> float:
+    def expected(self, settings: ReconstructionSettings, stride: Stride, box: Box) -> float:
         """Return the seconds that a surface at this stride will take, from the last one."""
         voxels = voxel_count(stride, box)
-        if self.last is None:
-            return voxels * FIRST_SECONDS
-        before, seconds = self.last
+        if settings.smoothing_method not in self.last:
+            return voxels * FIRST_SECONDS[settings.smoothing_method]
+        before, seconds = self.last[settings.smoothing_method]
         return float(seconds * (voxels / before) ** GROWTH)
 
     def _surface_steps(
@@ -106,6 +108,7 @@ class Preview:
         plain = replace(
             settings,
             stride=(1, 1, 1),
+            slice_steps=0,
             region=None,
             simplifier="none",
             reduction=None,
@@ -116,7 +119,7 @@ class Preview:
         )
         work = full_steps(self.subsampled[key], plain, self.threads, self.memory_limit)
         result, seconds = yield from timed_steps(work)
-        self.last, self.threshold = (voxel_count(stride, box), seconds), threshold
+        self.last[settings.smoothing_method], self.threshold = (voxel_count(stride, box), seconds), threshold
         assert result.surface is not None, "nothing has been simplified"
         return PreviewResult(result.surface, stride, seconds)
 

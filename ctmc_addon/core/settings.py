@@ -17,6 +17,9 @@ from .errors import SettingsError
 GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), GOALS)
 """Groups of settings of which one at most may be given."""
+DEFAULT_SMOOTHING_MM = 1.0
+RENAMED = {"soften_mm": "smoothing_mm"}
+"""Settings of older files: 0 mm was no smoothing, of a label too, and is so still."""
 INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
 """Settings that one choice of another setting does not allow: Blender's Decimate has no error bound."""
 
@@ -134,15 +137,32 @@ class ReconstructionSettings:
         choices=("classic", "trilinear"),
         type=str,
     )
-    soften_mm: float = setting(
-        0.0,
-        "Standard deviation of the Gaussian that smooths the label or the gray values before extraction. "
-        "Larger = smoother, and small components vanish. 0 = none",
+    smoothing: str = setting(
+        "auto",
+        "How the values are smoothed before extraction. constrained = the smoothest surface with every sample of the "
+        "label on its own side, the volume kept; gaussian = by a Gaussian, for gray values too, and small components "
+        "vanish; auto = constrained for a label, none for a threshold, gaussian where its width is given",
         label="Smooth",
+        choices=("auto", "none", "gaussian", "constrained"),
+        type=str,
+    )
+    smoothing_mm: float | None = setting(
+        None,
+        "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it a Gaussian has 1 mm",
+        label="Gaussian Width",
         unit="mm",
         low=0.0,
         high=50.0,
-        flag="soften",
+        start=DEFAULT_SMOOTHING_MM,
+    )
+    slice_steps: int = setting(
+        0,
+        "Steps from slice to slice of a label that is smoothed as constrained; stride along z counts them. 1 = none, "
+        "0 = enough that no side of a voxel is more than twice another, none where stride along z is above 1",
+        label="Slice Steps",
+        low=0,
+        high=8,
+        type=int,
     )
     close_border: bool = setting(
         False,
@@ -246,6 +266,13 @@ class ReconstructionSettings:
             if not is_allowed(self, name) and getattr(self, name) is not None:
                 other, choice = INCOMPATIBLE[name]
                 raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
+        if self.threshold is not None and self.smoothing == "constrained":
+            raise constrained_threshold_error()
+        if self.smoothing in ("none", "constrained") and self.smoothing_mm:
+            raise SettingsError(
+                f"smoothing_mm {self.smoothing_mm:g} is the width of smoothing gaussian, and smoothing is "
+                f"{self.smoothing}; choose one"
+            )
         if self.region is not None and any(self.region[axis] >= self.region[axis + 3] for axis in range(3)):
             raise SettingsError(f"region {self.region} is empty; give the lowest x, y, z first, then the highest")
 
@@ -255,9 +282,25 @@ class ReconstructionSettings:
         return self.simplifier != "none" and any(getattr(self, goal) is not None for goal in GOALS)
 
     @property
+    def smoothing_method(self) -> str:
+        """How the values are smoothed: 'none', 'gaussian' or 'constrained'."""
+        if self.smoothing in ("auto", "gaussian") and self.smoothing_mm is not None:
+            return "gaussian" if self.smoothing_mm > 0 else "none"
+        if self.smoothing == "auto":
+            return "none" if self.label is None else "constrained"
+        return self.smoothing
+
+    @property
+    def gaussian_mm(self) -> float:
+        """Standard deviation of the Gaussian; 0 where none smooths."""
+        if self.smoothing_method != "gaussian":
+            return 0.0
+        return DEFAULT_SMOOTHING_MM if self.smoothing_mm is None else self.smoothing_mm
+
+    @property
     def alpha_matters(self) -> bool:
         """Whether alpha has an effect: not on a label that is not smoothed, where every crossing is the midpoint."""
-        return self.label is None or self.soften_mm > 0
+        return self.label is None or self.smoothing_method != "none"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and lists for JSON and TOML; settings that are None are left out."""
@@ -271,10 +314,27 @@ class ReconstructionSettings:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionSettings:
         """Return the settings of a dictionary as `to_dict` makes it; an unknown name is a `SettingsError`."""
+        values = with_present_names(values)
         unknown = sorted(set(values) - set(described()))
         if unknown:
             raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(described())}")
         return cls(**values)
+
+
+def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings by name, those of older files by their present names.
+
+    Examples
+    --------
+    >>> with_present_names({"label": 2, "soften_mm": 1.5})
+    {'label': 2, 'smoothing_mm': 1.5}
+    """
+    return {RENAMED.get(name, name): value for name, value in values.items()}
+
+
+def constrained_threshold_error() -> SettingsError:
+    """Return the error of `smoothing="constrained"` without a label."""
+    return SettingsError("smoothing constrained is for labels; for a threshold choose smoothing gaussian or none")
 
 
 def described(settings: type = ReconstructionSettings) -> dict[str, Setting]:

@@ -15,7 +15,7 @@ def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float,
     >>> figure_caption([ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))], 200.0, 1234)
     'Surface at 200, voxel sides 2 × 2 × 1 px, alpha 1, 1,234 triangles'
     >>> figure_caption([ReconstructionSettings(label=1), ReconstructionSettings(label=2)], 0.5, 10)
-    'Voxel sides 1 × 1 × 1 px, 10 triangles'
+    'Voxel sides 1 × 1 × 1 px, constrained smoothing, alpha 1, 10 triangles'
     """
     first, parts = settings[0], []
     if len(settings) == 1 and first.label is not None:
@@ -24,7 +24,25 @@ def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float,
         parts.append(f"{name or 'Surface'} at {threshold:.4g}")
     if all(surface.stride == first.stride for surface in settings):
         parts.append("voxel sides " + " × ".join(str(side) for side in first.stride) + " px")
+    smoothings = {smoothing_phrase(surface) for surface in settings}
+    if len(smoothings) == 1 and "" not in smoothings:
+        parts += smoothings
     if all(surface.alpha_matters and surface.alpha == first.alpha for surface in settings):
         parts.append(f"alpha {first.alpha:g}")
     text = ", ".join([*parts, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
+
+
+def smoothing_phrase(settings: ReconstructionSettings) -> str:
+    """Return how a surface was smoothed, for a caption; empty for gray values as they are.
+
+    Examples
+    --------
+    >>> smoothing_phrase(ReconstructionSettings(label=2, smoothing_mm=1.5))
+    'Gaussian of 1.5 mm'
+    """
+    if settings.smoothing_method == "gaussian":
+        return f"Gaussian of {settings.gaussian_mm:g} mm"
+    if settings.label is None:
+        return ""
+    return {"constrained": "constrained smoothing", "none": "not smoothed"}[settings.smoothing_method]

@@ -9,7 +9,7 @@ import textwrap
 import tomllib
 from typing import Any
 
-from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, described
+from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, described, with_present_names
 
 WIDTH = 100
 
@@ -79,6 +79,7 @@ def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
+        values = with_present_names(values)
         for key, value in values.items():
             require_type(key, value)
         ReconstructionSettings.from_dict(values)

@@ -103,7 +103,7 @@ def tumours_table() -> str:
                 cells = []
                 for alpha in ALPHAS:
                     settings = ReconstructionSettings(
-                        label=2, stride=(side, side, 1), alpha=alpha, soften_mm=soften, normals="mesh"
+                        label=2, stride=(side, side, 1), alpha=alpha, smoothing_mm=soften, normals="mesh"
                     )
                     cells.append(percent(reconstruct(made.labels, settings).mesh.volume / true - 1))
                 size = f"{slices} slices, {x:.2f} x {y:.2f} x {z:.2f} mm"

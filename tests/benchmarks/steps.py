@@ -161,7 +161,7 @@ class Panel:
         yield "Move a slider, preview", lambda: at_once(self.move_slider)
         yield "Idle: cost and finer preview", self.rest
         yield "Reconstruct, bone", lambda: self.reconstruct(replace(CLASSIC, threshold=200.0))
-        yield "Reconstruct, softened 1 mm", lambda: self.reconstruct(replace(CLASSIC, soften_mm=1.0))
+        yield "Reconstruct, softened 1 mm", lambda: self.reconstruct(replace(CLASSIC, smoothing_mm=1.0))
         yield "Reconstruct, largest part", lambda: self.reconstruct(replace(CLASSIC, keep_parts=1))
         yield "Reconstruct, mesh normals", lambda: self.reconstruct(replace(CLASSIC, normals="mesh"))
         yield "Reconstruct, trilinear", lambda: self.reconstruct(replace(CLASSIC, topology="trilinear"))
@@ -176,7 +176,7 @@ class Panel:
         yield "Simplify within 0.5 mm", lambda: self.simplify(max_error_mm=0.5)
         yield "Deviation Map", self.deviation_map
         yield "Load its labels", lambda: self.load(self.labels)
-        yield "Reconstruct, label softened", lambda: self.reconstruct(ReconstructionSettings(label=1, soften_mm=1.0))
+        yield "Reconstruct, label softened", lambda: self.reconstruct(ReconstructionSettings(label=1, smoothing_mm=1.0))
 
     def measure(self) -> Steps[Any]:
         """Measure."""

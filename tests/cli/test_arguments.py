@@ -24,7 +24,8 @@ def parsed(line):
 def test_every_setting_has_its_flag_with_text_and_limits():
     flags = {name: flag_of(name, about) for name, about in described().items()}
     assert set(flags.values()) == {
-        "--threshold", "--label", "--stride", "--alpha", "--topology", "--soften", "--close-border", "--region",
+        "--threshold", "--label", "--stride", "--alpha", "--topology", "--smoothing", "--smoothing-mm",
+        "--slice-steps", "--close-border", "--region",
         "--region-unit", "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles",
         "--max-error", "--nan-as",
     }  # fmt: skip
@@ -45,7 +46,7 @@ def test_the_help_says_unit_limits_and_default():
     "settings",
     [
         ReconstructionSettings(),
-        ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, soften_mm=1.5, close_border=True),
+        ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, smoothing_mm=1.5, close_border=True),
         ReconstructionSettings(label=2, region=(-1.5, 0, 2, 30, 40.25, 50), region_unit="mm", keep_parts=3),
         ReconstructionSettings(min_part_mm3=12.5, normals="mesh", simplifier="decimate", reduction=0.9),
         ReconstructionSettings(target_faces=1000, nan_as=-1024.0),

@@ -104,7 +104,7 @@ def made():
 
 
 def tumour_error(made, side, alpha, soften):
-    settings = ReconstructionSettings(label=2, stride=(side, side, 1), alpha=alpha, soften_mm=soften, normals="mesh")
+    settings = ReconstructionSettings(label=2, stride=(side, side, 1), alpha=alpha, smoothing_mm=soften, normals="mesh")
     return reconstruct(made.labels, settings).mesh.volume / sum(made.tumour_volumes_mm3) - 1
 
 

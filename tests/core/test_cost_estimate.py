@@ -24,7 +24,7 @@ def volume():
     [
         {"threshold": 100.0},
         {"threshold": 100.0, "stride": (2, 3, 1), "close_border": True},
-        {"threshold": 50.0, "soften_mm": 1.0, "reduction": 0.5},
+        {"threshold": 50.0, "smoothing_mm": 1.0, "reduction": 0.5},
         {"region": (5.0, 5.0, 5.0, 30.0, 30.0, 20.0), "topology": "trilinear"},
     ],
 )
@@ -44,12 +44,12 @@ def test_values_are_prepared_again_only_when_something_matters_to_them(volume, m
     monkeypatch.setattr(cost_estimate, "scalar_field_steps", lambda *args: made.append(1) or plain(*args))
     cache = FieldCache(volume)
     for settings in (
-        {"threshold": 100.0, "soften_mm": 1.0},
-        {"threshold": 150.0, "soften_mm": 1.0, "stride": (2, 2, 2), "alpha": 0.5, "reduction": 0.5},
+        {"threshold": 100.0, "smoothing_mm": 1.0},
+        {"threshold": 150.0, "smoothing_mm": 1.0, "stride": (2, 2, 2), "alpha": 0.5, "reduction": 0.5},
     ):
         finish(cost_estimate_steps(cache, ReconstructionSettings(**settings)))
     assert len(made) == 1
-    finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=150.0, soften_mm=2.0)))
+    finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=150.0, smoothing_mm=2.0)))
     assert len(made) == 2
 
 

@@ -72,7 +72,7 @@ def test_a_label_at_the_border_is_closed_on_request():
     labels = np.zeros((6, 8, 9), np.uint8)
     labels[0:3, 2:6, 4:9] = 3
     volume = Volume(labels, np.eye(4), kind="label")
-    closed = reconstruct(volume, ReconstructionSettings(label=3, close_border=True))
+    closed = reconstruct(volume, ReconstructionSettings(label=3, close_border=True, smoothing="none"))
     assert closed.mesh.closed
     np.testing.assert_allclose(closed.mesh.vertices.max(axis=0), [8.5, 5.5, 2.5])
     assert not reconstruct(volume, ReconstructionSettings(label=3)).mesh.closed
@@ -83,7 +83,7 @@ def test_a_region_gives_the_surface_inside_it_and_counts_its_voxels(soften):
     values = ball()
     region = (4, 5, 6, 20, 25, 22)
     whole = Volume(values, np.diag([1.0, 1.0, 2.0, 1.0]))
-    settings = ReconstructionSettings(threshold=0.0, region=region, stride=(3, 1, 2), soften_mm=soften)
+    settings = ReconstructionSettings(threshold=0.0, region=region, stride=(3, 1, 2), smoothing_mm=soften)
     result = reconstruct(whole, settings)
     assert result.voxels_visited == 6 * 20 * 8
     low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
@@ -180,7 +180,7 @@ def test_work_that_would_not_fit_is_refused_before_it_starts():
     with pytest.raises(MemoryLimitError, match="GiB"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0), memory_limit=1000)
     with pytest.raises(MemoryLimitError, match="smoothing"):
-        reconstruct(volume, ReconstructionSettings(threshold=0.0, soften_mm=1), memory_limit=1000)
+        reconstruct(volume, ReconstructionSettings(threshold=0.0, smoothing_mm=1), memory_limit=1000)
     with pytest.raises(MemoryLimitError, match=r"simplifying \d+ triangles"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.5), memory_limit=300_000)
 
@@ -188,7 +188,7 @@ def test_work_that_would_not_fit_is_refused_before_it_starts():
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_the_same_bytes_with_any_number_of_threads(threads):
     values = np.random.default_rng(0).normal(size=(40, 48, 64)).astype(np.float32)
-    settings = ReconstructionSettings(threshold=0.1, soften_mm=1.0, stride=(2, 1, 1), alpha=0.4, reduction=0.5)
+    settings = ReconstructionSettings(threshold=0.1, smoothing_mm=1.0, stride=(2, 1, 1), alpha=0.4, reduction=0.5)
     one = reconstruct(Volume(values, np.eye(4)), settings, threads=1).mesh
     many = reconstruct(Volume(values, np.eye(4)), settings, threads=threads).mesh
     for name in ("vertices", "faces", "normals"):
@@ -197,7 +197,7 @@ def test_the_same_bytes_with_any_number_of_threads(threads):
 
 def test_steps_rise_to_one_and_can_be_closed_at_each():
     volume = Volume(ball(), np.eye(4))
-    settings = ReconstructionSettings(threshold=0.0, soften_mm=1.0, keep_parts=1, reduction=0.5)
+    settings = ReconstructionSettings(threshold=0.0, smoothing_mm=1.0, keep_parts=1, reduction=0.5)
     fractions = [step.fraction for step in reconstruct_steps(volume, settings)]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0

@@ -39,7 +39,7 @@ def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
 
     monkeypatch.setattr(preview, "timed_steps", half_second_steps)
     quick = Preview(ball[0], 0.3)
-    monkeypatch.setattr(preview, "FIRST_SECONDS", 0.0)
+    monkeypatch.setitem(preview.FIRST_SECONDS, "none", 0.0)
     settings = ReconstructionSettings(threshold=100.0)
     assert quick.interactive(settings).stride == (1, 1, 1)
     coarse = [quick.interactive(settings).stride for _ in range(3)]
@@ -59,7 +59,7 @@ def test_refining_is_finer_and_can_be_stopped(ball):
 
 
 def test_a_small_label_is_found_by_going_finer(ball):
-    shown = Preview(ball[1], 1e-9).interactive(ReconstructionSettings(label=3, soften_mm=0.5))
+    shown = Preview(ball[1], 1e-9).interactive(ReconstructionSettings(label=3, smoothing_mm=0.5))
     assert len(shown.surface.faces) > 0
     assert Preview(ball[1], 1e-9).interactive(ReconstructionSettings(label=9)) is None
 

@@ -36,7 +36,7 @@ def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
         ({"stride": (1, 1, 17)}, "stride must be from 1 to 16, not 17"),
         ({"stride": (1.5, 1, 1)}, "stride must be a whole number, not 1.5"),
         ({"reduction": 1.0}, "reduction must be at least 0 and below 1, not 1"),
-        ({"soften_mm": -1}, "soften_mm must be from 0 to 50, not -1"),
+        ({"smoothing_mm": -1}, "smoothing_mm must be from 0 to 50, not -1"),
         ({"max_error_mm": 0}, "max_error_mm must be above 0, not 0"),
         ({"normals": "up"}, "normals is one of gradient, mesh, not 'up'"),
         ({"threshold": float("inf")}, "threshold must be a finite number"),
@@ -54,7 +54,7 @@ def test_a_value_outside_its_limits_is_refused_with_value_and_limit(values, word
 
 def test_settings_survive_a_dictionary_and_pickle():
     settings = ReconstructionSettings(
-        label=2, stride=(2, 2, 1), soften_mm=1.5, region=(0, 0, 0, 9, 9, 9), max_error_mm=0.3
+        label=2, stride=(2, 2, 1), smoothing_mm=1.5, region=(0, 0, 0, 9, 9, 9), max_error_mm=0.3
     )
     assert ReconstructionSettings.from_dict(settings.to_dict()) == settings
     assert pickle.loads(pickle.dumps(settings)) == settings
@@ -65,7 +65,7 @@ def test_settings_survive_a_dictionary_and_pickle():
 
 @pytest.mark.parametrize(("label", "soften"), [*product((None, 1), (0.0, 1.0))])
 def test_alpha_does_nothing_only_on_a_label_that_is_not_softened(label, soften):
-    assert ReconstructionSettings(label=label, soften_mm=soften).alpha_matters == (label is None or soften > 0)
+    assert ReconstructionSettings(label=label, smoothing_mm=soften).alpha_matters == (label is None or soften > 0)
 
 
 def test_a_goal_without_a_simplifier_simplifies_nothing():

@@ -96,7 +96,7 @@ def sheet_steps(
     if comparison.alphas and not settings.alpha_matters:
         raise SettingsError(
             "alpha moves vertices between grey values, and a bare label has none: "
-            "choose a threshold, or smooth the label (--threshold T, or --label N with --soften MM)"
+            "choose a threshold, or smooth the label (--threshold T, or --label N without --smoothing none)"
         )
     stages = Stages(STAGES)
     full = reference_steps(volume, settings, bool(comparison.alphas), threads)

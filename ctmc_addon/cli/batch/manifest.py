@@ -78,6 +78,7 @@ def column_of(title: str, where: str) -> tuple[str, str, Parse]:
     known: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
     for name, about in described().items():
         known[name] = known[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
+    known["soften"] = known["soften_mm"] = known["smoothing_mm"]  # as older manifests have it
     for name, parse in READING.items():
         known[name] = ("reading", name, parse)
     column = known.get(underscored(title.lower()), ("", "", str))
@@ -94,8 +95,8 @@ def word_of(name: str) -> str:
 
     Examples
     --------
-    >>> word_of("soften_mm"), word_of("keep_parts"), word_of("case")
-    ('soften', 'keep-parts', 'case')
+    >>> word_of("min_part_mm3"), word_of("keep_parts"), word_of("case")
+    ('min-part', 'keep-parts', 'case')
     """
     return flag_of(name, described()[name]).lstrip("-") if name in described() else name
 

@@ -21,11 +21,11 @@ from ...core import (
     simplify_steps,
 )
 from ...core.mesh import roughness, triangle_shapes
-from ..arguments import UsageError, flags_checked, settings_from
+from ..arguments import UsageError, flags_checked
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..commands.reconstruct import input_steps
 from ..terminal import Progress
-from .common import distances_steps, facts_of, measuring_fact, require_builtin
+from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
 from .plot import Panel, panel_of, write_plot
 from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, plain, unique
 
@@ -33,7 +33,7 @@ STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
 DESCRIPTION = (
     "Place the vertices of one surface by several alphas, and measure how smooth it is and how far it moves. "
-    "Needs --threshold, or --label with --soften: on a bare label alpha does nothing."
+    "Needs --threshold, or --label with --smoothing: on a bare label alpha does nothing."
 )
 
 
@@ -49,7 +49,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its pictures are written to `folder`."""
-    settings = settings_from(args)
+    settings = bare_settings_from(args)
     require_alpha(settings)
     with flags_checked():
         variants = [replace(settings, alpha=alpha) for alpha in unique(args.alphas)]
@@ -78,10 +78,10 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
 def require_alpha(settings: ReconstructionSettings) -> None:
     """Raise `UsageError` where alpha does nothing, or where nobody said what the surface is to be."""
     require_builtin(settings)
-    if settings.threshold is None and settings.soften_mm == 0:
+    if settings.threshold is None and (settings.label is None or not settings.alpha_matters):
         raise UsageError(
             "alpha moves vertices between gray values, and a bare label has none: "
-            "give --threshold T, or --label N with --soften MM"
+            "give --threshold T, or --label N with --smoothing constrained"
         )
 
 

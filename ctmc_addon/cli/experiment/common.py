@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ...core import ReconstructionSettings, Steps, TriangleMesh, Volume, equal_part
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ..arguments import UsageError, add_input, add_settings, add_work, command_of
+from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import dimensions
 from .table import plain, unique
 
@@ -21,6 +22,13 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace an older experiment in that folder")
     add_work(parser)
     add_settings(parser)
+
+
+def bare_settings_from(args: argparse.Namespace) -> ReconstructionSettings:
+    """The settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
+    settings = settings_from(args)
+    automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
+    return replace(settings, smoothing="none") if automatic else settings
 
 
 def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> None:

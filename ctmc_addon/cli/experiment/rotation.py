@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from ...core import CtmcError, Stages, TriangleMesh, described, reconstruct_steps
-from ..arguments import UsageError, at_least, flag_of, given_settings, settings_from
+from ..arguments import UsageError, at_least, flag_of, given_settings
 from ..blender_host import blender_at_work, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
 from ..terminal import Progress, dimensions
-from .common import add_levels, facts_of, require_builtin
+from .common import add_levels, bare_settings_from, facts_of, require_builtin
 from .plot import Panel, panel_of, write_plot
 from .table import TRIANGLES, Column, Row, Table, figures, plain, unique
 
@@ -125,7 +125,7 @@ def surface_of(
         with blender_at_work():
             mesh = read_mesh(path)
         return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")]
-    settings = settings_from(args)
+    settings = bare_settings_from(args)
     require_builtin(settings)
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
     volume = progress.finish(stages.run("Reading", input_steps(args, full)))

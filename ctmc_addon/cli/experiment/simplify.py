@@ -12,11 +12,11 @@ from pathlib import Path
 
 from ...core import Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
 from ...core.mesh import SurfaceDistance
-from ..arguments import at_least, settings_from
+from ..arguments import at_least
 from ..blender_host import blender_at_work, require_blender
 from ..commands.reconstruct import input_steps
 from ..terminal import Progress
-from .common import add_levels, distances_steps, facts_of, measuring_fact, require_builtin
+from .common import add_levels, bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
 from .plot import Panel, write_plot
 from .table import LEVEL, MAX_MM, MEAN_MM, TRIANGLES, Column, Row, Table, figures, runs_text, unique
 
@@ -47,7 +47,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its plot is written to `folder`."""
-    settings = settings_from(args)
+    settings = bare_settings_from(args)
     require_builtin(settings)
     require_blender("a comparison with Decimate")
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)

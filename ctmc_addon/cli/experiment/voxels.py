@@ -22,15 +22,15 @@ from ...core import (
 )
 from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
-from ..arguments import at_least, flags_checked, settings_from
+from ..arguments import at_least, flags_checked
 from ..commands.reconstruct import input_steps, surfaces_steps
 from ..terminal import Progress, dimensions
-from .common import distances_steps, facts_of, measuring_fact, require_builtin
+from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
 from .plot import Panel, panel_of, write_plot
 from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 2, "Timing": 6, "Measuring": 1}
-# What happens to every pixel before voxels are made of them, whatever their sides: labels, softening, Otsu's threshold.
+# What happens to every pixel before voxels are made of them, whatever their sides: labels, smoothing, Otsu's threshold.
 PREPARING = "Preparing values"
 # A single short reconstruction says more of what else the machine is doing than of itself.
 RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
@@ -69,7 +69,7 @@ def sides_of(word: str) -> tuple[int, int]:
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its plot is written to `folder`."""
-    settings = settings_from(args)
+    settings = bare_settings_from(args)
     require_builtin(settings)
     with flags_checked():
         sides = [(x, y, settings.stride[2]) for x, y in unique(args.strides, first=(1, 1))]
@@ -91,7 +91,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         ("seconds", f"{runs_text(args.repeats)}, after one that is not counted; a run repeats "),
         ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
         ("timed", f"{timed}; neither reading nor writing"),
-        ("preparing", "labels, softening and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
+        ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
         ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
         measuring_fact(),
     ]

@@ -6,7 +6,7 @@ Boxes are in voxel indices of the volume, three (start, stop) pairs in the order
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,25 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError, VolumeError
 from ..memory import require
-from ..progress import Stages, Step, Steps
-from ..settings import ReconstructionSettings
+from ..progress import PAUSE, Stages, Step, Steps
+from ..settings import ReconstructionSettings, constrained_threshold_error
+from .affine import with_origin
 from .region import Box, box_slices, grown_box, region_box, relative_box
-from .smoothing import REACH, gaussian_smooth_steps
+from .smoothing import (
+    REACH,
+    SmoothField,
+    automatic_refinement,
+    constrained_bytes,
+    constrained_steps,
+    gaussian_smooth_steps,
+    reach_of,
+    refined_affine,
+)
 from .thresholding import check_threshold, used_threshold_steps
 from .volume import Volume
 
 MOST_LABELS = 20  # listed in a message
+SMOOTHING_STAGE = {"none": {}, "gaussian": {"Smoothing": 1}, "constrained": {"Smoothing": 6}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +42,25 @@ class ScalarField:
     Parameters
     ----------
     values : (slices, rows, columns)
-        Gray values, or a label's 0 and 1, of a box a little larger than the window.
+        Gray values, a label's 0 and 1, or of a label that is smoothed as constrained about the distance to its
+        surface in mm, positive inside; of a box a little larger than the window.
     origin : (x, y, z) int
         The volume's index of the first value.
     window : Box
         The part of the volume that is extracted.
     threshold : float
+        The gray value that is used; half of a label's 0 and 1.
     notes : tuple of str
+    slice_steps, first_slice : int
+        Every so many slices of the values, from this one, is one of the volume's.
+    level : float
+        Where the surface lies in the values: the threshold, or 0 mm.
+    window_in_values : Box
+        The window, counted from the first value.
+    wrong_side : int or None
+        Samples of the label in the window whose values are on the other side of the level; None without a label.
+    working_bytes : int
+        Memory that making the values took.
     """
 
     values: NDArray[Any]
@@ -45,11 +68,16 @@ class ScalarField:
     window: Box
     threshold: float
     notes: tuple[str, ...]
+    level: float
+    window_in_values: Box
+    slice_steps: int = 1
+    first_slice: int = 0
+    wrong_side: int | None = None
+    working_bytes: int = 0
 
-    @property
-    def window_in_values(self) -> Box:
-        """The window, counted from the first value."""
-        return relative_box(self.window, self.origin)
+    def affine(self, volume: Volume) -> NDArray[np.float64]:
+        """The affine of the values: index (x, y, z) to RAS+ mm, (4, 4)."""
+        return refined_affine(with_origin(volume.affine, self.origin), self.slice_steps, self.first_slice)
 
 
 def scalar_field_steps(
@@ -62,19 +90,24 @@ def scalar_field_steps(
     LabelError, ThresholdError, VolumeError, SettingsError, MemoryLimitError
     """
     window = region_box(volume, settings)
+    method = settings.smoothing_method
+    if method == "constrained" and settings.label is None:
+        raise constrained_threshold_error()
     looking = "Looking at the values" if settings.label is None else "Finding the label"
-    stages = Stages({looking: 1} | ({"Smoothing": 1} if settings.soften_mm > 0 else {}))
+    stages = Stages({looking: 1} | SMOOTHING_STAGE[method])
     if settings.label is not None:
         window = yield from stages.run(looking, _label_box_steps(volume, settings, window))
     # Smoothing looks beyond the window, and so do normals, by one voxel.
-    reach = [math.ceil(REACH * settings.soften_mm / side) for side in volume.spacing]
+    reach = [math.ceil(REACH * settings.gaussian_mm / side) for side in volume.spacing]
+    if method == "constrained" and settings.region is not None:
+        reach = [*reach_of(volume.spacing)]
     box = grown_box(window, [margin + 1 for margin in reach], volume.size)
     origin = (box[0][0], box[1][0], box[2][0])
     values = volume.values[box_slices(box)]
     notes: tuple[str, ...] = ()
     if settings.label is not None:
         values = values == settings.label
-        if settings.soften_mm == 0:
+        if method == "none":
             notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
         yield Step(0.0, looking)
@@ -86,16 +119,82 @@ def scalar_field_steps(
     threshold = yield from stages.run(looking, used_threshold_steps(volume, settings))
     if settings.label is None and settings.threshold is None:
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
-    if settings.soften_mm > 0:
+    field = ScalarField(values, origin, window, threshold, notes, threshold, relative_box(window, origin))
+    if method == "gaussian":
         require(
             9 * values.size,
             f"smoothing {values.shape[2]} x {values.shape[1]} x {values.shape[0]} voxels",
             "choose a region or do not smooth",
             memory_limit,
         )
-        smoothing = gaussian_smooth_steps(values, volume.spacing, settings.soften_mm, threads)
-        values = yield from stages.run("Smoothing", smoothing)
-    return ScalarField(values, origin, window, threshold, notes)
+        smoothing = gaussian_smooth_steps(values, volume.spacing, settings.gaussian_mm, threads)
+        field = replace(field, values=(yield from stages.run("Smoothing", smoothing)))
+    elif method == "constrained" and not values.all():
+        agreeing = _constrained_steps(field, volume, settings, threads, memory_limit)
+        field = yield from stages.run("Smoothing", agreeing)
+    return field if settings.label is None else replace(field, wrong_side=_wrong_side(field, values))
+
+
+def _constrained_steps(
+    field: ScalarField,
+    volume: Volume,
+    settings: ReconstructionSettings,
+    threads: int | None,
+    memory_limit: int | None,
+) -> Steps[ScalarField]:
+    """Return the field of a label, whose values are 0 and 1, with the smoothest values that agree with it."""
+    mask, spacing = field.values, volume.spacing
+    slice_steps = refinement_of(spacing, settings)
+    yield PAUSE
+    needed = constrained_bytes(mask, spacing, slice_steps)
+    slices, rows, columns = mask.shape
+    require(
+        needed,
+        f"smoothing a label's {columns} x {rows} x {slices} voxels in {slice_steps} steps a slice",
+        "choose a region, fewer slice_steps or smoothing none",
+        memory_limit,
+    )
+    smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, threads)
+    steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
+    volumes = f"encloses {smooth.volume_mm3:.6g} mm3 at stride 1, the samples {smooth.label_mm3:.6g} mm3"
+    return replace(
+        field,
+        values=smooth.values,
+        notes=(f"The label is smoothed with every sample on its own side{steps}; the surface {volumes}.",),
+        level=0.0,
+        window_in_values=_refined_window(field, volume, smooth, settings.close_border),
+        slice_steps=slice_steps,
+        first_slice=smooth.first_slice,
+        working_bytes=needed + mask.size,
+    )
+
+
+def refinement_of(spacing_mm: tuple[float, float, float], settings: ReconstructionSettings) -> int:
+    """Return the steps from slice to slice that settings give a label which is smoothed as constrained."""
+    if settings.slice_steps == 0 and settings.stride[2] > 1:
+        return 1
+    return settings.slice_steps or automatic_refinement(spacing_mm)
+
+
+def _refined_window(field: ScalarField, volume: Volume, smooth: SmoothField, close_border: bool) -> Box:
+    """Return the window counted in refined slices; a closed border lies half a slice gap outside it."""
+    x, y, (start, stop) = relative_box(field.window, field.origin)
+    low, high = (smooth.first_slice + slice_ * smooth.slice_steps for slice_ in (start, stop - 1))
+    if close_border:
+        cap = (smooth.slice_steps - 1) // 2  # Marching Cubes adds half a refined slice
+        low = 0 if field.window[2][0] == 0 else low - cap
+        high = len(smooth.values) - 1 if field.window[2][1] == volume.size[2] else high + cap
+    return x, y, (low, high + 1)
+
+
+def _wrong_side(field: ScalarField, mask: NDArray[np.bool_]) -> int:
+    """Return how many samples of a label, in the window, the field has on the other side of the surface."""
+    x, y, z = box_slices(relative_box(field.window, field.origin))[::-1]
+    count = 0
+    for slice_ in range(z.start, z.stop):
+        values = field.values[field.first_slice + slice_ * field.slice_steps, y, x]
+        count += int(np.count_nonzero((values >= field.level) != mask[slice_, y, x]))
+    return count
 
 
 def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, memory_limit: int | None) -> NDArray[Any]:
@@ -133,7 +232,7 @@ def _label_box_steps(volume: Volume, settings: ReconstructionSettings, window: B
             f"label {settings.label} is empty {'in this region' if settings.region else 'here'}; "
             f"{_existing_labels(values)}"
         )
-    margin = [math.ceil(REACH * settings.soften_mm / side) + 1 for side in volume.spacing]
+    margin = [math.ceil(REACH * settings.gaussian_mm / side) + 1 for side in volume.spacing]
     extent = (np.flatnonzero(columns), np.flatnonzero(rows), np.array(filled))
     box = []
     for axis, (start, stop) in enumerate(window):

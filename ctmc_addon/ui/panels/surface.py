@@ -37,7 +37,16 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
             text = translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
             column.label(text=text, icon="INFO", translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
-    draw_setting(column, settings, "soften_mm")
+    draw_smoothing(column, settings)
+
+
+def draw_smoothing(layout: Any, settings: Any) -> None:
+    """Draw how the values are smoothed, and what belongs to that."""
+    draw_setting(layout, settings, "smoothing")
+    if settings.smoothing == "gaussian" or settings.use_smoothing_mm:
+        layout.prop(settings, "smoothing_mm")
+    elif settings.use_label and settings.smoothing in ("auto", "constrained"):
+        draw_setting(layout, settings, "slice_steps")
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:

@@ -155,6 +155,8 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
     def update(properties: Any, _context: Any) -> None:
         if optional(name) and not getattr(properties, switch(name)):
             setattr(properties, switch(name), True)
+        if name == "smoothing" and properties.smoothing != "gaussian":
+            properties.use_smoothing_mm = False
         if name == "label":
             tick_only(properties, properties.label)
         notify(properties, name)

@@ -85,9 +85,9 @@ def test_a_manifest_gives_names_and_settings_case_by_case(tmp_path):
     first, second, third = collect([str(tmp_path / "cases.csv")], {"label": [7], "alpha": 0.5}, READING)
     assert outputs([first]) == [("first-label-1", 1), ("first-label-2", 2)]
     one, two = (case.outputs[0].settings for case in (first, second))
-    assert (one.stride, one.close_border, one.alpha, one.soften_mm) == ((2, 2, 1), True, 0.5, 0.0)
+    assert (one.stride, one.close_border, one.alpha, one.smoothing_mm) == ((2, 2, 1), True, 0.5, None)
     assert first.reading["spacing"] == (0.5, 0.5, 0.5)
-    assert (two.stride, two.soften_mm, two.region) == ((3, 3, 3), 1.5, (0, 0, 0, 9, 9, 9))
+    assert (two.stride, two.smoothing_mm, two.region) == ((3, 3, 3), 1.5, (0, 0, 0, 9, 9, 9))
     assert (two.threshold, two.label) == (-300, None)  # a row's threshold takes the place of everyone's label
     assert second.reading["spacing"] == (1, 1, 2)
     assert second.path == tmp_path / "c, d.nii"
@@ -106,7 +106,7 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
     [
         ("input,colour\na.nii,red\n", ["m.csv, line 1", "unknown column 'colour'", "input, case, threshold"]),
         ("case,label\na,2\n", ["m.csv, line 1", "no column 'input'"]),
-        ("input,soften,soften_mm\n", ["line 1", "'soften' is there twice"]),
+        ("input,soften,smoothing_mm\n", ["line 1", "'smoothing-mm' is there twice"]),
         ("input,label\na.nii,1\n\nno.nii,2\n", ["m.csv, line 4", "no file or folder 'no.nii'"]),
         ("input,label\n,2\n", ["m.csv, line 2", "input is missing"]),
         ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number"]),
@@ -136,7 +136,7 @@ def test_a_bad_manifest_is_refused_with_its_line(tmp_path, text, words):
 
 def test_a_manifests_refusal_names_columns_and_no_flags(tmp_path):
     touch(tmp_path, "a.nii")
-    for text in ("input,colour\n", "input,soften,soften_mm\n", "input,soften_mm\na.nii,much\n"):
+    for text in ("input,colour\n", "input,soften,smoothing_mm\n", "input,smoothing_mm\na.nii,much\n"):
         (tmp_path / "m.csv").write_text(text, "utf-8")
         assert "--" not in with_flags(refusal(tmp_path / "m.csv"))  # as the command says it
     (tmp_path / "m.csv").write_text("input,colour\n", "utf-8")

@@ -35,7 +35,7 @@ def test_a_label_becomes_the_mesh_that_python_makes(ctmc, phantom_folder, tmp_pa
     assert outcome.code == 0, outcome.errors
     assert outcome.errors == []
     volume = readers.read_volume(phantom_folder / "segmentation-4.nii.gz")
-    settings = core.ReconstructionSettings(label=2, stride=(2, 2, 1), alpha=0.5, soften_mm=4, reduction=0.5)
+    settings = core.ReconstructionSettings(label=2, stride=(2, 2, 1), alpha=0.5, smoothing_mm=4, reduction=0.5)
     expected = core.reconstruct(volume, settings)
     corners = stl_triangles(out)
     np.testing.assert_allclose(corners, expected.mesh.vertices[expected.mesh.faces], atol=1e-3)
@@ -76,7 +76,7 @@ def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.obj", "--label", "2")
     for word in ("seconds", "Reading", "Writing .obj", "triangles", " ml (", "cm2", "Euler", "visited", "t.obj"):
         assert word in outcome.out
-    assert "alpha has no effect" in outcome.out
+    assert "on its own side" in outcome.out
 
 
 def test_without_threshold_or_label_otsu_is_used_and_said(ctmc, phantom_folder, tmp_path):

@@ -9,7 +9,7 @@ from ctmc_addon.reporting.settings_toml import from_toml, to_toml
 
 SETTINGS = [
     ReconstructionSettings(),
-    ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, soften_mm=1e-7, close_border=True),
+    ReconstructionSettings(threshold=-200.5, stride=(2, 2, 1), alpha=0.25, smoothing_mm=1e-7, close_border=True),
     ReconstructionSettings(label=2, region=(-1.5, 0, 2, 30, 40.25, 50), region_unit="mm", keep_parts=3),
     ReconstructionSettings(min_part_mm3=12.5, normals="mesh", simplifier="decimate", reduction=0.9),
     ReconstructionSettings(max_error_mm=0.1, nan_as=-1024.0),
@@ -64,11 +64,11 @@ def test_a_file_may_come_from_any_shell(ctmc, tmp_path, coding):
 
 @pytest.mark.usefixtures("scene")
 def test_reconstruct_takes_the_file(ctmc, phantom_folder, tmp_path):
-    (tmp_path / "a.toml").write_text("label = 2\nsoften_mm = 1\n")
+    (tmp_path / "a.toml").write_text("label = 2\nsmoothing_mm = 1\n")
     words = ["-o", tmp_path / "a.stl", "--report", tmp_path / "a.json", "--settings", tmp_path / "a.toml"]
     outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", *words, "--alpha", "0.5")
     assert outcome.code == 0, outcome.errors
-    expected = ReconstructionSettings(label=2, soften_mm=1, alpha=0.5)
+    expected = ReconstructionSettings(label=2, smoothing_mm=1, alpha=0.5)
     assert json.loads((tmp_path / "a.json").read_text("utf-8"))["settings"] == expected.to_dict()
 
 

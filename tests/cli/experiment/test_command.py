@@ -59,7 +59,8 @@ def test_voxels_writes_a_row_for_every_side_and_nothing_else(voxels):
 def test_voxels_counts_and_measures_what_python_reconstructs(voxels, segmentation):
     volume = readers.read_volume(segmentation)
     results = [
-        reconstruct(volume, ReconstructionSettings(label=2, soften_mm=2, stride=(side, side, 2))) for side in (1, 2, 3)
+        reconstruct(volume, ReconstructionSettings(label=2, smoothing_mm=2, stride=(side, side, 2)))
+        for side in (1, 2, 3)
     ]
     for row, result in zip(rows_in(voxels), results, strict=False):
         assert (row["faces"], row["voxels"]) == (len(result.mesh.faces), result.voxels_visited)
@@ -81,7 +82,7 @@ def test_larger_voxels_are_fewer_have_fewer_triangles_and_lie_farther_off(voxels
 def test_the_table_says_what_was_measured_where_and_how(voxels):
     text = (voxels / "table.md").read_text("utf-8")
     for word in (
-        "segmentation-4", "--label 2 --stride 1 1 2 --soften 2", "median of 3 runs", "extracting the surface",
+        "segmentation-4", "--label 2 --stride 1 1 2 --smoothing-mm 2", "median of 3 runs", "extracting the surface",
         "20000 points", "seed 0", "cores", "Blender", "NumPy", "![",
     ):  # fmt: skip
         assert word in text
@@ -152,7 +153,7 @@ def test_alpha_measures_the_simplified_surface_where_that_is_asked_for(ctmc, seg
     assert ctmc("experiment", "alpha", segmentation, *words).code == 0
     volume = readers.read_volume(segmentation)
     for row in rows_in(tmp_path):
-        settings = ReconstructionSettings(label=2, soften_mm=2, reduction=0.5, alpha=row["alpha"])
+        settings = ReconstructionSettings(label=2, smoothing_mm=2, reduction=0.5, alpha=row["alpha"])
         assert row["faces"] == len(reconstruct(volume, settings).mesh.faces)
         assert row["max_mm"] > 0
 
@@ -194,7 +195,7 @@ def test_a_folder_that_holds_something_is_refused_unless_it_may_be_overwritten(c
         (["voxels", "--repeats", "0"], "repeats"),
         (["voxels", "--simplifier", "decimate", "--simplify", "0.5"], "decimate"),
         (["alpha", "--alphas", "1.5", "--soften", "1"], "from 0 to 1"),
-        (["alpha"], "--soften"),
+        (["alpha"], "--smoothing"),
         (["simplify", "--levels", "100"], "0 to 99"),
         (["rotation", "--levels", "50", "100"], "0 to 99"),
         (["rotation", "--rounds", "0"], "rounds"),

@@ -94,7 +94,10 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("figure", "sheet", "-o", "a.png", "--label", 2, "--alphas", 0, 1), "a bare label has none"),
+        (
+            ("figure", "sheet", "-o", "a.png", "--label", 2, "--smoothing", "none", "--alphas", 0, 1),
+            "a bare label has none",
+        ),
         (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),

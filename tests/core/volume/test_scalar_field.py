@@ -30,7 +30,11 @@ def test_gray_values_are_seen_and_not_copied():
 def test_a_label_is_sought_in_its_own_box_on_the_grid_of_the_stride():
     values = np.zeros((30, 30, 30), np.uint8)
     values[10:15, 11:16, 12:17] = 7
-    field = finish(scalar_field_steps(Volume(values, np.eye(4)), ReconstructionSettings(label=7, stride=(2, 2, 3))))
+    field = finish(
+        scalar_field_steps(
+            Volume(values, np.eye(4)), ReconstructionSettings(label=7, stride=(2, 2, 3), smoothing="none")
+        )
+    )
     assert field.threshold == 0.5
     assert field.window == ((10, 19), (10, 17), (9, 16))
     assert field.values.sum() == 125
@@ -39,7 +43,7 @@ def test_a_label_is_sought_in_its_own_box_on_the_grid_of_the_stride():
 def test_a_smoothed_label_is_the_same_in_its_box_as_in_the_whole_volume():
     labels = np.where(ball((60, 50, 40), 7.0) > 0, 2, 0).astype(np.uint8)
     labels[:3, :3, :3] = 1
-    settings = ReconstructionSettings(label=2, soften_mm=1.2, stride=(3, 2, 1), alpha=0.7)
+    settings = ReconstructionSettings(label=2, smoothing_mm=1.2, stride=(3, 2, 1), alpha=0.7)
     result = reconstruct(Volume(labels, np.eye(4), kind="label"), settings)
     whole = finish(gaussian_smooth_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
     expected = marching_cubes(whole, 0.5, (3, 2, 1), 0.7)
@@ -56,7 +60,7 @@ def test_a_label_in_the_last_slice_is_found_under_any_stride(axis, stride):
     strides = tuple(stride if 2 - axis == at else 1 for at in range(3))
     label, gray = (
         reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**source, stride=strides, close_border=True)).mesh
-        for source in ({"label": 1}, {"threshold": 0.5})
+        for source in ({"label": 1, "smoothing": "none"}, {"threshold": 0.5})
     )
     assert label.closed
     assert len(label.faces) == len(gray.faces)
@@ -78,7 +82,7 @@ def test_nan_is_refused_or_replaced():
 def test_nan_beyond_a_region_is_replaced_where_smoothing_and_normals_reach_it(soften):
     values = ball()
     values[:, :, 28:] = np.nan
-    settings = {"threshold": 0.0, "soften_mm": soften, "region": (2, 2, 2, 27, 30, 26)}
+    settings = {"threshold": 0.0, "smoothing_mm": soften, "region": (2, 2, 2, 27, 30, 26)}
     replaced = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(nan_as=-5.0, **settings)).mesh
     filled = np.where(np.isnan(values), np.float32(-5), values)
     same = reconstruct(Volume(filled, np.eye(4)), ReconstructionSettings(**settings)).mesh
@@ -93,4 +97,4 @@ def test_nan_beyond_a_region_is_refused_only_where_smoothing_reaches_it():
     mesh = reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(**settings)).mesh
     assert np.allclose(np.sqrt((mesh.normals.astype(float) ** 2).sum(axis=1)), 1.0, atol=1e-5)
     with pytest.raises(VolumeError, match="nan_as"):
-        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(soften_mm=1.0, **settings))
+        reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(smoothing_mm=1.0, **settings))

@@ -149,7 +149,7 @@ def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene,
     assert (first.name, second.name) == ("labels label 1", "labels label 5")
     assert second.data.materials[0].diffuse_color[:3] == pytest.approx((0.1, 0.9, 0.2))
     assert first.location.x - second.location.x == pytest.approx(0.14)  # columns run to the left, 14 mm apart
-    scene.ctmc.soften_mm = 0.5
+    scene.ctmc.smoothing_mm = 0.5
     bpy.ops.ctmc.reconstruct()
     assert len(scene.objects) == 2
     scene.ctmc.alpha = 0.25  # both are selected

@@ -31,6 +31,8 @@ def test_every_setting_is_shown(scene):
         scene.ctmc.use_label = use_label
         for panel in PANELS:
             shown |= set(drawn(panel).shown)
+    scene.ctmc.smoothing = "gaussian"
+    shown |= set(drawn(panels.CTMC_PT_main).shown)
     assert set(described()) <= shown
 
 
@@ -46,8 +48,9 @@ def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(sce
     plain = ["Otsu's threshold is used", "Stride"]
     assert drawn(panels.CTMC_PT_main).texts == plain
     scene.ctmc.label = 2
+    scene.ctmc.smoothing = "none"
     assert "Alpha has no effect on a label that is not smoothed" in " ".join(drawn(panels.CTMC_PT_main).texts)
-    scene.ctmc.soften_mm = 1.0
+    scene.ctmc.smoothing = "constrained"
     assert drawn(panels.CTMC_PT_main).texts == plain[1:]
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
     assert "max_error_mm is not possible with simplifier decimate" in " ".join(drawn(panels.CTMC_PT_main).texts)
@@ -118,7 +121,7 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
 
 
 def test_millimetres_are_shown_as_such_and_zero_components_as_all(scene):
-    for name in ("soften_mm", "max_error_mm"):
+    for name in ("smoothing_mm", "max_error_mm"):
         assert scene.ctmc.bl_rna.properties[name].unit == "CAMERA"  # which Blender shows in mm at any scene scale
     assert "All" in drawn(settings.CTMC_PT_parts).labels
     scene.ctmc.keep_parts = 2

@@ -14,7 +14,7 @@ EXPECTED = {
     "bone": {"threshold": 200.0, "min_part_mm3": 50.0, "reduction": 0.5},
     "skin": {"threshold": -300.0, "stride": (2, 2, 1), "close_border": True, "keep_parts": 1, "reduction": 0.9},
     "lung": {"threshold": -500.0, "stride": (2, 2, 1), "min_part_mm3": 1000.0, "reduction": 0.8},
-    "liver_tumour_label_2": {"label": 2, "stride": (2, 2, 1), "alpha": 0.5, "soften_mm": 1.0, "reduction": 0.9},
+    "liver_tumour_label_2": {"label": 2, "stride": (2, 2, 1), "reduction": 0.9},
     "3d_print": {"threshold": 200.0, "close_border": True, "keep_parts": 1, "max_error_mm": 0.1},
     "figure": {
         **{"threshold": 200.0, "stride": (3, 3, 1), "alpha": 0.5, "min_part_mm3": 50.0},
@@ -33,7 +33,7 @@ def test_a_preset_gives_these_settings_whatever_stood_there(scene, name):
     volumes_own = {"region": (0, 0, 0, 5, 5, 5), "region_unit": "mm", "nan_as": -1000.0}
     scene.ctmc.from_settings(
         ReconstructionSettings(
-            **volumes_own, label=7, alpha=0.2, target_faces=77, keep_parts=3, topology="trilinear", soften_mm=3.0
+            **volumes_own, label=7, alpha=0.2, target_faces=77, keep_parts=3, topology="trilinear", smoothing_mm=3.0
         )
     )
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.3  # which contradict each other

@@ -32,7 +32,7 @@ def test_every_setting_has_its_label_text_and_limits(scene, name):
 @pytest.mark.parametrize(
     "settings",
     [
-        {"threshold": 127.5, "stride": (2, 2, 1), "alpha": 0.1, "soften_mm": 0.7, "reduction": 0.9},
+        {"threshold": 127.5, "stride": (2, 2, 1), "alpha": 0.1, "smoothing_mm": 0.7, "reduction": 0.9},
         {"label": 2, "close_border": True, "normals": "mesh", "simplifier": "decimate", "target_faces": 5000},
         {"region": (0.1, 0.2, 0.3, 10.7, 20.3, 30.9), "region_unit": "mm", "max_error_mm": 0.05, "nan_as": -1024.0},
         {"keep_parts": 3, "min_part_mm3": 12.3, "threshold": -0.3},

@@ -2,4 +2,4 @@
 
 import bpy
 
-bpy.context.scene.ctmc.show_preset(label=2, stride=(2, 2, 1), alpha=0.5, soften_mm=1.0, reduction=0.9)
+bpy.context.scene.ctmc.show_preset(label=2, stride=(2, 2, 1), reduction=0.9)

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing import gaussian_smooth_steps, weights
+from ctmc_addon.core.volume.smoothing.gaussian import gaussian_smooth_steps, weights
 
 
-def soften(values, spacing, soften_mm, threads=1):
-    return finish(gaussian_smooth_steps(values, spacing, soften_mm, threads))
+def soften(values, spacing, smoothing_mm, threads=1):
+    return finish(gaussian_smooth_steps(values, spacing, smoothing_mm, threads))
 
 
-def direct(values, spacing, soften_mm):
+def direct(values, spacing, smoothing_mm):
     """Three loops over clamped samples, float64."""
     out = values.astype(np.float64)
     for axis, gap in zip((2, 1, 0), spacing, strict=True):
-        sigma = soften_mm / gap
+        sigma = smoothing_mm / gap
         reach = int(4 * sigma + 0.5)
         taps = [math.exp(-0.5 * (at / sigma) ** 2) for at in range(-reach, reach + 1)]
         count = out.shape[axis]
@@ -28,13 +28,13 @@ def direct(values, spacing, soften_mm):
 
 @pytest.mark.parametrize("dtype", [bool, np.uint8, ">i2", np.float64])
 @pytest.mark.parametrize(
-    ("spacing", "soften_mm"), [((0.7, 0.9, 5.0), 1.5), ((1.0, 1.0, 1.0), 2.0), ((4.0, 2.0, 0.5), 3.0)]
+    ("spacing", "smoothing_mm"), [((0.7, 0.9, 5.0), 1.5), ((1.0, 1.0, 1.0), 2.0), ((4.0, 2.0, 0.5), 3.0)]
 )
-def test_softening_equals_the_direct_sums(dtype, spacing, soften_mm):
+def test_softening_equals_the_direct_sums(dtype, spacing, smoothing_mm):
     values = (np.random.default_rng(1).random((9, 14, 23)) * 200).astype(np.uint8).astype(dtype)
-    softened = soften(values, spacing, soften_mm)
+    softened = soften(values, spacing, smoothing_mm)
     assert softened.dtype == np.float32
-    np.testing.assert_allclose(softened, direct(values, spacing, soften_mm), atol=2e-4)
+    np.testing.assert_allclose(softened, direct(values, spacing, smoothing_mm), atol=2e-4)
 
 
 def test_softening_equals_scipy():

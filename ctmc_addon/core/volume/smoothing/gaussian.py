@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parallel import map_steps, worker_count
-from ..progress import Stages, Steps
+from ...parallel import map_steps, worker_count
+from ...progress import Stages, Steps
 
 REACH = 4.0  # standard deviations after which the Gaussian is cut off
 BLOCK_BYTES = 2**21  # of a buffer, so that it stays in the cache

@@ -1,0 +1,22 @@
+"""Smoothing before extraction: a Gaussian, or the smoothest field that agrees with a label at every sample.
+
+Read `constrained` in this order: `bricks` (where the work is done), `signed_distance` (the start), `bounds` (what is
+known), `relaxation` (the smoothest field within it), `volume_constant` (the volume kept), `constrained` (all of it in
+order), `smooth_field` (what comes out).
+"""
+
+from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
+from .gaussian import REACH, gaussian_smooth_steps
+from .smooth_field import SmoothField, refined_affine
+
+__all__ = [
+    "MOST_STEPS",
+    "REACH",
+    "SmoothField",
+    "automatic_refinement",
+    "constrained_bytes",
+    "constrained_steps",
+    "gaussian_smooth_steps",
+    "reach_of",
+    "refined_affine",
+]

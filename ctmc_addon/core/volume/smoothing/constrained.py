@@ -1,0 +1,214 @@
+"""From a label to the smoothest scalar field that agrees with it, in millimetres.
+
+The label's grid is refined between slices where they are far apart; the label's own slices are every
+`slice_steps`-th of the result. Inside is `value >= 0`. The same bytes for any number of threads and every NumPy:
+only single operations on elements, in an order that does not depend on either.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import LabelError, SettingsError
+from ...parallel import worker_count
+from ...progress import PAUSE, Stages, Steps
+from .bounds import Inside, Start, doubled, halved, refined_start
+from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
+from .relaxation import relax_steps
+from .signed_distance import signed_distance_steps
+from .smooth_field import SmoothField
+from .volume_constant import keep_volume_steps
+
+BAND_PIXELS = 5  # to either side of the surface that are smoothed
+BAND_GAPS = 1.6  # and so many slice gaps
+COARSE_ROUNDS = (40, 100)  # on every other pixel, where slices are refined at most twice, and where more
+FINE_ROUNDS = (30, 30)
+MOST_STEPS = 8
+BYTES_A_BRICK = 300
+STAGES = {"Finding the surface": 5, "Measuring distances": 15, "Smoothing": 50, "Keeping the volume": 30}
+WORKING_BYTES = 1 << 23
+
+
+def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
+    """Steps between slices so that no side of a voxel is more than twice another.
+
+    Examples
+    --------
+    >>> [automatic_refinement((0.75, 0.75, gap)) for gap in (1.0, 1.6, 5.0)]
+    [1, 2, 4]
+    """
+    steps = math.ceil(spacing_mm[2] / (2 * min(spacing_mm[:2])) - 1e-6)
+    return max(1, min(MOST_STEPS, steps))
+
+
+def band_mm(spacing_mm: tuple[float, float, float]) -> float:
+    """How far to either side of the surface the field is smoothed."""
+    return max(BAND_PIXELS * max(spacing_mm[:2]), BAND_GAPS * spacing_mm[2])
+
+
+def reach_of(spacing_mm: tuple[float, float, float]) -> tuple[int, int, int]:
+    """The same in samples of the label along x, y and z; 8 at most along x."""
+    x, y, z = (band_mm(spacing_mm) / side for side in spacing_mm)
+    return min(WIDTH, math.ceil(x)), math.ceil(y), max(1, round(z))
+
+
+def constrained_steps(
+    mask: NDArray[np.bool_],
+    spacing_mm: tuple[float, float, float],
+    slice_steps: int = 0,
+    close_border: bool = False,
+    threads: int | None = None,
+) -> Steps[SmoothField]:
+    """The smoothest field whose sign is the label's at every sample, its volume kept.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+        The label, with at least one sample of margin where the volume goes on; at least two slices. Where the label
+        reaches the border of the mask, the surface is cut there.
+    spacing_mm : (x, y, z) float
+        For an oblique or sheared affine the lengths of its columns.
+    slice_steps : int
+        Steps from slice to slice; 0 takes as many as `automatic_refinement`.
+    close_border : bool
+        Whether the surface is to be closed at the border. Where the label reaches the first or the last slice, slices
+        are added, so that Marching Cubes with a closed border closes it half a slice gap outside.
+    threads : int, optional
+        By default one for each processor. The result does not depend on it.
+
+    Raises
+    ------
+    LabelError
+        If no sample, or every sample, is inside.
+    SettingsError
+        If the steps are not from 0 to 8.
+    """
+    if not 0 <= slice_steps <= MOST_STEPS:
+        raise SettingsError(f"slice_steps must be from 0 (chosen by the slice gap) to {MOST_STEPS}, not {slice_steps}")
+    if not mask.any():
+        raise LabelError("the label has no sample here; choose another label or region")
+    if mask.all():
+        raise LabelError("every sample here is the label; choose a region that reaches beyond it")
+    steps = slice_steps or automatic_refinement(spacing_mm)
+    finding, measuring, smoothing, keeping = STAGES
+    stages = Stages(STAGES)
+    workers = worker_count(threads)
+    pool = ThreadPoolExecutor(workers) if workers > 1 else None
+    try:
+        code, label, inside, known = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
+        reach, farthest = reach_of(spacing_mm), 1.5 * band_mm(spacing_mm)
+        distance_steps = signed_distance_steps(code, label, spacing_mm, reach, farthest, pool)
+        distance = yield from stages.run(measuring, distance_steps)
+        smooth_steps = _smoothed_steps(code != 0, label, distance, known, spacing_mm, steps, pool)
+        bricks, start = yield from stages.run(smoothing, smooth_steps)
+        far = float(start.field[-2, 0])
+        volume_steps = keep_volume_steps(
+            mask, spacing_mm, steps, bricks, start, inside, far, close_border, threads, pool
+        )
+        return (yield from stages.run(keeping, volume_steps))
+    finally:
+        if pool:
+            pool.shutdown(cancel_futures=True)
+
+
+def _label_bricks_steps(
+    mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int
+) -> Steps[tuple[NDArray[np.uint8], Bricks, Inside, Inside]]:
+    """The packed label and the bricks within reach of its surface; where in them the mask lies, and is known."""
+    yield PAUSE
+    reach = reach_of(spacing_mm)
+    padded, inside, known = _padded(mask, reach)
+    code = packed(padded)
+    near = near_surface(code, reach)
+    yield PAUSE
+    return code, number_bricks(near if steps == 1 else widened(near, 1, 0), code != 0), inside, known
+
+
+def _smoothed_steps(
+    deep: NDArray[np.bool_],
+    label: Bricks,
+    distance: Floats,
+    known: Inside,
+    spacing_mm: tuple[float, float, float],
+    steps: int,
+    pool: ThreadPoolExecutor | None,
+) -> Steps[tuple[Bricks, Start]]:
+    """The smoothest field near the surface, before the constant, and its bounds: on every other pixel, then on all."""
+    yield PAUSE
+    # The reach is a box: its corners are farther than the band.
+    nearest = np.abs(distance[: len(label.place)]).min(axis=1)
+    near = np.zeros(deep.shape, bool)
+    near.ravel()[label.place] = nearest <= band_mm(spacing_mm)
+    if steps > 1:
+        after = np.repeat(near[1:], steps, axis=0)
+        near = np.repeat(near, steps, axis=0)[: (len(near) - 1) * steps + 1]
+        deep = np.repeat(deep, steps, axis=0)[: len(near)]
+        for step in range(1, steps):
+            near[step:-1:steps] |= after[step::steps]
+    refined = number_bricks(near, deep)
+    start = refined_start(label, distance, refined, spacing_mm, steps, known, pool)
+    yield PAUSE
+    stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
+    x, y, z = spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps
+    coarse = number_bricks(*_coarser(near, deep))
+    first = halved(refined, start, coarse, pool)
+    relaxing = relax_steps(
+        coarse, first.field, first.low, first.high, (2 * x, 2 * y, z), COARSE_ROUNDS[steps > 2], pool
+    )
+    yield from stages.run("Smoothing every other pixel", relaxing)
+    doubled(coarse, first.field, refined, start, pool)
+    relaxing = relax_steps(refined, start.field, start.low, start.high, (x, y, z), FINE_ROUNDS[steps > 2], pool)
+    yield from stages.run("Smoothing", relaxing)
+    return refined, start
+
+
+def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArray[np.bool_], Inside, Inside]:
+    """The mask with margins that hold the band; where it lies in them, and where in them the label is known.
+
+    Where the label reaches the border it is repeated outwards, unknown, so that the field runs on beyond the border
+    freely. Bricks and coarse samples are counted from the label's first sample, so that the margin the mask came
+    with does not change the surface.
+    """
+    pads, own, known = [], [], []
+    for axis, margin, unit in ((2, WIDTH, 2 * WIDTH), (1, 2, 2), (0, 1, 1)):
+        filled = np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {axis})))
+        size = mask.shape[axis]
+        before, after = int(filled[0]), size - 1 - int(filled[-1])
+        low = margin if before == 0 else max(0, reach[2 - axis] + 1 - before)
+        low += -(before + low) % unit
+        high = margin if after == 0 else max(0, reach[2 - axis] + 1 - after)
+        high += (int(axis == 1) - (low + size + high)) % unit  # whole pairs of bricks, an odd number of rows
+        pads.append((low, high))
+        own.append((low, low + size))
+        known.append((low if before == 0 else 0, low + size + (0 if after == 0 else high + WIDTH)))
+    if any(any(pad) for pad in pads):
+        mask = np.pad(mask, pads[::-1], mode="edge")
+    return mask, Inside(*own), Inside(*known)
+
+
+def _coarser(near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which bricks of every other sample along x and y are near the surface, and which are inside."""
+    slices, rows, wide = near.shape
+    ahead = np.zeros((slices, rows // 2 + 1, 2 * (-(-wide // 2))), bool)
+    ahead[:, : -(-rows // 2), :wide] = near[:, ::2]
+    odd = near[:, 1::2]
+    ahead[:, : odd.shape[1], :wide] |= odd
+    ahead[:, 1 : odd.shape[1] + 1, :wide] |= odd
+    row = np.minimum(2 * np.arange(rows // 2 + 1), rows - 1)
+    return ahead[:, :, ::2] | ahead[:, :, 1::2], deep[:, row, ::2]
+
+
+def constrained_bytes(mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], slice_steps: int = 0) -> int:
+    """Memory that `constrained_steps` takes at most beside the mask, bytes, its result among them.
+
+    Counts the bricks near the surface, which takes a fiftieth of the time of the smoothing itself.
+    """
+    steps = slice_steps or automatic_refinement(spacing_mm)
+    reach = reach_of(spacing_mm)
+    padded = _padded(mask, reach)[0]
+    near = int(np.count_nonzero(near_surface(packed(padded), reach)))
+    return padded.size * (4 * steps + 2) + near * steps * BYTES_A_BRICK + WORKING_BYTES

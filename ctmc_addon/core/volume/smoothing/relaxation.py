@@ -1,0 +1,110 @@
+"""The field of least curvature within bounds: accelerated projected gradient descent.
+
+Minimized is the sum of squares of the Laplacian over the active bricks, with second differences over squared
+spacings. A step along its gradient, Laplacian of the Laplacian, is followed by pushing every value back into its
+bounds, and by Nesterov's momentum (Beck and Teboulle 2009, FISTA). The Laplacian is divided by the largest factor
+by which it can stretch a field, so the step is 1.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ...progress import Step, Steps
+from .bricks import WIDTH, Bricks, Floats, Places, pieces, spread
+
+
+def relax_steps(
+    bricks: Bricks,
+    field: Floats,
+    low: Floats,
+    high: Floats,
+    spacing_mm: tuple[float, float, float],
+    rounds: int,
+    pool: ThreadPoolExecutor | None,
+) -> Steps[None]:
+    """Smooth `field` in place.
+
+    Parameters
+    ----------
+    bricks : Bricks
+    field : (len(bricks), 8) float32
+        Bricks that are not active keep their values. At the grid's border the field is mirrored.
+    low, high : (active bricks or more, 8) float32
+        Bounds, infinite where there are none.
+    spacing_mm : (x, y, z)
+        Of the grid of these bricks.
+    rounds : int
+        Steps along the gradient.
+    """
+    weights = [1.0 / side**2 for side in spacing_mm]
+    wx, wy, wz = (np.float32(weight / (4.0 * sum(weights))) for weight in weights)
+    beside, ends = _neighbors(bricks, pool)
+    ahead = field.copy()  # the field moved on by its momentum
+    curvature = np.zeros_like(field)  # zero where bricks are not active
+    half = np.float32(0.5)
+
+    def laplacian(values: Floats, part: slice) -> Floats:
+        row = np.empty((part.stop - part.start, WIDTH + 2), np.float32)
+        row[:, 1:-1] = values[part]
+        flat = values.reshape(-1)
+        row[:, 0] = flat.take(ends[0][part], mode="clip")
+        row[:, -1] = flat.take(ends[1][part], mode="clip")
+        total = row[:, :-2] + row[:, 2:]
+        total *= wx
+        pair, second = np.empty_like(total), np.empty_like(total)
+        for axis, weight in ((0, wy), (2, wz)):
+            np.take(values, beside[axis][part], axis=0, out=pair, mode="clip")
+            np.take(values, beside[axis + 1][part], axis=0, out=second, mode="clip")
+            pair += second
+            pair *= weight
+            total += pair
+        np.multiply(values[part], half, out=pair)
+        total -= pair
+        return total
+
+    def bend(part: slice) -> None:
+        curvature[part] = laplacian(ahead, part)
+
+    def descend(part: slice) -> None:
+        moved = laplacian(curvature, part)
+        here, before = ahead[part], field[part]
+        np.subtract(here, moved, out=moved)
+        np.maximum(moved, low[part], out=moved)
+        np.minimum(moved, high[part], out=moved)
+        np.subtract(moved, before, out=here)
+        here *= momentum
+        here += moved
+        before[...] = moved
+
+    parts = pieces(bricks.active)
+    inertia = 1.0
+    for done in range(rounds):
+        following = (1.0 + math.sqrt(1.0 + 4.0 * inertia * inertia)) / 2.0
+        momentum = np.float32((inertia - 1.0) / following)
+        inertia = following
+        spread(pool, bend, parts)
+        spread(pool, descend, parts)
+        yield Step((done + 1) / rounds)
+
+
+def _neighbors(bricks: Bricks, pool: ThreadPoolExecutor | None) -> tuple[list[Places], list[Places]]:
+    """For every active brick those before and after along y and z; samples before and after along x.
+
+    At the border a brick is its own neighbor, a sample its own.
+    """
+    beside = [np.empty(bricks.active, np.intp) for _ in range(4)]
+    ends = [np.empty(bricks.active, np.intp) for _ in range(2)]
+
+    def look(part: slice) -> None:
+        z, y, x = bricks.coordinates(part)
+        for into, (dz, dy) in zip(beside, ((0, -1), (0, 1), (-1, 0), (1, 0)), strict=True):
+            into[part] = bricks.at(z + dz, y + dy, x)
+        ends[0][part] = bricks.at(z, y, x - 1) * WIDTH + np.where(x > 0, WIDTH - 1, 0)
+        ends[1][part] = bricks.at(z, y, x + 1) * WIDTH + np.where(x < bricks.shape[2] - 1, 0, WIDTH - 1)
+
+    spread(pool, look, pieces(bricks.active))
+    return beside, ends

@@ -1,0 +1,93 @@
+"""Distance from every sample near a label's surface to the nearest sample on the other side, in millimetres.
+
+Exact within a box of `reach` samples to either side, axis by axis (Felzenszwalb and Huttenlocher 2012, by brute
+force, since the reach is short). One array serves both sides: inside samples carry their squared distance with a
+plus, outside samples with a minus. For a sample inside, a neighbor's plus is its distance to the outside, and a
+minus means that the neighbor itself is outside: distance zero. So max(value, 0) is the distance, and with the
+signs turned the same holds outside.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...progress import Step, Steps
+from .bricks import WIDTH, Bricks, Floats, pieces, spread
+
+
+def signed_distance_steps(
+    code: NDArray[np.uint8],
+    bricks: Bricks,
+    spacing_mm: tuple[float, float, float],
+    reach: tuple[int, int, int],
+    farthest_mm: float,
+    pool: ThreadPoolExecutor | None,
+) -> Steps[Floats]:
+    """Signed distances, positive inside.
+
+    Parameters
+    ----------
+    code : (slices, rows, bricks) uint8
+        The label, as `bricks.packed` gives it.
+    bricks : Bricks
+        Of the label's own grid.
+    spacing_mm, reach : (x, y, z)
+        Of the label's grid; how many samples are looked at to either side, at most 8 along x.
+    farthest_mm : float
+        Given where the other side is farther.
+
+    Returns
+    -------
+    (len(bricks), 8) float32
+    """
+    farthest = np.float32(farthest_mm * farthest_mm)
+    squares = np.empty((len(bricks), WIDTH), np.float32)
+    squares[-2], squares[-1] = farthest, -farthest
+    steps_x = [np.float32((step * spacing_mm[0]) ** 2) for step in range(reach[0] + 1)]
+    flat, (_, _, wide) = code.ravel(), bricks.shape
+
+    def along_row(part: slice) -> None:
+        place = bricks.place[part]
+        x = place % wide
+        own = flat[place]
+        before = np.where(x > 0, flat[np.maximum(place - 1, 0)], (own >> 7) * np.uint8(255))
+        after = np.where(x < wide - 1, flat[np.minimum(place + 1, flat.size - 1)], (own & 1) * np.uint8(255))
+        bits = np.unpackbits(np.stack([before, own, after], axis=1), axis=1)  # (n, 24)
+        here = bits[:, WIDTH : 2 * WIDTH]
+        squares_x = np.full(here.shape, farthest, np.float32)
+        for step in range(reach[0], 0, -1):
+            left, right = bits[:, WIDTH - step : 2 * WIDTH - step], bits[:, WIDTH + step : 2 * WIDTH + step]
+            np.copyto(squares_x, min(steps_x[step], farthest), where=(left != here) | (right != here))
+        squares[part] = np.where(here, squares_x, -squares_x)
+
+    parts = pieces(len(bricks.place))
+    spread(pool, along_row, parts)
+    yield Step(0.3)
+
+    def across(axis: int, nearer: Floats, part: slice) -> None:
+        z, y, x = bricks.coordinates(part)
+        side = np.where(squares[part] > 0, np.float32(1), np.float32(-1))
+        best = np.abs(squares[part])
+        for step in range(1, reach[2 - axis] + 1):
+            extra = np.float32((step * spacing_mm[2 - axis]) ** 2)
+            if extra >= farthest:
+                break
+            for moved in (-step, step):
+                there = bricks.at(z + moved, y, x) if axis == 0 else bricks.at(z, y + moved, x)
+                through = np.take(squares, there, axis=0)
+                through *= side
+                np.maximum(through, np.float32(0), out=through)
+                through += extra
+                np.minimum(best, through, out=best)
+        nearer[part] = best * side
+
+    for axis, share in ((1, 0.6), (0, 1.0)):
+        nearer = squares.copy()
+        spread(pool, partial(across, axis, nearer), parts)
+        squares = nearer
+        yield Step(share)
+    return np.copysign(np.sqrt(np.abs(squares)), squares)
