@@ -13,7 +13,15 @@ from .region import (
     volume_box,
     with_moved_face,
 )
-from .slices import default_window, slice_at, slice_corners, slice_position_text, slice_values, windowed
+from .slices import (
+    default_window,
+    slice_at,
+    slice_corners,
+    slice_position_text,
+    slice_values,
+    stepped_position,
+    windowed,
+)
 from .statistics import VolumeStatistics, histogram_picture, slabs, value_range, volume_statistics_steps
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES
@@ -40,6 +48,7 @@ __all__ = [
     "slice_corners",
     "slice_position_text",
     "slice_values",
+    "stepped_position",
     "transform_faces",
     "transform_normals",
     "transform_points",

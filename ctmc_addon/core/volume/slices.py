@@ -50,6 +50,18 @@ def slice_at(volume: Volume, plane: str, position: float) -> SliceIndex:
     return SliceIndex(axis, index, count)
 
 
+def stepped_position(volume: Volume, plane: str, position: float, by: int) -> float:
+    """Return the position, 0 to 1, that is `by` slices farther to the right, front or head, as far as there are any.
+
+    Examples
+    --------
+    >>> stepped_position(Volume(np.zeros((11, 4, 4)), np.eye(4)), "axial", 0.2, by=3)
+    0.5
+    """
+    last = slice_at(volume, plane, position).count - 1
+    return min(max(int(position * last + 0.5) + by, 0), last) / last
+
+
 def slice_values(volume: Volume, section: SliceIndex) -> NDArray[Any]:
     """Return the samples of a slice, a view (rows, columns); of the two other axes, the faster one runs along a row."""
     if section.axis == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatProperty, IntProperty
 
+from ...core.volume import stepped_position
 from ..properties.view import choose
 from ..state import volumes
 
@@ -28,7 +29,8 @@ class CTMC_OT_slice_step(bpy.types.Operator):
         """Move it."""
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
-        context.scene.ctmc_view.step(volume, self.by)
+        view = context.scene.ctmc_view
+        view.position = stepped_position(volume, view.plane, view.position, self.by)
         return {"FINISHED"}
 
 

@@ -13,7 +13,7 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
-from ...core.volume import default_window, slice_at, value_range
+from ...core.volume import default_window, value_range
 from .kinds import boolean, choice, decimal
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
@@ -114,12 +114,6 @@ class CTMCView(PropertyGroup):
     )
     chosen_window: FloatVectorProperty(size=2, options={"HIDDEN"})
     chosen_for: StringProperty(options={"HIDDEN"})
-
-    def step(self, volume: Volume, by: int) -> None:
-        """Move the slice by whole samples, towards the head, front or right where `by` is above zero."""
-        count = slice_at(volume, self.plane, 0.0).count
-        number = int(self.position * (count - 1) + 0.5) + by
-        self.position = min(max(number / (count - 1), 0.0), 1.0)
 
 
 def register() -> None:
