@@ -1,0 +1,194 @@
+"""The pictures of README: the phantom cut open, alpha and the threshold moving. `make readme-pictures`, five minutes.
+
+Blender renders them with Cycles on the processor. The phantom is made here from its seed; nothing else is read.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from PIL import Image
+
+from ctmc_addon.blender.surface import add_reconstruction
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core.phantom import Phantom, phantom_steps
+
+PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "readme"
+BACKGROUND = (0.012, 0.014, 0.02, 1.0)
+# Watts, meters on a side, color, and where it stands from what is looked at, in Blender units
+LIGHTS = (
+    (900.0, 4.0, (1.0, 0.96, 0.9), (-5.0, 7.0, 6.0)),
+    (280.0, 5.0, (0.8, 0.88, 1.0), (7.0, 5.0, 1.0)),
+    (700.0, 3.0, (1.0, 1.0, 1.0), (0.0, -6.0, 5.0)),
+)
+SCALE = 0.01  # Blender units of 1 mm
+SKIN, BONE, LIVER, TUMOR = (0.80, 0.52, 0.40), (0.86, 0.78, 0.62), (0.40, 0.06, 0.04), (0.95, 0.62, 0.10)
+
+
+def main() -> int:
+    """Render all three pictures."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    phantom = finish(phantom_steps(slices=110, size=320))
+    render_hero(phantom)
+    save_gif(alpha_frames(phantom.volume), PICTURES / "alpha.gif", 90)
+    frames = list(threshold_frames(phantom.volume))
+    save_gif([*frames, *frames[::-1]], PICTURES / "threshold.gif", 110)
+    return 0
+
+
+def render_hero(phantom: Phantom) -> None:
+    """Skin, bone, liver and tumors above the slice at their feet."""
+    scene = new_scene((1200, 640), samples=96)
+    volume, labels = phantom.volume, phantom.labels
+    slices, rows, columns = volume.values.shape
+    liver = Volume((labels.values > 0).astype(np.uint8), labels.affine, kind="label", name="liver")
+    back_half = (0.0, rows * 0.52, 0.0, columns - 1.0, rows - 1.0, slices - 1.0)
+    add(scene, volume, SKIN, threshold=-300, smoothing="gaussian", smoothing_mm=1, keep_parts=1, region=back_half)
+    add(scene, volume, BONE, threshold=180, smoothing="gaussian", smoothing_mm=0.8, min_part_mm3=200)
+    shader_of(add(scene, liver, LIVER, label=1)).inputs["Alpha"].default_value = 0.38
+    add(scene, labels, TUMOR, label=2)
+    add_slice(scene, volume, 3)
+    look(scene, (0.05, 0.75, 0.05), azimuth=-22, elevation=27, distance=11, lens=76)
+    picture = render(scene)
+    picture.save(PICTURES / "hero.jpg", quality=88, optimize=True)
+
+
+def alpha_frames(volume: Volume) -> list[Image.Image]:
+    """The spine at large voxels, from edge midpoints to linear interpolation and back, by its shape key."""
+    scene = new_scene((440, 330), samples=10)
+    settings = {"smoothing": "gaussian", "smoothing_mm": 1, "stride": (4, 4, 3), "min_part_mm3": 300, "normals": "mesh"}
+    obj = add(scene, volume, BONE, threshold=180, **settings)
+    obj.data.polygons.foreach_set("use_smooth", np.zeros(len(obj.data.polygons), bool))
+    look(scene, (0.2, -0.9, -0.1), azimuth=205, elevation=22, distance=7, lens=105)
+    frames = []
+    for step in range(11):
+        share = step / 10
+        obj.data.shape_keys.key_blocks["alpha"].value = share * share * (3 - 2 * share)
+        frames.append(render(scene))
+    return [*frames, *frames[::-1]]
+
+
+def threshold_frames(volume: Volume) -> Iterator[Image.Image]:
+    """One surface for each threshold, from skin to bone."""
+    scene = new_scene((440, 330), samples=10)
+    look(scene, (0.0, 0.0, 0.1), azimuth=-24, elevation=26, distance=11, lens=92)
+    for threshold in (-400, -300, -200, -120, -60, -30, 0, 20, 40, 60, 80, 100, 120, 140, 170, 200, 250, 300, 350):
+        share = (threshold + 400) / 750
+        color = tuple(low + (high - low) * share for low, high in zip(SKIN, BONE, strict=True))
+        settings = {"smoothing": "gaussian", "smoothing_mm": 2.5, "stride": (3, 3, 1), "min_part_mm3": 1500}
+        obj = add(scene, volume, color, threshold=threshold, **settings)
+        yield render(scene)
+        bpy.data.objects.remove(obj)
+
+
+def new_scene(size: tuple[int, int], samples: int) -> bpy.types.Scene:
+    """An empty file's scene: dark, with a camera, rendered by Cycles on the processor."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.world = bpy.data.worlds.new("world")
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = BACKGROUND
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = size
+    scene.cycles.samples, scene.cycles.use_denoising = samples, True
+    scene.cycles.max_bounces, scene.cycles.transparent_max_bounces, scene.cycles.seed = 4, 8, 0
+    scene.view_settings.view_transform, scene.view_settings.look = "AgX", "AgX - Medium High Contrast"
+    return scene
+
+
+def add(scene: bpy.types.Scene, volume: Volume, color: Sequence[float], **settings: Any) -> bpy.types.Object:
+    """A surface of the volume as an object."""
+    result = reconstruct(volume, ReconstructionSettings(**settings))
+    red, green, blue = color
+    return add_reconstruction(result, scene, scale=SCALE, color=(red, green, blue))
+
+
+def shader_of(obj: bpy.types.Object) -> Any:
+    """The Principled node of an object's first material."""
+    nodes = obj.data.materials[0].node_tree.nodes
+    return next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+
+
+def add_slice(scene: bpy.types.Scene, volume: Volume, number: int) -> None:
+    """A slice of the CT as a picture at its place, air transparent."""
+    values = volume.values[number].astype(np.float32)
+    rows, columns = values.shape
+    pixels = np.ones((rows, columns, 4), np.float32)
+    pixels[..., :3] = np.clip((values + 140) / 400, 0, 1)[..., None]
+    pixels[..., 3] = values >= -500
+    image = bpy.data.images.new("slice", columns, rows, alpha=True)
+    image.pixels.foreach_set(pixels.ravel())
+    corners = np.array([(-0.5, -0.5), (columns - 0.5, -0.5), (columns - 0.5, rows - 0.5), (-0.5, rows - 0.5)])
+    index = np.column_stack([corners, np.full(4, float(number))])
+    places = (index @ volume.affine[:3, :3].T + volume.affine[:3, 3]) * SCALE
+    mesh = bpy.data.meshes.new("slice")
+    mesh.from_pydata(places.tolist(), [], [(0, 1, 2, 3)])
+    mesh.uv_layers.new().data.foreach_set("uv", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
+    material = bpy.data.materials.new("slice")
+    mesh.materials.append(material)
+    obj = bpy.data.objects.new("slice", mesh)
+    scene.collection.objects.link(obj)
+    shader, nodes, links = shader_of(obj), material.node_tree.nodes, material.node_tree.links
+    texture = nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    for name in ("Base Color", "Emission Color"):
+        links.new(texture.outputs["Color"], shader.inputs[name])
+    links.new(texture.outputs["Alpha"], shader.inputs["Alpha"])
+    shader.inputs["Roughness"].default_value, shader.inputs["Emission Strength"].default_value = 0.8, 0.25
+
+
+def look(
+    scene: bpy.types.Scene,
+    middle: tuple[float, float, float],
+    azimuth: float,
+    elevation: float,
+    distance: float,
+    lens: float,
+) -> None:
+    """Aim the camera at `middle` from these angles (degrees, 0 is the patient's front), and light it."""
+    turn, rise = math.radians(azimuth), math.radians(elevation)
+    direction = Vector((math.sin(turn) * math.cos(rise), math.cos(turn) * math.cos(rise), math.sin(rise)))
+    aim(scene.camera, Vector(middle), direction * distance)
+    scene.camera.data.lens = lens
+    for watts, side, color, offset in LIGHTS:
+        light = bpy.data.lights.new("light", "AREA")
+        light.energy, light.size, light.color = watts, side, color
+        obj = bpy.data.objects.new("light", light)
+        aim(obj, Vector(middle), Vector(offset))
+        scene.collection.objects.link(obj)
+
+
+def aim(obj: bpy.types.Object, middle: Vector, offset: Vector) -> None:
+    """Put an object beside `middle`, looking at it."""
+    obj.location = middle + offset
+    obj.rotation_euler = offset.to_track_quat("Z", "Y").to_euler()
+
+
+def render(scene: bpy.types.Scene) -> Image.Image:
+    """The picture that the scene's camera sees."""
+    path = PICTURES / "frame.png"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    with Image.open(path) as picture:
+        pixels = picture.convert("RGB")
+    path.unlink()
+    return pixels
+
+
+def save_gif(frames: Sequence[Image.Image], path: Path, milliseconds: int) -> None:
+    """Write an endless animation of 64 colors a frame."""
+    palette = [frame.quantize(64, dither=Image.Dither.NONE) for frame in frames]
+    palette[0].save(path, save_all=True, append_images=palette[1:], duration=milliseconds, loop=0, optimize=True)
+    print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
