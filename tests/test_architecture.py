@@ -22,6 +22,9 @@ ARROWS = {
 }
 BLENDER = {"bpy", "bpy_extras", "bl_ui", "bl_operators", "addon_utils", "mathutils", "gpu", "blf", "bmesh"}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
+FACES = {
+    path.parent for path in SOURCES if path.name == "__init__.py" and "__all__" in path.read_text(encoding="utf-8")
+}
 # Runs `imports` on a Python where `blocked` do not exist.
 BLOCKED_IMPORT = """
 import sys
@@ -67,6 +70,50 @@ def test_imports_follow_the_arrows(path):
             assert top != "ctmc_addon", "as an extension the package has another name: import relatively"
             assert room in {"ui", "blender", "cli", ""} or top not in BLENDER, f"{room} must not know Blender: {name}"
             assert room != "core" or top == "numpy" or top in sys.stdlib_module_names, f"core must not need {name}"
+
+
+def files_imported_by(path: Path) -> Iterator[Path]:
+    """The files of the package that a file imports, wherever in it the import stands."""
+    for name, relative in imports_of(path):
+        if not relative:
+            continue
+        target = PACKAGE.joinpath(*name.split("."))
+        for found in (target.with_suffix(".py"), target / "__init__.py", target.parent.with_suffix(".py")):
+            if found.is_file():
+                yield found
+                break
+        else:
+            yield target.parent / "__init__.py"
+
+
+def circles(arrows: dict[Path, set[Path]]) -> list[list[str]]:
+    """The groups of files that reach each other, by taking away whatever imports nothing that is left or is not imported."""
+    left = dict(arrows)
+    while True:
+        imported = set().union(*left.values()) if left else set()
+        gone = {path for path, targets in left.items() if not targets & left.keys() or path not in imported}
+        if not gone:
+            return [[path.relative_to(PACKAGE).as_posix() for path in sorted(left)]] if left else []
+        left = {path: targets for path, targets in left.items() if path not in gone}
+
+
+def test_no_files_import_each_other_in_a_circle():
+    assert circles({path: set(files_imported_by(path)) - {path} for path in SOURCES}) == []
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_other_rooms_enter_a_package_by_its_face(path):
+    behind = [
+        target.relative_to(PACKAGE).as_posix()
+        for target in files_imported_by(path)
+        if room_of(target) != room_of(path) and target.name != "__init__.py" and target.parent in FACES
+    ]
+    assert behind == []
+
+
+def test_a_circle_is_found_where_there_is_one():
+    first, second, third = (PACKAGE / name for name in ("a.py", "b.py", "c.py"))
+    assert circles({first: {second}, second: {first, third}, third: set()}) == [["a.py", "b.py"]]
 
 
 def test_every_file_fits_a_few_screens():

@@ -4,6 +4,7 @@ from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_
 from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
 from .memory import available_bytes
+from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
 from .parallel import map_steps, worker_count
@@ -53,6 +54,7 @@ __all__ = [
     "marching_cubes",
     "reconstruct",
     "reconstruct_steps",
+    "require_memory",
     "simplified_steps",
     "simplify",
     "simplify_steps",

@@ -21,7 +21,7 @@ from ..core import ReadError, Step, Steps
 from .optional_imports import imported_steps, needed, quiet, reason
 from .result import Reading, ReadOptions, Series, VolumeSource
 from .streams import STREAM_ERRORS, check_end_steps, opened
-from .value_kind import PLANES, require_memory, scaled_integers_steps
+from .value_kind import PLANES, require_volume_memory, scaled_integers_steps
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
@@ -62,7 +62,7 @@ class NiftiFile(VolumeSource):
         as_stored = self.dtype.newbyteorder("=")
         dtype = as_stored if whole or plain else np.dtype(np.float32)
         # Scaled bytes need two more each; wider integers mostly stay in their place.
-        require_memory(self.size[::-1], dtype.itemsize + 2 * (integers and dtype.itemsize == 1), self.path.name)
+        require_volume_memory(self.size[::-1], dtype.itemsize + 2 * (integers and dtype.itemsize == 1), self.path.name)
         values = np.empty(self.size[::-1], dtype)
         with opened(self.path) as stream:
             for start in range(0, len(values), PLANES):

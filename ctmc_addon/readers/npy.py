@@ -13,7 +13,7 @@ from ..core import ReadError, Steps
 from .optional_imports import quiet
 from .result import Reading, ReadOptions, Series, VolumeSource
 from .streams import fill_steps
-from .value_kind import native_steps, require_memory
+from .value_kind import native_steps, require_volume_memory
 
 # Of NumPy on a header, which is a line of Python.
 HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)
@@ -35,7 +35,7 @@ class NpyFile(VolumeSource):
     def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
         """Read the values."""
         del options
-        require_memory(self.shape, self.dtype.itemsize, self.path.name)
+        require_volume_memory(self.shape, self.dtype.itemsize, self.path.name)
         values: NDArray[Any] = np.empty(self.shape, self.dtype, order="F" if self.fortran else "C")
         with self.path.open("rb") as stream:
             stream.seek(self.start)

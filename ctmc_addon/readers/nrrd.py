@@ -19,7 +19,7 @@ from .file_formats import natural_key
 from .optional_imports import needed, quiet, reason
 from .result import Reading, ReadOptions, Series, VolumeSource
 from .streams import check_end_steps, fill_steps, skip_steps, unpacked
-from .value_kind import native_steps, require_memory
+from .value_kind import native_steps, require_volume_memory
 
 MOST_HEADER = 2**24  # bytes
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
@@ -70,7 +70,7 @@ class NrrdFile(VolumeSource):
         """Read the values."""
         del options
         affine, notes = placed(self.header, self.kept_axes)
-        require_memory(self.size[::-1], self.dtype.itemsize, self.path.name)
+        require_volume_memory(self.size[::-1], self.dtype.itemsize, self.path.name)
         values = np.empty(self.size[::-1], self.dtype)
         files = self.data_files or [self.path]
         if len(values) % len(files):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Step, Steps, memory
+from ..core import Step, Steps, require_memory
 
 HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
@@ -19,11 +19,11 @@ AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 PLANES = 8  # looked at between two steps
 
 
-def require_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
+def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
     """Say before anything is read that a volume (slices, rows, columns) would not fit in memory."""
     size = math.prod(int(side) for side in shape) * voxel_bytes
     sides = " x ".join(str(int(side)) for side in reversed(shape))
-    memory.require(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
+    require_memory(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
 
 
 def native_steps(values: NDArray[Any]) -> Steps[NDArray[Any]]:
@@ -46,7 +46,7 @@ def scaled_integers_steps(values: NDArray[Any], slope: int, intercept: int) -> S
     if itemsize == values.dtype.itemsize:
         out = values.view(dtype)
     else:
-        require_memory(values.shape, itemsize, "scaled values")  # beside those that were read
+        require_volume_memory(values.shape, itemsize, "scaled values")  # beside those that were read
         out = np.empty(values.shape, dtype)
     for at, (plane, target) in enumerate(zip(values, out, strict=True)):
         if at % PLANES == 0:

@@ -1,6 +1,7 @@
 """A surface as an object of the Blender file, and read back from it."""
 
 from .alpha_key import set_alpha
+from .decimate import decimated
 from .mesh_data import edges_steps
 from .objects import (
     add_reconstruction,
@@ -21,6 +22,7 @@ __all__ = [
     "add_reconstruction",
     "apply_shape_and_modifiers",
     "as_shown",
+    "decimated",
     "edges_steps",
     "evaluated_triangles",
     "own_mesh",

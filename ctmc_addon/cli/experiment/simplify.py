@@ -96,7 +96,7 @@ def run_builtin(mesh: TriangleMesh, item: Measured) -> None:
 def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
     """One run of Blender's Decimate."""
     gc.collect()
-    from ...blender.surface.decimate import decimated
+    from ...blender.surface import decimated
 
     with blender_at_work():
         item.mesh, seconds = decimated(mesh, target_faces)

@@ -20,7 +20,7 @@ from ...core import ReadError, Stages, Step, Steps
 from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import Reading, ReadOptions, Series, VolumeSource
-from ..value_kind import PLANES, require_memory
+from ..value_kind import PLANES, require_volume_memory
 from .acquisitions import one_acquisition
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
 from .pixels import DoesNotFit, check_codec, fill_slice, next_frame, output_types, padding_mark, stored_frames
@@ -288,7 +288,7 @@ def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any],
     floating = any(ct_slice.image.pixels.floating for ct_slice in slices)
     shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
     for dtype in output_types([ct_slice.geometry for ct_slice in slices], floating):
-        require_memory(shape, np.dtype(dtype).itemsize, "this series")
+        require_volume_memory(shape, np.dtype(dtype).itemsize, "this series")
         values = np.empty(shape, dtype)
         try:
             lowest, padded = yield from decoded_steps(slices, stack, values)

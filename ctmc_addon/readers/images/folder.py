@@ -13,7 +13,7 @@ from ...core import ReadError, Stages, Steps
 from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..result import Reading, ReadOptions, Series, VolumeSource
-from ..value_kind import require_memory
+from ..value_kind import require_volume_memory
 from .pillow import DECODED, Picture, gray_slice, picture
 from .tiff import opened_stack, tiff_picture, tiff_slice
 
@@ -38,7 +38,7 @@ class ImageFolder(VolumeSource):
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
         first = self.headers[0]
-        require_memory((slices, rows, columns), first.dtype.itemsize, self.name)
+        require_volume_memory((slices, rows, columns), first.dtype.itemsize, self.name)
         values = np.empty((slices, rows, columns), first.dtype)
         if first.mode:
             yield from imported_steps("imageio.v3", "imageio", DECODED)

@@ -14,7 +14,7 @@ from ...core import ReadError, Step, Steps
 from ..optional_imports import needed, quiet, reason
 from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..streams import fill_steps
-from ..value_kind import native_steps, require_memory
+from ..value_kind import native_steps, require_volume_memory
 from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
@@ -47,7 +47,7 @@ class TiffStack(VolumeSource):
         del options
         with open_tiff(self.path) as tiff:
             stack = page_stack(tiff, self.path)
-            require_memory(stack.shape, stack.dtype.itemsize, self.path.name)
+            require_volume_memory(stack.shape, stack.dtype.itemsize, self.path.name)
             whole = stack.start is not None
             values = np.empty(stack.shape, stack.dtype if whole else stack.dtype.newbyteorder("="))
             if stack.start is not None:
