@@ -87,7 +87,7 @@ def files_imported_by(path: Path) -> Iterator[Path]:
 
 
 def circles(arrows: dict[Path, set[Path]]) -> list[list[str]]:
-    """The groups of files that reach each other, by taking away whatever imports nothing that is left or is not imported."""
+    """The files in circles: what is left after taking away, again and again, who imports nobody or nobody imports."""
     left = dict(arrows)
     while True:
         imported = set().union(*left.values()) if left else set()
