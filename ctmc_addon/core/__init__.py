@@ -8,7 +8,15 @@ from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
 from .parallel import map_steps, worker_count
-from .pipeline import Reconstruction, Stage, full_steps, reconstruct, reconstruct_steps, simplified_steps
+from .pipeline import (
+    Reconstruction,
+    Stage,
+    full_steps,
+    reconstruct,
+    reconstruct_steps,
+    simplified_steps,
+    without_small_steps,
+)
 from .preview import Preview, PreviewResult
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed, with_present_names
@@ -60,5 +68,6 @@ __all__ = [
     "simplify_steps",
     "timed_steps",
     "with_present_names",
+    "without_small_steps",
     "worker_count",
 ]

@@ -179,6 +179,22 @@ def simplified_steps(
     return (yield from _simplified_steps(Stages(_simplification_of(settings)), full, settings, memory_limit))
 
 
+def without_small_steps(full: Reconstruction, min_part_mm3: float) -> Steps[Reconstruction]:
+    """Return what `full_steps` made, without the components below a volume, as if the setting had asked for that."""
+    settings = replace(full.settings, min_part_mm3=min_part_mm3)
+    mesh = full.mesh
+    surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
+    surface = yield from keep_components_steps(surface, mesh, settings.keep_parts, min_part_mm3)
+    mesh = surface.at(settings.alpha)
+    return replace(
+        full,
+        mesh=mesh,
+        surface=None if full.surface is None else surface,
+        settings=settings,
+        full_faces=len(mesh.faces),
+    )
+
+
 def _extraction_of(settings: ReconstructionSettings) -> dict[str, int]:
     return {name: weight for name, weight in EXTRACTION_STAGES.items() if name != "Keeping parts" or _drops(settings)}
 

@@ -1,11 +1,22 @@
 """The whole of core: space, labels, regions, softening, parts, simplification, in their order."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, marching_cubes, reconstruct, reconstruct_steps
+from ctmc_addon.core import (
+    ReconstructionSettings,
+    Volume,
+    finish,
+    full_steps,
+    marching_cubes,
+    reconstruct,
+    reconstruct_steps,
+    simplified_steps,
+    without_small_steps,
+)
 from ctmc_addon.core.errors import (
     LabelError,
     MemoryLimitError,
@@ -231,3 +242,34 @@ def test_mesh_normals_are_the_meshs_own():
     result = reconstruct(Volume(ball(), np.eye(4)), ReconstructionSettings(threshold=0.0, normals="mesh"))
     assert result.surface.normals is None
     np.testing.assert_allclose(np.linalg.norm(result.mesh.normals, axis=1), 1, atol=1e-6)
+
+
+def noisy(count=60):
+    """A ball and single voxels of noise beside it."""
+    values = ball()
+    values[1:4:2, 1:35:3, 1:35:3].flat[:count] = 1.0
+    return Volume(values, np.diag([1.0, 1.0, 1.5, 1.0]))
+
+
+@pytest.mark.parametrize("normals", ["gradient", "mesh"])
+def test_small_components_removed_afterwards_give_the_bytes_of_the_setting(normals):
+    settings = ReconstructionSettings(threshold=0.0, normals=normals, alpha=0.7)
+    full = finish(full_steps(noisy(), settings))
+    assert full.mesh.components == 61
+    removed = finish(simplified_steps(finish(without_small_steps(full, 10.0)), replace(settings, min_part_mm3=10.0)))
+    expected = reconstruct(noisy(), replace(settings, min_part_mm3=10.0))
+    assert removed.mesh.components == expected.mesh.components == 1
+    assert removed.full_faces == expected.full_faces == len(expected.mesh.faces)
+    for name in ("vertices", "faces", "normals"):
+        assert getattr(removed.mesh, name).tobytes() == getattr(expected.mesh, name).tobytes()
+    assert removed.surface.midpoints.tobytes() == expected.surface.midpoints.tobytes()
+    assert removed.settings == expected.settings
+
+
+def test_what_simplification_removes_is_counted_in_report_and_notes():
+    result = reconstruct(noisy(), ReconstructionSettings(threshold=0.0, reduction=0.9))
+    report = result.report()
+    assert report["removed_components"] == 61 - report["parts"] > 0
+    assert any(note.startswith(f"{report['removed_components']} components below ") for note in report["notes"])
+    plain = reconstruct(noisy(), ReconstructionSettings(threshold=0.0))
+    assert (plain.report()["removed_components"], plain.notes) == (0, ())

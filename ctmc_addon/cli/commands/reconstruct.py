@@ -23,8 +23,10 @@ from ...core import (
     equal_part,
     reconstruct_steps,
 )
+from ...core.mesh import SMALL
 from ...reporting import mesh_files
 from ...reporting.atomic_write import require_writable, whole_files, write_json
+from ...reporting.formatting import count
 from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..terminal import Progress, dimensions, listing, table, titled
@@ -198,6 +200,15 @@ def timed(stages: list[Stage], name: str) -> Iterator[None]:
     stages.append(Stage(name, time.perf_counter() - start))
 
 
+def small_components_lines(result: Reconstruction) -> list[str]:
+    """Return how many components are small and which flag removes them; empty where they are few or were removed."""
+    measures = result.mesh.measures
+    if not measures.has_many_small_components or result.settings.min_part_mm3 >= SMALL:
+        return []
+    counts = f"{count(measures.small_components)} of {count(measures.components)} components"
+    return [f"{counts} are smaller than {SMALL:g} mm3; --min-part {SMALL:g} removes them"]
+
+
 def summary(result: Reconstruction, volume: Volume, outputs: Outputs) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
@@ -214,6 +225,7 @@ def summary(result: Reconstruction, volume: Volume, outputs: Outputs) -> str:
         ("volume", "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f} ml ({volume_mm3:.1f} mm3)"),
         ("area", f"{report['area_mm2'] / 100:.2f} cm2"),
         ("surface", f"{shape}, {parts}, Euler number {report['euler']}"),
+        *(("small", line) for line in small_components_lines(result)),
         ("threshold", f"{result.threshold:.6g}"),
         ("voxels", f"{result.voxels_visited} visited"),
         *titled("note", report["notes"]),

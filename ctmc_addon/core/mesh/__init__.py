@@ -2,7 +2,7 @@
 
 from .components import keep_components_steps
 from .face_normals import vertex_normals, vertex_normals_steps
-from .measures import Measures, measures_steps
+from .measures import SMALL, Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
 from .subdivision import mean_longest_edge_steps, subdivided_steps
 from .surface_distance import (
@@ -18,6 +18,7 @@ from .triangle_mesh import blend
 __all__ = [
     "SAMPLES",
     "SEED",
+    "SMALL",
     "Measures",
     "ReferenceSurface",
     "SurfaceDistance",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError
 from ..progress import PAUSE, Steps, finish
 from .cavities import owners_steps
+from .measures import component_volumes_steps
 from .topology import component_numbers_steps
 from .triangle_mesh import Surface, TriangleMesh
 
@@ -25,25 +26,7 @@ def component_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
     >>> component_volumes(TriangleMesh(corners, faces))
     array([1.])
     """
-    return finish(_volumes_steps(mesh, mesh.component_of_face))
-
-
-def _volumes_steps(mesh: TriangleMesh, component: NDArray[np.int32]) -> Steps[NDArray[np.float64]]:
-    count = int(component.max()) + 1 if len(component) else 0
-    corners_of = np.bincount(component, minlength=count) * 3
-    columns = []
-    for axis in range(3):
-        yield PAUSE
-        a, b, c = (mesh.vertices[corner, axis].astype(np.float64) for corner in mesh.faces.T)  # (F,) each
-        yield PAUSE
-        middle = (np.bincount(component, a + b + c, count) / corners_of)[component]
-        columns.append((a - middle, b - middle, c - middle))
-    yield PAUSE
-    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
-    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
-    yield PAUSE
-    # bincount adds in the order of the faces: the same bits everywhere.
-    return np.bincount(component, triple, count) / 6.0
+    return finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face))
 
 
 def keep_components(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
@@ -80,7 +63,7 @@ def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, mi
         return surface
     component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
     yield PAUSE
-    volumes = yield from _volumes_steps(mesh, component)
+    volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
     owner = yield from owners_steps(mesh, component, volumes)
     sizes, bodies = np.abs(volumes), owner == np.arange(len(owner))
     keep = sizes >= min_volume

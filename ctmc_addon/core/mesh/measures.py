@@ -10,11 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Stages, Step, Steps
+from ..progress import PAUSE, Stages, Step, Steps
 from .face_normals import face_vectors
-from .topology import FACES_PER_STEP, component_roots_steps, edge_counts_steps
+from .topology import FACES_PER_STEP, component_numbers_steps, edge_counts_steps
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
+SMALL = 10.0  # components that enclose less are small, in the cube of the mesh's unit
+MANY = 10  # small components are worth a word
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Measures:
         Vertices in use - edges + faces; 2 for every closed component without handles.
     components : int
         Number of connected components.
+    small_components : int
+        How many of them enclose less than `SMALL`, cavities among them; 0 where there are fewer than `MANY` components.
     """
 
     faces: int
@@ -43,11 +47,17 @@ class Measures:
     closed: bool
     euler: int
     components: int
+    small_components: int = 0
 
     @property
     def enclosed_volume(self) -> float | None:
         """The volume that a closed surface encloses; None for an open one."""
         return self.volume if self.closed else None
+
+    @property
+    def has_many_small_components(self) -> bool:
+        """Whether to propose to remove the small components."""
+        return self.small_components >= MANY
 
     @property
     def milliliters(self) -> float:
@@ -85,9 +95,39 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
     closed = len(faces) > 0 and bool((count == 2).all() and (upwards == 1).all())
     used = np.zeros(len(vertices), bool)
     used[faces] = True
-    lowest = yield from stages.run(components, component_roots_steps(faces, len(vertices)))
-    roots = used & (lowest == np.arange(len(vertices), dtype=np.int32))
-    return Measures(len(faces), area, volume, closed, int(used.sum()) - len(count) + len(faces), int(roots.sum()))
+    total, small = yield from stages.run(components, _components_steps(vertices, faces))
+    return Measures(len(faces), area, volume, closed, int(used.sum()) - len(count) + len(faces), total, small)
+
+
+def component_volumes_steps(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], component: NDArray[np.int32]
+) -> Steps[NDArray[np.float64]]:
+    """Signed volume of every component, (components,), from the component of every face, (F,)."""
+    count = int(component.max()) + 1 if len(component) else 0
+    corners_of = np.bincount(component, minlength=count) * 3
+    columns = []
+    for axis in range(3):
+        yield PAUSE
+        a, b, c = (vertices[corner, axis].astype(np.float64) for corner in faces.T)  # (F,) each
+        yield PAUSE
+        middle = (np.bincount(component, a + b + c, count) / corners_of)[component]
+        columns.append((a - middle, b - middle, c - middle))
+    yield PAUSE
+    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
+    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
+    yield PAUSE
+    # bincount adds in the order of the faces: the same bits everywhere.
+    return np.bincount(component, triple, count) / 6.0
+
+
+def _components_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[int, int]]:
+    """Number of components, and how many of them are small."""
+    component = yield from component_numbers_steps(faces, len(vertices))
+    count = int(component.max()) + 1 if len(component) else 0
+    if count < MANY:
+        return count, 0
+    volumes = yield from component_volumes_steps(vertices, faces, component)
+    return count, int((np.abs(volumes) < SMALL).sum())
 
 
 def _sizes_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[float, float]]:

@@ -21,6 +21,7 @@ from ...core import (
     equal_part,
     full_steps,
     simplified_steps,
+    without_small_steps,
 )
 from .. import jobs
 from ..properties.preferences import machine
@@ -132,6 +133,9 @@ def surface_steps(
         full = yield from stages.run(extracting, work)
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
+    if full.settings.min_part_mm3 < settings.min_part_mm3:
+        removing = without_small_steps(full, settings.min_part_mm3)
+        full = yield from stages.run(extracting, removing)
     result = yield from stages.run(simplifying, simplified_steps(full, settings, limits.memory_limit))
     measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))
     return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])

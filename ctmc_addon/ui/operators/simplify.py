@@ -1,13 +1,16 @@
-"""Take a surface to another number of triangles, and bake it: `ctmc.simplify`, `ctmc.make_final`."""
+"""Fewer triangles or components, and a plain mesh: `ctmc.simplify`, `ctmc.remove_small`, `ctmc.make_final`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import bpy
 
 from ...blender.surface import apply_shape_and_modifiers, require_editable, require_provenance
 from ...core import GOALS, CtmcError, MeshError, Steps
+from ...core.mesh import SMALL
 from .. import jobs
 from ..needs import Needs
 from ..state import surfaces, volumes
@@ -31,18 +34,36 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """The active surface, from its full form."""
-        scene, obj = context.scene, context.view_layer.objects.active
-        require_editable(obj)
-        panel = scene.ctmc.to_settings()
-        provenance = require_provenance(obj)
-        settings = replace(provenance.settings, **{name: getattr(panel, name) for name in ("simplifier", *GOALS)})
-        full = surfaces.full_of(obj, scene)
-        if full is None and not surfaces.is_of_ct(obj, scene):
-            raise MeshError(
-                f"{obj.name} is simplified already and its full surface is not in memory; load its CT again"
-            )
-        request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
-        return surfaces_steps(volumes.current(scene), [request], scene.session_uid, full)
+        panel = context.scene.ctmc.to_settings()
+        return from_full_steps(context, {name: getattr(panel, name) for name in ("simplifier", *GOALS)})
+
+
+class CTMC_OT_remove_small(jobs.LongOperator, bpy.types.Operator):
+    """Remove the small components of the active surface."""
+
+    bl_idname = "ctmc.remove_small"
+    bl_label = "Remove Small Components"
+    bl_description = "Remove components and fill cavities below 10 mm3; nothing is extracted again"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (jobs.idle, surfaces.can_change)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """The active surface, from its full form."""
+        return from_full_steps(context, {"min_part_mm3": SMALL})
+
+
+def from_full_steps(context: bpy.types.Context, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
+    """Make the active surface anew with other settings, from its full form where that is known."""
+    scene, obj = context.scene, context.view_layer.objects.active
+    require_editable(obj)
+    provenance = require_provenance(obj)
+    settings = replace(provenance.settings, **changes)
+    full = surfaces.full_of(obj, scene)
+    if full is None and not surfaces.is_of_ct(obj, scene):
+        raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
+    request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
+    return surfaces_steps(volumes.current(scene), [request], scene.session_uid, full)
 
 
 class CTMC_OT_make_final(Needs, bpy.types.Operator):
@@ -67,4 +88,4 @@ class CTMC_OT_make_final(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_make_final))
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_remove_small, CTMC_OT_make_final))

@@ -6,10 +6,12 @@ from typing import Any
 
 import bpy
 
+from ...blender.surface import read_provenance
 from ...core import GOALS, SettingsError, is_allowed
+from ...core.mesh import SMALL
 from ...reporting.formatting import count, duration, size_of_bytes, voxel_sides
 from .. import jobs
-from ..state import session, surfaces, volumes
+from ..state import measurements, session, surfaces, volumes
 from ..translations import translate
 from .layout import SidePanel, draw_job, draw_pair, draw_setting, draw_text, is_narrow, prepare
 from .surface import draw_surface
@@ -120,6 +122,7 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
             row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
     layout = layout.column()
     layout.enabled = not jobs.locked()
+    draw_small_components(layout, context)
     row = draw_pair(layout, context)
     row.use_property_split = False
     row.operator("ctmc.simplify", icon="MOD_DECIM")
@@ -130,6 +133,20 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     row = draw_pair(layout, context, 0.4)
     row.operator("ctmc.export", text="Export", icon="EXPORT")
     row.operator("ctmc.copy_command", icon="COPYDOWN")
+
+
+def draw_small_components(layout: Any, context: bpy.types.Context) -> None:
+    """How many components of the active surface are small, and a button that removes them; mostly nothing."""
+    obj = surfaces.active_surface(context)
+    provenance, measurement = read_provenance(obj), None if obj is None else measurements.of(obj)
+    if provenance is None or measurement is None or provenance.settings.min_part_mm3 >= SMALL:
+        return
+    measures = measurement.measures
+    if measures.has_many_small_components:
+        text = translate("{small} of {all} components are smaller than {volume} mm3")
+        small, total = count(measures.small_components), count(measures.components)
+        draw_text(layout, context, text.format(small=small, all=total, volume=f"{SMALL:g}"), "INFO")
+        layout.operator("ctmc.remove_small", icon="TRASH")
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_main,))

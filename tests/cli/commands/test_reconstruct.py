@@ -387,3 +387,17 @@ def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monk
     assert outcome.errors == ["ctmc: the disk is full"]
     assert files_in(tmp_path) == (names if there else [])
     assert all((tmp_path / name).read_text() == "older" for name in files_in(tmp_path))
+
+
+def test_many_small_components_are_counted_with_the_flag_that_removes_them(ctmc, tmp_path):
+    values = np.zeros((16, 40, 40), np.int16)
+    values[4:12, 14:26, 14:26] = 200
+    values[1:15:3, 1:10:3, 1:39:3] = 200
+    np.save(tmp_path / "noise.npy", values)
+    words = ["reconstruct", tmp_path / "noise.npy", "--spacing", "1", "1", "1", "--threshold", "100"]
+    outcome = ctmc(*words, "-o", tmp_path / "all.stl")
+    assert outcome.code == 0, outcome.errors
+    assert "195 of 196 components are smaller than 10 mm3; --min-part 10 removes them" in outcome.out
+    outcome = ctmc(*words, "-o", tmp_path / "one.stl", "--min-part", "10")
+    assert "smaller than" not in outcome.out
+    assert "1 part" in outcome.out

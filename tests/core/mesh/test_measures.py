@@ -36,3 +36,22 @@ def test_a_mesh_with_one_triangle_turned_over_is_not_closed(block):
     faces[0] = faces[0, ::-1]
     assert finish(measures_steps(mesh.vertices, mesh.faces)).closed
     assert not finish(measures_steps(mesh.vertices, faces)).closed
+
+
+def with_specks(count):
+    """A ball of 8 voxels radius, and so many single voxels around it."""
+    z, y, x = np.indices((20, 40, 40))
+    values = ((z - 10) ** 2 + (y - 20) ** 2 + (x - 20) ** 2 <= 64).astype(np.uint8)
+    corner = np.argwhere((z % 3 == 1) & (y % 3 == 1) & (x % 3 == 1) & ((y - 20) ** 2 + (x - 20) ** 2 > 150))
+    values[tuple(corner[:count].T)] = 1
+    return values
+
+
+@pytest.mark.parametrize("count", [0, 5, 9, 200])
+def test_small_components_are_counted_where_there_are_many(count):
+    mesh = marching_cubes(with_specks(count), 0.5, normals=False)
+    assert mesh.components == count + 1
+    assert mesh.measures.small_components == (count if count >= 9 else 0)
+    assert mesh.measures.has_many_small_components == (count >= 10)
+    grown = finish(measures_steps(mesh.vertices * np.float32(10), mesh.faces))
+    assert grown.small_components == 0  # a voxel encloses a sixth of its 1000

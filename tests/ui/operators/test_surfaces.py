@@ -432,3 +432,62 @@ def test_what_could_not_be_read_stays_in_the_panel_until_the_next_load(loaded, b
     assert "nowhere" in " ".join(drawn(panels.CTMC_PT_main).texts)
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     assert "nowhere" not in " ".join(drawn(panels.CTMC_PT_main).texts)
+
+
+@pytest.fixture
+def noise(scene, tmp_path):
+    """A box among 195 single voxels, loaded."""
+    values = np.zeros((16, 40, 40), np.int16)
+    values[4:12, 14:26, 14:26] = 200
+    values[1:15:3, 1:10:3, 1:39:3] = 200
+    np.save(tmp_path / "noise.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "noise.npy"), spacing=(1, 1, 1))
+    scene.ctmc.threshold = 100.0
+    return scene
+
+
+def test_many_small_components_are_removed_by_a_button_without_extraction(noise, tmp_path, monkeypatch):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.operators import reconstruct as operators
+    from ctmc_addon.ui.panels import main as panels
+
+    assert "ctmc.remove_small" not in drawn(panels.CTMC_PT_main).buttons
+    noise.ctmc.alpha = 0.5
+    bpy.ops.ctmc.reconstruct()
+    drawing = drawn(panels.CTMC_PT_main)
+    assert "195 of 196 components are smaller than 10 mm3" in " ".join(drawing.texts)
+    assert "ctmc.remove_small" in drawing.buttons
+    monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
+    assert bpy.ops.ctmc.remove_small() == {"FINISHED"}
+    settings = ReconstructionSettings(threshold=100.0, alpha=0.5, min_part_mm3=10.0)
+    expected = reconstruct(read_volume(tmp_path / "noise.npy", spacing=(1, 1, 1)), settings).mesh
+    seen = evaluated_triangles(active())
+    assert (seen.faces == expected.faces).all()
+    assert np.abs(seen.vertices - expected.vertices).max() <= 1e-4
+    assert read_provenance(active()).settings == settings
+    assert measurements.of(active()).measures.components == 1
+    assert len(noise.objects) == 1
+    assert "ctmc.remove_small" not in drawn(panels.CTMC_PT_main).buttons
+
+
+def test_results_name_the_removed_components(noise):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.panels.results import CTMC_PT_results
+
+    noise.ctmc.reduction = 0.9
+    bpy.ops.ctmc.reconstruct()
+    removed = 196 - measurements.of(active()).measures.components
+    assert f"{removed} components below" in " ".join(drawn(CTMC_PT_results).texts)
+
+
+def test_results_name_a_goal_that_was_not_met(loaded):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.panels.results import CTMC_PT_results
+
+    loaded.ctmc.threshold = 20.0  # the ball reaches over the border, whose vertices stay
+    loaded.ctmc.target_faces = 4
+    bpy.ops.ctmc.reconstruct()
+    assert f"{len(active().data.polygons)} triangles are left instead of 4" in " ".join(drawn(CTMC_PT_results).texts)
