@@ -16,6 +16,7 @@ PICTURE = ROOT / "docs" / "pictures" / "growth.png"
 TITLES = {
     "extraction": "Extraction",
     "simplify": "Simplification",
+    "small_components": "Simplification with thousands of small components",
     "bounds": "Simplification to an error",
     "reading": "Reading",
     "blender": "In Blender",
