@@ -41,6 +41,7 @@ class Compared:
     """A cell of a sheet: its letter, title, surface, and how far that is from full resolution, mm.
 
     `seconds` are those of the reconstruction, from grey values to triangles: the median of three if one is short.
+    With `volume` the caption has the surface's volume, and the distance is to the surface that is not smoothed.
     """
 
     letter: str
@@ -49,19 +50,24 @@ class Compared:
     seconds: float
     mean_mm: float
     max_mm: float
+    volume: bool = False
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The caption."""
-        error = "error 0 mm"
+        word, volume = "error", ""
+        if self.volume:
+            word, mesh = "from the bare surface:", self.result.mesh
+            volume = f"{mesh.volume / 1000:.4g}{NO_BREAK}ml, " if mesh.closed else ""
+        error = f"{word} 0 mm"
         if self.max_mm > 0:
-            error = f"error {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.3g}{NO_BREAK}mm"
+            error = f"{word} {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.3g}{NO_BREAK}mm"
         title = self.title
         for unit in (" × ", " px", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
         return (
             f"({self.letter}) {title}",
-            f"{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f}{NO_BREAK}s",
+            f"{volume}{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f}{NO_BREAK}s",
             error,
         )
 
@@ -93,16 +99,18 @@ def sheet_steps(
         If there is no surface at some settings, alpha does nothing, or a file cannot be written.
     """
     require_measurable(settings, limit_mm)
-    if comparison.alphas and not settings.alpha_matters:
+    if comparison.alphas and not comparison.smoothings and not settings.alpha_matters:
         raise SettingsError(
             "alpha moves vertices between grey values, and a bare label has none: "
             "choose a threshold, or smooth the label (--threshold T, or --label N without --smoothing none)"
         )
     stages = Stages(STAGES)
-    full = reference_steps(volume, settings, bool(comparison.alphas), threads)
+    bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
+    full = reference_steps(volume, bare, bool(comparison.alphas), threads)
     reference = yield from stages.run("Reconstructing in full resolution", full)
     comparing = cells_steps(volume, comparison.variants(settings), reference, deviation, threads)
     compared, maps = yield from stages.run("Comparing", comparing)
+    compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
     distances = color_scale(maps, limit_mm) if deviation else None
     style = replace(style, columns=style.columns or comparison.columns, distances=distances)
     results = [(cell.result, cell.lines) for cell in compared]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import ReconstructionSettings, SettingsError
+from ...reporting.captions import smoothing_phrase
 from ..colors import GRAY, INK, RED, YELLOW, Color
 
 MM_PER_INCH = 25.4
@@ -289,21 +290,25 @@ class Comparison:
     alphas : sequence of float
     levels : sequence of float
         Share of the triangles to remove, per cent.
+    smoothings : sequence of {"none", "gaussian", "constrained"}
 
     Raises
     ------
     SettingsError
-        If none or all three are given, or they make too many cells.
+        If none or more than two are given, or they make too many cells.
     """
 
     strides: Sequence[tuple[int, int]] = ()
     alphas: Sequence[float] = ()
     levels: Sequence[float] = ()
+    smoothings: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
+        many = self.counts
         if not 1 <= len(many) <= 2:
-            raise SettingsError("a sheet compares strides, alphas or levels, or two of them crossed; give one or two")
+            raise SettingsError(
+                "a sheet compares strides, alphas, levels or smoothings, or two of them crossed; give one or two"
+            )
         count = many[0] * many[-1] if len(many) == 2 else many[0]
         if count > MOST_CELLS:
             raise SettingsError(f"{count} cells are more than there are letters; compare at most {MOST_CELLS}")
@@ -312,14 +317,26 @@ class Comparison:
                 raise SettingsError(f"a level must be from 0 to 99 per cent of the triangles to remove, not {level:g}")
 
     @property
+    def counts(self) -> list[int]:
+        """How many values are compared along each axis."""
+        return [len(axis) for axis in (self.smoothings, self.strides, self.alphas, self.levels) if axis]
+
+    @property
     def columns(self) -> int | None:
         """Cells side by side where two are crossed, else None."""
-        many = [len(axis) for axis in (self.strides, self.alphas, self.levels) if axis]
-        return many[1] if len(many) == 2 else None
+        return self.counts[1] if len(self.counts) == 2 else None
 
     def variants(self, settings: ReconstructionSettings) -> list[tuple[str, ReconstructionSettings]]:
         """The title and the settings of every cell."""
         axes: list[list[tuple[str, dict[str, Any]]]] = []
+        if self.smoothings:
+            axes.append([])
+            for name in self.smoothings:
+                change: dict[str, Any] = {
+                    "smoothing": name,
+                    "smoothing_mm": settings.smoothing_mm if name == "gaussian" else None,
+                }
+                axes[0].append((smoothing_phrase(replace(settings, **change)) or "not smoothed", change))
         if self.strides:
             z = settings.stride[2]
             axes.append([(f"voxel sides {x} × {y} px", {"stride": (x, y, z)}) for x, y in self.strides])

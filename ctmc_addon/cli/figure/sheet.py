@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...blender.figure.spec import Comparison
-from ...core import Stages
+from ...core import Stages, described
 from ..arguments import at_least, flags_checked
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -18,8 +18,8 @@ from . import common
 STAGES = {"Reading": 1, "Rendering": 9}
 DESCRIPTION = (
     "Reconstruct with several settings and show the surfaces side by side, seen by the same camera, each with its "
-    "setting, triangles, seconds and error against full resolution. Two of --strides, --alphas and --levels may be "
-    "crossed: the first goes down, the second across."
+    "setting, triangles, seconds and error against full resolution. Two of --smoothings, --strides, --alphas and "
+    "--levels may be crossed: the first goes down, the second across."
 )
 
 
@@ -31,6 +31,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--alphas", nargs="+", type=float, default=[], metavar="A")
     group.add_argument(
         "--levels", nargs="+", type=float, default=[], metavar="PERCENT", help="share of the triangles to remove"
+    )
+    group.add_argument(
+        "--smoothings", nargs="+", choices=described()["smoothing"].choices[1:], default=[], help="with their volumes"
     )
     group.add_argument("--columns", type=at_least(1), metavar="N", help="cells side by side")
     common.add_map(parser)
@@ -47,7 +50,8 @@ def run(args: argparse.Namespace) -> None:
     from ...blender.figure.styles import require_engine
 
     with flags_checked():
-        comparison = Comparison(*(tuple(dict.fromkeys(axis)) for axis in (args.strides, args.alphas, args.levels)))
+        axes = (args.strides, args.alphas, args.levels, args.smoothings)
+        comparison = Comparison(*(tuple(dict.fromkeys(axis)) for axis in axes))
         comparison.variants(settings)
     page, style = common.page_of(args), replace(common.style_of(args), columns=args.columns)
     target = Path(args.output)
@@ -61,10 +65,11 @@ def run(args: argparse.Namespace) -> None:
             volume, settings, comparison, target, page, style, blend, args.deviation, args.limit_mm, args.threads
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
-    rows = [("cell", "triangles", "seconds", "mean, mm", "max, mm")]
+    rows = [("cell", "volume, ml", "triangles", "seconds", "mean, mm", "max, mm")]
     rows += [
         (
             f"({cell.letter}) {cell.title}",
+            f"{cell.result.mesh.volume / 1000:.2f}" if cell.result.mesh.closed else "open",
             str(len(cell.result.mesh.faces)),
             f"{cell.seconds:.3f}",
             f"{cell.mean_mm:.4f}",
