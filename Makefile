@@ -43,8 +43,9 @@ build: setup  ## the extension's zips, one for each platform, in dist
 bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extraction" for a part of it
 	@'$(or $(starter),python3)' tests/benchmarks/environment.py $(ARGS)
 
-accuracy: setup  ## how near area, volume and normals come to closed forms: the tables of docs/development/accuracy.md
+accuracy: setup  ## how near surfaces come to closed forms, of labels beside the peers': the tables of docs/development/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
+	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.labels $(ARGS)
 
 topology: setup  ## how often parts and Euler numbers are not the trilinear surface's; ARGS="100" for a hundred
 	@PYTHONPATH=tests $(python) -m benchmarks.topology $(ARGS)

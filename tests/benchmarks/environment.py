@@ -1,6 +1,7 @@
-"""Make .venvs/bench, where Blender and all peers are installed, and run the benchmark in it.
+"""Make .venvs/bench, where Blender and all peers are installed, and run a benchmark in it.
 
-Standard library only; any Python 3 may start it. Arguments go to bench.py.
+Standard library only; any Python 3 may start it. The module is benchmarks.bench unless the first argument names
+another, such as benchmarks.labels; the other arguments go to it.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ def main() -> int:
     paths = {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT)])}
     # Blender as a module says a line about every missing cache; warnings of peers are not ours to show.
     settings = {**os.environ, **paths, "PYTHONWARNINGS": "ignore"}
-    return subprocess.run(
-        [str(python), "-m", "benchmarks.bench", *sys.argv[1:]], cwd=ROOT, env=settings, check=False
-    ).returncode
+    arguments = sys.argv[1:]
+    module = arguments.pop(0) if arguments and arguments[0].startswith("benchmarks.") else "benchmarks.bench"
+    return subprocess.run([str(python), "-m", module, *arguments], cwd=ROOT, env=settings, check=False).returncode
 
 
 def environment() -> Path:
