@@ -29,7 +29,7 @@ REAL = ROOT.parent / "shared" / "data" / "lidc0314_abdomen30"
 # Bone without the couch, and without the specks of noise that any threshold finds.
 BONE = ["--threshold", "200", "--close-border", "--min-part", "100"]
 BONE += ["--region", "75", "130", "0", "425", "424", "29"]
-TUMOUR = ["--label", "2", "--soften", "0.75"]
+TUMOUR = ["--label", "2", "--smoothing-mm", "0.75"]
 # Names of the cases on the page, and the settings of all their experiments.
 CASES = {
     "phantom-29": ("phantom, 29 slices", TUMOUR),
