@@ -9,6 +9,7 @@ from ctmc_addon.cli.arguments import (
     command_of,
     flag_of,
     help_of,
+    overridden,
     settings_from,
 )
 from ctmc_addon.core import ReconstructionSettings
@@ -88,3 +89,11 @@ def test_the_first_word_may_name_a_command_below():
     parser.add_command("sheet", "side by side").add_argument("--columns", type=int)
     assert vars(parser.parse_args(["sheet", "--columns", "2"])).keys() == {"columns", "parser"}
     assert parser.parse_args(["./sheet"]).input == "./sheet"
+
+
+def test_the_older_name_of_the_gaussians_width_is_understood():
+    assert parsed("--label 2 --soften 1.5") == ReconstructionSettings(label=2, smoothing_mm=1.5)
+    assert parsed("--label 2 --soften 0").smoothing_method == "none"
+    file = {"label": 2, "smoothing_mm": 1.5}
+    assert overridden(file, {"smoothing": "constrained"}) == {"label": 2, "smoothing": "constrained"}
+    assert overridden({"label": 2, "smoothing": "constrained"}, {"smoothing_mm": 1}) == {"label": 2, "smoothing_mm": 1}

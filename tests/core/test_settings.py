@@ -72,3 +72,39 @@ def test_a_goal_without_a_simplifier_simplifies_nothing():
     assert not ReconstructionSettings().simplifies
     assert ReconstructionSettings(reduction=0.5).simplifies
     assert not ReconstructionSettings(reduction=0.5, simplifier="none").simplifies
+
+
+@pytest.mark.parametrize(
+    ("values", "method", "width"),
+    [
+        ({}, "none", 0.0),
+        ({"threshold": 100}, "none", 0.0),
+        ({"label": 1}, "constrained", 0.0),
+        ({"label": 1, "smoothing": "none"}, "none", 0.0),
+        ({"label": 1, "smoothing": "gaussian"}, "gaussian", 1.0),
+        ({"threshold": 100, "smoothing": "gaussian", "smoothing_mm": 2}, "gaussian", 2.0),
+        ({"label": 1, "smoothing_mm": 0.5}, "gaussian", 0.5),
+        ({"label": 1, "smoothing_mm": 0}, "none", 0.0),
+        ({"label": 1, "soften_mm": 1.5}, "gaussian", 1.5),  # as older files have it
+        ({"label": 1, "soften_mm": 0.0}, "none", 0.0),
+    ],
+)
+def test_the_smoothing_follows_from_what_is_given(values, method, width):
+    settings = ReconstructionSettings.from_dict(values)
+    assert (settings.smoothing_method, settings.gaussian_mm) == (method, width)
+    assert ReconstructionSettings.from_dict(settings.to_dict()) == settings
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"threshold": 100, "smoothing": "constrained"},
+        {"label": 1, "smoothing": "constrained", "smoothing_mm": 1},
+        {"label": 1, "smoothing": "none", "smoothing_mm": 1},
+        {"label": 1, "smoothing": "taubin"},
+        {"label": 1, "slice_steps": 9},
+    ],
+)
+def test_smoothings_that_cannot_be_are_refused(values):
+    with pytest.raises(SettingsError):
+        ReconstructionSettings(**values)

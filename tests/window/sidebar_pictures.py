@@ -100,10 +100,10 @@ def take(desk: Desk) -> None:
     rows = rows_of(desk, up=True)
     load, copy = rows["bpy.ops.ctmc.load()"], rows["bpy.ops.ctmc.copy_command()"]
     keep(desk, "load", load - 45, rows["ctmc.surface_from"] - 1, view=False)
-    keep(desk, "surface", rows["ctmc.surface_from"] - 4, rows["ctmc.smoothing_mm"] + 20)
+    keep(desk, "surface", rows["ctmc.surface_from"] - 4, rows["ctmc.smoothing"] + 20)
     desk.ask("bpy.context.scene.ctmc.preview = True")
     desk.wait(f"{QUIET} and {COUNTED}")
-    keep(desk, "preview", rows["ctmc.smoothing_mm"] - 5, copy + 22)
+    keep(desk, "preview", rows["ctmc.smoothing"] - 5, copy + 22)
     desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.reduction = 0.9")
     desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
     desk.wait(f"{PROGRESS} > 0.6")
