@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-all test-window test-package package lint types build bench accuracy topology experiments figures sidebar-pictures translations clean
+.PHONY: help setup demo test test-all test-window test-package package lint types build bench accuracy topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -55,6 +55,9 @@ experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/ex
 
 figures: setup  ## the pictures of docs/figures.md, by the commands on that page
 	@$(python) tools/make_figures.py $(ARGS)
+
+readme-pictures: setup  ## the pictures of README, rendered from the phantom; five minutes
+	@$(python) tools/make_readme_pictures.py
 
 sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
 	@PYTHONPATH=tests $(python) -m window.sidebar_pictures

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import doctest
+import json
+import os
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
+from ctmc_addon.cli import main
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+
+SMALLER = {"phantom": ["--slices", "8", "--size", "64"]}
 
 
 def test_the_voxel_of_the_architecture_page_goes_the_way_it_says():
@@ -24,3 +31,35 @@ def test_links_lead_to_files(page):
     targets = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     missing = [target for target in targets if "://" not in target and not (page.parent / target).exists()]
     assert missing == []
+
+
+@pytest.fixture(scope="module")
+def readme_folder(tmp_path_factory):
+    """A folder in which README's command lines were run, on a phantom smaller than theirs."""
+    folder = tmp_path_factory.mktemp("readme")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if re.match(r"ctmc (phantom|info|reconstruct|batch) ", line)]
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        codes = [main([*shlex.split(line)[1:], *SMALLER.get(line.split()[1], [])]) for line in lines]
+    finally:
+        os.chdir(before)
+    assert len(codes) == 6
+    assert set(codes) == {0}
+    return folder
+
+
+def test_the_command_lines_of_readme_make_what_they_say(readme_folder):
+    made = {path.name for path in readme_folder.iterdir()}
+    assert {"ct", "bone.stl", "tumor.ply", "liver.stl", "out"} <= made
+    header, count = (readme_folder / "bone.stl").read_bytes()[80:84], (readme_folder / "bone.stl").stat().st_size
+    assert count == 84 + 50 * int.from_bytes(header, "little")
+    assert json.loads((readme_folder / "out" / "summary.json").read_text(encoding="utf-8"))
+
+
+def test_the_python_of_readme_runs(readme_folder, monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(readme_folder)
+    exec(compile(code, "README.md", "exec"), {})
+    assert re.fullmatch(r"\d+ triangles in RAS\+ mm, \d+ cm2\n", capsys.readouterr().out)

@@ -8,6 +8,7 @@ from ctmc_addon.core.version import VERSION
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_manifest_and_package_have_one_version():
+def test_manifest_citation_and_package_have_one_version():
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     assert manifest["version"] == VERSION
+    assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
