@@ -169,7 +169,7 @@ def main(words: list[str]) -> int:
 
 def times() -> None:
     """Seconds against the size of the surface: one blob, finer and finer."""
-    from label_bodies import harmonics
+    from .label_bodies import harmonics
 
     print(f"\n{'samples':>12s}{'inside':>12s}{'triangles':>12s}{'s, 1 thread':>12s}{'s, 2':>8s}{'us a triangle':>15s}")
     for side in (2.0, 1.4, 1.0, 0.7, 0.5):
