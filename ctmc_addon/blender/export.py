@@ -1,8 +1,8 @@
-"""A surface out of Blender, in the patient's millimetres.
+"""A surface out of Blender, in the patient's millimeters.
 
 STL and PLY are written by `reporting.mesh_files`, the same bytes as without Blender; the others by Blender's own
 exporters, from a copy in a scene of its own: neither the user's scene nor the selection matters, and the object stays
-as it is. OBJ is in RAS or LPS millimetres; GLB in glTF's metres, Y up; a .blend opens with the live object, a camera
+as it is. OBJ is in RAS or LPS millimeters; GLB in glTF's meters, Y up; a .blend opens with the live object, a camera
 framed on it and a light.
 """
 
@@ -159,7 +159,7 @@ def write_blend(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.
     """
     own_scene = bpy.data.scenes.new("CTMC")
     own_scene.frame_current = next(iter([scene] if scene else obj.users_scene), own_scene).frame_current
-    # So that Blender's own rulers and sidebar tell the patient's millimetres.
+    # So that Blender's own rulers and sidebar tell the patient's millimeters.
     own_scene.unit_settings.scale_length = 1 / (placement_of(obj).scale * MM_PER_M)
     own_scene.unit_settings.length_unit = "MILLIMETERS"
     added: tuple[bpy.types.ID, ...] = ()

@@ -285,7 +285,7 @@ def reading_of(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def spacing_of(text: str) -> Any:
-    """Millimetres along x, y and z, from one number or three."""
+    """Millimeters along x, y and z, from one number or three."""
     words = separated(text)
     return reading_option(readers.checked_spacing, words * 3 if len(words) == 1 else words)
 

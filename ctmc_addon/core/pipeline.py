@@ -34,7 +34,7 @@ EXTRACTION_STAGES = {
     "Keeping parts": 3,
 }
 SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
-POINTS_AT_ONCE = 1 << 16  # moved to millimetres in one go, so the float64 in between stays small
+POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
 
 
 class Stage(NamedTuple):

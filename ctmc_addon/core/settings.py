@@ -180,7 +180,7 @@ class ReconstructionSettings:
     )
     region_unit: str = setting(
         "voxel",
-        "Whether the region is given in voxel indices or in RAS+ millimetres",
+        "Whether the region is given in voxel indices or in RAS+ millimeters",
         label="Region Unit",
         choices=("voxel", "mm"),
         type=str,

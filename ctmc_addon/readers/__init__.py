@@ -123,7 +123,7 @@ def read_volume(
         A folder of PNG, JPEG, BMP or TIFF slices; a multi-page TIFF; a DICOM folder, file or DICOMDIR;
         `.nii`, `.nii.gz`, `.nrrd`, `.nhdr` or `.npy`. A lone slice stands for its folder.
     spacing : (x, y, z) float, optional
-        Millimetres between samples, in place of the file's own or of 1 mm.
+        Millimeters between samples, in place of the file's own or of 1 mm.
     series : str or int, optional
         SeriesInstanceUID, or its number in `open_volume(path).series`; by default the series with the most slices.
     strict : bool

@@ -43,7 +43,7 @@ def duration(seconds: float) -> str:
 
 
 def voxel_sides(stride: Sequence[int], spacing: Sequence[float]) -> str:
-    """Return the sides of a voxel in pixels and millimetres, equal ones once.
+    """Return the sides of a voxel in pixels and millimeters, equal ones once.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Surfaces as binary STL and PLY, in millimetres: the same bytes from the sidebar, the command line and Python.
+"""Surfaces as binary STL and PLY, in millimeters: the same bytes from the sidebar, the command line and Python.
 
 A space is named by where its axes run in the patient: in RAS+ x runs to the right, y to the front and z to the head, in
 LPS+ (DICOM's) x runs to the left and y to the back.

@@ -28,7 +28,7 @@ PARTS = {  # name: module, what is measured
     "extraction": "against VTK, scikit-image, PyMCubes; strides; memory",
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
     "small_components": "simplification of surfaces with thousands of small components",
-    "bounds": "simplification to a greatest error in millimetres",
+    "bounds": "simplification to a greatest error in millimeters",
     "reading": "a DICOM folder against SimpleITK",
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",

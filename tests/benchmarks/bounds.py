@@ -1,4 +1,4 @@
-"""Simplification to a greatest error in millimetres: whether it holds, and what others need for the same.
+"""Simplification to a greatest error in millimeters: whether it holds, and what others need for the same.
 
 The others cannot be asked for an error. So each is asked for a quarter, an eighth... of the triangles, the
 greatest distance is measured, and how many triangles it needs for a distance is read off between these points.

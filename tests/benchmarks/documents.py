@@ -144,9 +144,9 @@ def draw(growth: dict[str, Any], path: Path) -> None:
         points = [point for point in growth[name] if point.get("scene", "dense") == "dense"]
         x = [point[over] / unit for point in points]
         time, memory = panels[:, at]
-        for of, who, colour in (("seconds", "CTMC", "tab:red"), ("vtk_seconds", "VTK", "tab:gray")):
+        for of, who, color in (("seconds", "CTMC", "tab:red"), ("vtk_seconds", "VTK", "tab:gray")):
             if of in points[0]:
-                time.plot(x, [point[of] * 1e3 for point in points], "o-", label=who, color=colour, markersize=3)
+                time.plot(x, [point[of] * 1e3 for point in points], "o-", label=who, color=color, markersize=3)
         memory.plot(x, [point["peak_bytes"] / 2**20 for point in points], "o-", color="tab:red", markersize=3)
         time.set(title=title, ylabel="ms")
         memory.set(xlabel=label, ylabel="MiB beside the result")

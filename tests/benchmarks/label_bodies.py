@@ -1,6 +1,6 @@
 """Bodies of closed form, and their labels: what surfaces made from labels are measured against.
 
-A body is a function of points in millimetres, positive inside. Every body has a true surface: a fine mesh of
+A body is a function of points in millimeters, positive inside. Every body has a true surface: a fine mesh of
 the same function, whose vertices are moved onto its zero.
 """
 

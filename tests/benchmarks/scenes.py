@@ -18,7 +18,7 @@ from ctmc_addon.readers import read_volume
 SLICES, SIZE = 250, 512
 FINE_MM = (0.477, 0.477, 0.58)  # a field of view of 244 mm, about the liver alone
 LIVER_MM = (0.67, 0.67, 0.58)
-EDGE = 127.5  # grey value of the surface in volumes made from closed forms
+EDGE = 127.5  # gray value of the surface in volumes made from closed forms
 DENSE_THRESHOLD = 142  # HU: vessels, bone, and the noise that reaches as far
 BONE, SKIN = 200, -300  # HU
 REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k")  # folders of 512 x 512 DICOM slices
@@ -52,13 +52,13 @@ def painted(shapes: list[Blob], axes: list[NDArray[np.float64]]) -> NDArray[np.u
 
 
 def paint(values: NDArray[np.uint8], shape: Blob, axes: list[NDArray[np.float64]]) -> None:
-    """Add a body whose grey value falls with the distance from its surface."""
+    """Add a body whose gray value falls with the distance from its surface."""
     windows = []
     for axis in range(3):
         low, high = shape.box(axis)
         windows.append(slice(*np.searchsorted(axes[axis], (low - 3, high + 3)).tolist()))
     x, y, z = ((axes[axis][windows[axis]] - shape.center[axis]) / shape.half_axes[axis] for axis in range(3))
-    rim = 3.0 / min(shape.half_axes)  # beyond it the grey value is 0 or 255 whatever the direction
+    rim = 3.0 / min(shape.half_axes)  # beyond it the gray value is 0 or 255 whatever the direction
     for k, height in enumerate(z.tolist()):
         length = np.sqrt(x[None, :] ** 2 + y[:, None] ** 2 + height**2)  # (rows, columns)
         near = (length > shape.limits[0] - rim) & (length < shape.limits[1] + rim) & (length > 0)
@@ -66,13 +66,13 @@ def paint(values: NDArray[np.uint8], shape: Blob, axes: list[NDArray[np.float64]
         far = length[near]
         depth = shape.limits[0] - length
         depth[near] = shape.radius(x[columns] / far, y[rows] / far, height / far) - far
-        grey = np.clip(np.rint(127.5 + 110 * min(shape.half_axes) * depth), 0, 255).astype(np.uint8)
+        gray = np.clip(np.rint(127.5 + 110 * min(shape.half_axes) * depth), 0, 255).astype(np.uint8)
         window = values[windows[2].start + k, windows[1], windows[0]]
-        np.maximum(window, grey, out=window)
+        np.maximum(window, gray, out=window)
 
 
 def ball(size: int) -> NDArray[np.uint8]:
-    """A ball that fills 0.8 of a cube, grey at its edge."""
+    """A ball that fills 0.8 of a cube, gray at its edge."""
     return spheres(size, 1, 0.4 * size)
 
 

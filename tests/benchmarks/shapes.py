@@ -1,6 +1,6 @@
 """Bodies of known area, volume and normals, sampled on grids of any spacing, and what extraction makes of them.
 
-Millimetres about the body's centre; the samples lie off its symmetry, so no error cancels by luck.
+Millimeters about the body's center; the samples lie off its symmetry, so no error cancels by luck.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ctmc_addon.core import TriangleMesh, marching_cubes
 
 Doubles = NDArray[np.float64]
 Triple = tuple[float, float, float]
-OFFSETS = (0.31, 0.17, 0.43)  # of the samples from the centre, in spacings
+OFFSETS = (0.31, 0.17, 0.43)  # of the samples from the center, in spacings
 AXIS = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)  # of the cylinder and the capsule: oblique to the grid
 EVEN, UNEVEN = (1.0, 1.0, 1.0), (1.0, 1.0, 2.5)  # spacings in proportion
 
@@ -145,7 +145,7 @@ def sampled(shape: Shape, spacing: Triple) -> tuple[Doubles, Doubles]:
 
 
 def extracted(shape: Shape, spacing: Triple, alpha: float = 1.0, normals: bool = False) -> TriangleMesh:
-    """The body's surface, vertices in millimetres about its centre; normals, if asked for, of index space."""
+    """The body's surface, vertices in millimeters about its center; normals, if asked for, of index space."""
     values, first = sampled(shape, spacing)
     mesh = marching_cubes(values, 0.0, alpha=alpha, normals=normals)
     return replace(mesh, vertices=(mesh.vertices * np.array(spacing) + first).astype(np.float32))

@@ -23,11 +23,11 @@ def scene():
 def torus():
     """Build the result for a torus at a place in the patient, its midpoints off the linear crossings."""
 
-    def build(centre_mm=FAR_MM, rings=48, sides=24, name="torus", **settings) -> Reconstruction:
+    def build(center_mm=FAR_MM, rings=48, sides=24, name="torus", **settings) -> Reconstruction:
         around, along = np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij")
         u, v = 2 * np.pi * around.ravel() / rings, 2 * np.pi * along.ravel() / sides
         normals = np.stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)], axis=1)
-        linear = np.stack([30 * np.cos(u), 30 * np.sin(u), 0 * u], axis=1) + 10 * normals + centre_mm
+        linear = np.stack([30 * np.cos(u), 30 * np.sin(u), 0 * u], axis=1) + 10 * normals + center_mm
         midpoints = linear + 0.4 * np.sin(7 * u + 5 * v)[:, None] * normals
         number = np.arange(rings * sides).reshape(rings, sides)
         a, b = number, np.roll(number, -1, axis=0)

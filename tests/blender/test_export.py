@@ -81,7 +81,7 @@ def read_glb(path):
     return tree, arrays
 
 
-def test_an_stl_holds_the_evaluated_surface_in_ras_millimetres(obj, torus, tmp_path):
+def test_an_stl_holds_the_evaluated_surface_in_ras_millimeters(obj, torus, tmp_path):
     export(obj, tmp_path / "a.stl")
     corners, normals = read_stl(tmp_path / "a.stl")
     mesh = torus(alpha=0.7).mesh
@@ -105,16 +105,16 @@ def test_lps_turns_x_and_y_round_and_nothing_inside_out(obj, torus, tmp_path):
     corners, _ = read_stl(tmp_path / "a.stl")
     mesh = torus(alpha=0.7).mesh
     assert np.abs(corners - mesh.vertices[mesh.faces].astype(np.float64) * (-1, -1, 1)).max() <= 1e-4
-    centre = corners.reshape(-1, 3).mean(axis=0)
-    assert ((corners[:, 0] - centre) * np.cross(corners[:, 1] - centre, corners[:, 2] - centre)).sum() > 0
+    center = corners.reshape(-1, 3).mean(axis=0)
+    assert ((corners[:, 0] - center) * np.cross(corners[:, 1] - center, corners[:, 2] - center)).sum() > 0
 
 
 def test_a_mirrored_object_is_not_exported_inside_out(obj, tmp_path):
     obj.scale.x = -1.0
     export(obj, tmp_path / "a.stl")
     corners = read_stl(tmp_path / "a.stl")[0].astype(np.float64)
-    centre = corners.reshape(-1, 3).mean(axis=0)
-    corners -= centre
+    center = corners.reshape(-1, 3).mean(axis=0)
+    corners -= center
     assert (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() > 0
 
 
@@ -199,8 +199,8 @@ def test_a_blend_opens_with_object_material_and_camera(obj, tmp_path):
     assert scene.camera.name == "CTMC Camera"
     assert not bpy.data.libraries
     # Blender's rulers show the torus's 80 mm.
-    metres = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length
-    assert metres == pytest.approx(0.08, rel=0.02)
+    meters = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length
+    assert meters == pytest.approx(0.08, rel=0.02)
     opened = bpy.context.view_layer.objects.active
     assert opened.name == "leber ü"
     assert opened.data.materials[0].name == "leber ü"

@@ -49,7 +49,7 @@ def two_sizes(folder, phantom):
     return folder
 
 
-def colours(folder, phantom):
+def colors(folder, phantom):
     for number in range(3):
         values = np.zeros((8, 8, 3), np.uint8)
         values[2:4, 2:4, 0] = 200
@@ -98,9 +98,9 @@ def four_dimensions(folder, phantom):
     return folder / "film.nii"
 
 
-def colour_voxels(folder, phantom):
-    save_nifti(folder / "colour.nii", np.zeros((5, 5, 5), [("R", "u1"), ("G", "u1"), ("B", "u1")]))
-    return folder / "colour.nii"
+def color_voxels(folder, phantom):
+    save_nifti(folder / "color.nii", np.zeros((5, 5, 5), [("R", "u1"), ("G", "u1"), ("B", "u1")]))
+    return folder / "color.nii"
 
 
 def flat_affine(folder, phantom):
@@ -134,7 +134,7 @@ DRAWER = [
     (one_dicom, ["one slice", "at least 2"]),
     (one_nifti_slice, ["one slice", "at least 2"]),
     (two_sizes, ["8 x 8", "8 x 9"]),
-    (colours, ["slice_0.png", "200"]),
+    (colors, ["slice_0.png", "200"]),
     (cut_png, ["slice_3.png"]),
     (cut_dicom, ["slice_0003.dcm"]),
     (cut_gzip, ["cut.nii.gz"]),
@@ -142,7 +142,7 @@ DRAWER = [
     (noise_dicom, ["noise.dcm"]),
     (noise_nrrd, ["noise.nrrd"]),
     (four_dimensions, ["film.nii", "4 dimensions"]),
-    (colour_voxels, ["RGB"]),
+    (color_voxels, ["RGB"]),
     (flat_affine, ["singular"]),
     (no_images, ["image"]),
     (words_only, ["none is a DICOM image or a slice"]),

@@ -54,7 +54,7 @@ def test_midpoints_keep_the_volume_all_the_same(spacings):
 @SPACINGS
 @pytest.mark.parametrize("step", STEPS)
 def test_normals_of_a_sphere_are_as_near_as_central_differences_and_interpolation_allow(step, spacings):
-    # Third derivatives of the distance from the centre are at most 2 / sqrt(3) / r^2. A central difference over two
+    # Third derivatives of the distance from the center are at most 2 / sqrt(3) / r^2. A central difference over two
     # spacings is off by s^2 / 6 times that, interpolation along an edge by s^2 / 8 times that at most.
     shape, sides = SHAPES["sphere"], np.array(spaced(step, spacings))
     mesh = extracted(shape, tuple(sides), normals=True)
@@ -88,12 +88,12 @@ def test_a_sphere_on_an_oblique_tilted_grid_keeps_its_volume_and_its_normals(tow
     affine = np.eye(4)
     affine[:3, :3] = np.stack([[0.48, 0.36, 0.0], [-0.36, 0.48, 0.0], step], axis=1)
     shape, size = SHAPES["sphere"], (15, 62, 62)
-    centre = transform_points(affine, np.array([[30.8, 30.4, 7.1]]))
+    center = transform_points(affine, np.array([[30.8, 30.4, 7.1]]))
     z, y, x = np.indices(size)
-    places = transform_points(affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)) - centre
+    places = transform_points(affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)) - center
     mesh = marching_cubes(shape.depth(*places.T).reshape(size), 0.0)
     assert mesh.closed
-    off = angles(transform_normals(affine, mesh.normals), transform_points(affine, mesh.vertices) - centre)
+    off = angles(transform_normals(affine, mesh.normals), transform_points(affine, mesh.vertices) - center)
     assert off.max() < 1.0
     assert -0.02 < abs(determinant(affine)) * mesh.volume / shape.volume - 1 < 0
 

@@ -31,8 +31,8 @@ def reference_triangles(values, threshold, stride=(1, 1, 1), alpha=1.0, close_bo
         for j in range(len(axes[1]) - 1):
             for i in range(len(axes[0]) - 1):
                 corners = [(axes[0][i + (c & 1)], axes[1][j + (c >> 1 & 1)], axes[2][k + (c >> 2)]) for c in range(8)]
-                grey = [value(corner) for corner in corners]
-                case = sum(1 << c for c in range(8) if grey[c] is not None and grey[c] >= threshold)
+                gray = [value(corner) for corner in corners]
+                case = sum(1 << c for c in range(8) if gray[c] is not None and gray[c] >= threshold)
                 for triangle in case_triangles(case):
                     triangles.append([crossing(corners[EDGES[e][0]], corners[EDGES[e][1]]) for e in triangle])
     return np.array(triangles).reshape(-1, 3, 3)

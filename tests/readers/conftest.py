@@ -154,7 +154,7 @@ def save_frames() -> Callable[..., Any]:
 
 
 def pixel_ras(dataset: Any, row: int, column: int) -> np.ndarray:
-    """Centre of a pixel in RAS+ mm by DICOM PS3.3 C.7.6.2.1.1, written out on its own."""
+    """Center of a pixel in RAS+ mm by DICOM PS3.3 C.7.6.2.1.1, written out on its own."""
     position = np.array(dataset.ImagePositionPatient, float)
     orientation = np.array(dataset.ImageOrientationPatient, float)
     between_rows, between_columns = (float(value) for value in dataset.PixelSpacing)

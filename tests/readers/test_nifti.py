@@ -107,9 +107,9 @@ def test_a_real_fourth_dimension_is_refused(tmp_path):
 
 
 def test_rgb_voxels_are_refused(tmp_path):
-    colour = np.zeros((4, 4, 4), [("R", "u1"), ("G", "u1"), ("B", "u1")])
+    color = np.zeros((4, 4, 4), [("R", "u1"), ("G", "u1"), ("B", "u1")])
     with pytest.raises(CtmcError, match="RGB voxels; convert it to gray"):
-        read_volume(saved(tmp_path / "ct.nii", colour))
+        read_volume(saved(tmp_path / "ct.nii", color))
 
 
 def test_complex_voxels_are_refused(tmp_path):
@@ -169,7 +169,7 @@ def test_a_wrong_suffix_for_gzip_is_forgiven(tmp_path):
         np.testing.assert_array_equal(read_volume(tmp_path / name).values.T, array)
 
 
-def test_positions_in_other_units_become_millimetres(tmp_path):
+def test_positions_in_other_units_become_millimeters(tmp_path):
     image = nibabel.Nifti1Image(numbers("i2"), np.diag([1e-3, 1e-3, 2e-3, 1]))
     image.header.set_xyzt_units("meter")
     nibabel.save(image, tmp_path / "ct.nii")
@@ -195,7 +195,7 @@ def test_label_names_come_from_the_header_extension(tmp_path):
         ("segmentation-3.nii", (numbers("i2") % 3), "label"),
         ("segmentation-3.nii", (numbers("i2") % 3).astype(np.float64), "label"),
         ("organs.nii", (numbers("i2") % 117), "label"),
-        ("grey.nii", (numbers("i2", (12, 12, 12)) % 256).astype(np.uint8), "grey value"),
+        ("gray.nii", (numbers("i2", (12, 12, 12)) % 256).astype(np.uint8), "grey value"),
         ("window.nii", np.clip(numbers("f4"), -100, 240), "grey value"),
         ("nan.nii", np.full((3, 3, 3), np.nan, np.float32), "grey value"),
     ],

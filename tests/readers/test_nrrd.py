@@ -144,7 +144,7 @@ def test_several_layers_are_refused(tmp_path):
         read_volume(saved(tmp_path / "x.nrrd", numbers(shape=(2, 5, 6, 7)), header))
 
 
-def test_colour_is_refused(tmp_path):
+def test_color_is_refused(tmp_path):
     with pytest.raises(CtmcError, match="RGB-color voxels; convert"):
         read_volume(saved(tmp_path / "x.nrrd", numbers("u1", (3, 5, 6)), {"kinds": ["RGB-color", "domain", "domain"]}))
 

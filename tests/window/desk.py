@@ -225,7 +225,7 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 
     def press(self, button: str, operator: str) -> None:
         """Click on a button of an operator that can be pressed."""
-        assert self.ask(f"answer = bpy.ops.ctmc.{operator}.poll()"), f"{button} is greyed out"
+        assert self.ask(f"answer = bpy.ops.ctmc.{operator}.poll()"), f"{button} is grayed out"
         self.find(button)
         for action in ("mousedown", "mouseup"):
             self.hand(action, "1")

@@ -49,17 +49,17 @@ about.view_perspective = "PERSP"
 about.view_rotation = Euler((1.05, 0, 2.6)).to_quaternion()
 about.view_distance = 7.5
 """
-# Gray and tinted patches of the slice: where they are on the screen, and the colours they must have.
+# Gray and tinted patches of the slice: where they are on the screen, and the colors they must have.
 PATCHES = """
 import numpy as np
 slicing, volume = ours("core.volume"), ours("ui.state.volumes").current(bpy.context.scene)
 view, settings = bpy.context.scene.ctmc_view, bpy.context.scene.ctmc
 place = slicing.slice_at(volume, view.plane, view.position)
-colours = slicing.windowed(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
+colors = slicing.windowed(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
 answer = []
 for row in range(136, 400, 24):
     for column in range(76, 436, 24):
-        around = colours[row - 4 : row + 5, column - 4 : column + 5, :3]
+        around = colors[row - 4 : row + 5, column - 4 : column + 5, :3]
         if around.std(axis=(0, 1)).max() < 0.12:
             at = slicing.transform_points(volume.affine, np.array([[column, row, place.index]]))[0] * 0.01
             answer.append((*on_screen(at), *(255 * around.mean(axis=(0, 1))).tolist()))
@@ -100,7 +100,7 @@ def test_a_ct_loads_and_its_slice_can_be_moved(desk):
     assert desk.find(POSITION)
 
 
-def test_the_slice_stands_at_its_place_in_its_greys_and_its_tint(desk):
+def test_the_slice_stands_at_its_place_in_its_grays_and_its_tint(desk):
     picture = desk.look("03-slice")
     patches = desk.ask(PATCHES)
     assert len(patches) > 30

@@ -38,7 +38,7 @@ class Board:
     ----------
     scene : Scene
     unit : float
-        Blender units of a millimetre on the page.
+        Blender units of a millimeter on the page.
     size_mm : (width, height)
     depth : float
         From the camera, Blender units.
@@ -62,7 +62,7 @@ class Board:
         return self.inks[color]
 
     def put(self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None) -> Any:
-        """An object of `shape`, drawn in millimetres, whose origin lies at (x, y) of the page."""
+        """An object of `shape`, drawn in millimeters, whose origin lies at (x, y) of the page."""
         obj = bpy.data.objects.new(name, shape)
         if material is not None:
             shape.materials.append(material)

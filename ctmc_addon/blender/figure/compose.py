@@ -39,9 +39,9 @@ class FigureScene:
     size : (width, height) int
         Pixels.
     unit : float
-        Blender units of a millimetre on the page.
+        Blender units of a millimeter on the page.
     scale : float
-        Blender units of a millimetre in the patient, in the first surface before it was scaled in the scene.
+        Blender units of a millimeter in the patient, in the first surface before it was scaled in the scene.
     copies : list of list of Object
         What every cell shows.
     blocks : list of ID

@@ -22,7 +22,7 @@ SMALLEST_MM = 8.0  # a picture
 
 @dataclass(frozen=True)
 class Layout:
-    """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimetre."""
+    """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
 
     height_mm: float
     unit: float

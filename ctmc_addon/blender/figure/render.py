@@ -1,4 +1,4 @@
-"""Figures: surfaces on a page as a PNG of a size in millimetres, with the .blend that made it.
+"""Figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
 
 Rendered in a scene of its own; the user's scene and settings are left as they are. A large picture is rendered in
 tiles, so that it can be watched and cancelled on its way.

@@ -40,7 +40,7 @@ CELL_STAGES = {"Reconstructing": 10, **MEASURING}
 class Compared:
     """A cell of a sheet: its letter, title, surface, and how far that is from full resolution, mm.
 
-    `seconds` are those of the reconstruction, from grey values to triangles: the median of three if one is short.
+    `seconds` are those of the reconstruction, from gray values to triangles: the median of three if one is short.
     With `volume` the caption has the surface's volume, and the distance is to the surface that is not smoothed.
     """
 
@@ -101,7 +101,7 @@ def sheet_steps(
     require_measurable(settings, limit_mm)
     if comparison.alphas and not comparison.smoothings and not settings.alpha_matters:
         raise SettingsError(
-            "alpha moves vertices between grey values, and a bare label has none: "
+            "alpha moves vertices between gray values, and a bare label has none: "
             "choose a threshold, or smooth the label (--threshold T, or --label N without --smoothing none)"
         )
     stages = Stages(STAGES)

@@ -119,7 +119,7 @@ class Page:
 
     @property
     def pixels_per_mm(self) -> float:
-        """Pixels to the millimetre."""
+        """Pixels to the millimeter."""
         return self.dpi / MM_PER_INCH
 
     def pixels(self, height_mm: float, even: bool = False) -> tuple[int, int]:

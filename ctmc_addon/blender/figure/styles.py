@@ -57,7 +57,7 @@ def set_engine(scene: bpy.types.Scene, engine: str, samples: int, transparent: b
 
 
 def assign_materials(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle, unit: float) -> list[bpy.types.ID]:
-    """Give a surface its material on a page whose millimetre is `unit` scene units; returns what was made for it."""
+    """Give a surface its material on a page whose millimeter is `unit` scene units; returns what was made for it."""
     face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
     mesh = obj.data
     mesh.materials.clear()

@@ -1,4 +1,4 @@
-"""Where a surface lies in the scene: from RAS+ millimetres to Blender's units and back.
+"""Where a surface lies in the scene: from RAS+ millimeters to Blender's units and back.
 
 1 mm is `scale` units, and RAS axes are Blender's axes (Z up = head). The object stands at the surface's
 center, and its vertices are kept relative to it, so float32 holds them to far below a micrometre.
@@ -20,7 +20,7 @@ SCALE = 0.01
 
 @dataclass(frozen=True)
 class Placement:
-    """How millimetres become an object's local space.
+    """How millimeters become an object's local space.
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ class Placement:
     scale: float = SCALE
 
     def to_local(self, points_ras_mm: NDArray[Any]) -> NDArray[np.float32]:
-        """Local positions (n, 3) float32 of (n, 3) RAS+ millimetres."""
+        """Local positions (n, 3) float32 of (n, 3) RAS+ millimeters."""
         out = points_ras_mm.astype(np.float64)
         out *= self.scale
         out -= self.origin
         return out.astype(np.float32)
 
     def to_mm(self, local: NDArray[np.float32]) -> NDArray[np.float32]:
-        """RAS+ millimetres (n, 3) float32 of local positions."""
+        """RAS+ millimeters (n, 3) float32 of local positions."""
         out = local.astype(np.float64)
         out += self.origin
         out /= self.scale
         return out.astype(np.float32)
 
     def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
-        """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimetres."""
+        """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
         own = matrix[:3, :3] @ np.array(self.origin)
         # Nothing but a move, or nothing at all, must leave no rounding behind.

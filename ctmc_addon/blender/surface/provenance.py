@@ -28,13 +28,13 @@ class Provenance:
     settings : ReconstructionSettings
         Their alpha follows the object's.
     placement : Placement
-        How millimetres became the object's local space.
+        How millimeters became the object's local space.
     version : str
         Of this package.
     name : str
         Of the volume.
     threshold : float
-        The grey value that was used.
+        The gray value that was used.
     faces, vertices, full_faces : int
         With and without simplification.
     voxels_visited : int

@@ -1,6 +1,6 @@
-"""A surface read back from its object, in the patient's millimetres.
+"""A surface read back from its object, in the patient's millimeters.
 
-The mesh keeps its positions in millimetres beside those in Blender units, so a surface that nobody has changed comes
+The mesh keeps its positions in millimeters beside those in Blender units, so a surface that nobody has changed comes
 back bit for bit, and vertices that somebody has moved come back to far below a micrometre.
 """
 
@@ -70,7 +70,7 @@ def positions_mm(
 def evaluated_triangles(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None, space: str = "ras"
 ) -> TriangleMesh:
-    """The surface as it stands in the scene, modifiers included, in millimetres of `space`, "ras" or "lps".
+    """The surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
 
     Raises
     ------
@@ -100,7 +100,7 @@ def triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> Tr
 
 
 def placement_of(obj: bpy.types.Object) -> Placement:
-    """How the patient's millimetres became the object's local space; of a foreign object, what is usual here."""
+    """How the patient's millimeters became the object's local space; of a foreign object, what is usual here."""
     made = read_provenance(obj)
     return Placement() if made is None else made.placement
 

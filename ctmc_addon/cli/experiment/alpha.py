@@ -67,7 +67,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     write_plot(folder / "plot.png", panels(rows))
     facts = [
         *facts_of(volume, settings, result.threshold, result.notes),
-        ("roughness", "mean angle between neighbouring triangles, degrees"),
+        ("roughness", "mean angle between neighboring triangles, degrees"),
         ("shape", "mean of 4 sqrt(3) area / sum of squared sides: 1 is equilateral; worst is the 1st percentile"),
         ("compared", "with the linear surface (alpha 1) before any simplification"),
         measuring_fact(),

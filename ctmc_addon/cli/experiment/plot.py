@@ -15,7 +15,7 @@ LEFT, RIGHT, TOP, BOTTOM = 120, 30, 150, 100
 DPI = 200
 TEXT, TITLE = 24, 30  # pixels
 BAR = 110  # at most, pixels
-INK, GREY, RULE = (30, 30, 30), (110, 110, 110), (222, 222, 222)
+INK, GRAY, RULE = (30, 30, 30), (110, 110, 110), (222, 222, 222)
 # Distinguishable by the color-blind, and in gray (Okabe and Ito 2008).
 COLORS = ((0, 90, 160), (230, 159, 0), (0, 158, 115))
 
@@ -73,7 +73,7 @@ def draw_panel(pen: Any, panel: Panel, left: int) -> None:
         legend(pen, panel, x0, text)
     for mark in marks:
         pen.line([(x0, height(mark)), (x1, height(mark))], RULE if mark else INK, 2)
-        pen.text((x0 - 14, height(mark)), f"{mark:g}", GREY, text, anchor="rm")
+        pen.text((x0 - 14, height(mark)), f"{mark:g}", GRAY, text, anchor="rm")
     group = (x1 - x0) / max(len(panel.labels), 1)
     bar = min(0.8 * group / len(panel.series), BAR)
     for at, label in enumerate(panel.labels):
@@ -86,7 +86,7 @@ def draw_panel(pen: Any, panel: Panel, left: int) -> None:
             start = middle + (which - len(panel.series) / 2) * bar
             pen.rectangle([(start + 3, height(value)), (start + bar - 3, y1)], COLORS[which % len(COLORS)])
             pen.text((start + bar / 2, height(value) - 8), f"{value:.3g}", INK, font(TEXT - 4), anchor="mb")
-    pen.text(((x0 + x1) / 2, PANEL[1] - 14), panel.across, GREY, text, anchor="mb")
+    pen.text(((x0 + x1) / 2, PANEL[1] - 14), panel.across, GRAY, text, anchor="mb")
 
 
 def legend(pen: Any, panel: Panel, x: float, face: Any) -> None:

@@ -92,7 +92,7 @@ def truth_of(phantom: Phantom) -> dict[str, Any]:
         "tumour_volume_mm3": round(sum(phantom.tumour_volumes_mm3), 3),
         "tumour_voxels_mm3": round(phantom.counted_mm3(), 3),
         "tumour_centres_ras_mm": [
-            [round(position, 3) for position in centre] for centre in phantom.tumour_centres_ras_mm
+            [round(position, 3) for position in center] for center in phantom.tumour_centres_ras_mm
         ],
         "liver_volume_mm3": phantom.liver_volume_mm3,
         "labels": {"0": "background", "1": "liver", "2": "tumour"},

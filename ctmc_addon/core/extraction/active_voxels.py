@@ -53,7 +53,7 @@ class Slab:
     with_interior : (n_interior,) intp
         Which of the voxels have vertices inside them; none in the classic topology.
     corner_values : (n_interior, 8) float64
-        Grey values at the corners of those.
+        Gray values at the corners of those.
     tables : TriangleTables
     """
 

@@ -39,7 +39,7 @@ def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold:
 
 
 def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:
-    """Grey values at the corners, (n, 8), of the voxels whose lowest is at the samples along x, y and z.
+    """Gray values at the corners, (n, 8), of the voxels whose lowest is at the samples along x, y and z.
 
     Outside samples of a closed border repeat their neighbor's value.
     """

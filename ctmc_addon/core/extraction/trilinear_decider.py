@@ -125,7 +125,7 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
     Parameters
     ----------
     values : (n, 8) float64
-        Grey values of the corners. A corner on the wrong side of the threshold for its case, as the
+        Gray values of the corners. A corner on the wrong side of the threshold for its case, as the
         outside samples of a closed border are, counts as mirrored to the other side.
     threshold : float
     case : (n,) uint8

@@ -1,6 +1,6 @@
 """An abdominal CT with known truth: body, liver, spine, ribs and irregular tumours, from a seed.
 
-Shapes live in patient millimetres about the middle of the stack: x to the left, y to the back, z to the
+Shapes live in patient millimeters about the middle of the stack: x to the left, y to the back, z to the
 head. Only + - * / sqrt, whole numbers and halves decide a voxel, so every machine makes the same volume.
 """
 
@@ -74,7 +74,7 @@ def phantom(
         3 or more. From 4 slices on no tumour reaches the first or the last one.
     size : int
         Rows and columns, 16 or more.
-    spacing : (x, y, z) float, millimetres
+    spacing : (x, y, z) float, millimeters
         By default the field of view is that of 512 pixels of 0.74 mm, and the slices are 5 mm apart or as
         near as it takes to cover 145 mm, but not below 0.5 mm. The anatomy is drawn in proportion to the
         field of view.
@@ -84,7 +84,7 @@ def phantom(
     Returns
     -------
     Phantom
-        Every tumour lies within the liver and is labelled in at least two neighbouring slices.
+        Every tumour lies within the liver and is labelled in at least two neighboring slices.
 
     Raises
     ------

@@ -24,7 +24,7 @@ class Blob:
 
     Parameters
     ----------
-    center, half_axes : (x, y, z) float, millimetres
+    center, half_axes : (x, y, z) float, millimeters
         Of the ellipsoid it starts from.
     lobes : (n, 3) float64
         Unit vectors of the directions in which it rises or falls, in the space of the unit ball.

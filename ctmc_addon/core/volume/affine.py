@@ -1,6 +1,6 @@
-"""Affines: points, normals and winding between index space and RAS+ millimetres, and the names of the axes.
+"""Affines: points, normals and winding between index space and RAS+ millimeters, and the names of the axes.
 
-An affine is a (4, 4) float64 matrix from the index (x, y, z) = (column, row, slice) to RAS+ millimetres.
+An affine is a (4, 4) float64 matrix from the index (x, y, z) = (column, row, slice) to RAS+ millimeters.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
 
 
 def determinant(affine: NDArray[np.float64]) -> float:
-    """Return the signed volume of one voxel, cubic millimetres; below zero where the axes are mirrored.
+    """Return the signed volume of one voxel, cubic millimeters; below zero where the axes are mirrored.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def determinant(affine: NDArray[np.float64]) -> float:
 
 
 def transform_points(affine: NDArray[np.float64], points: NDArray[Any]) -> NDArray[np.float64]:
-    """Move (n, 3) positions by an affine, (n, 3) float64: from index (x, y, z) to RAS+ millimetres.
+    """Move (n, 3) positions by an affine, (n, 3) float64: from index (x, y, z) to RAS+ millimeters.
 
     Written as sums in a fixed order, so every machine gives the same bits.
     """
@@ -57,7 +57,7 @@ def transform_points(affine: NDArray[np.float64], points: NDArray[Any]) -> NDArr
 
 
 def to_index(affine: NDArray[np.float64], points_ras_mm: NDArray[Any]) -> NDArray[np.float64]:
-    """Move (n, 3) positions back by an affine, (n, 3) float64: from RAS+ millimetres to index (x, y, z)."""
+    """Move (n, 3) positions back by an affine, (n, 3) float64: from RAS+ millimeters to index (x, y, z)."""
     inverse = np.eye(4)
     inverse[:3, :3] = cofactors(affine).T / determinant(affine)
     return transform_points(inverse, points_ras_mm - affine[:3, 3])

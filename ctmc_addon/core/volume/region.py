@@ -1,6 +1,6 @@
 """Boxes in the patient: around a whole volume, and the region that a surface is extracted from.
 
-A region is given as lowest x, y, z and highest x, y, z, in voxel indices or RAS+ millimetres (settings.py); in
+A region is given as lowest x, y, z and highest x, y, z, in voxel indices or RAS+ millimeters (settings.py); in
 voxels its box is as oblique or sheared as the volume. Corners are numbered by bits: 1 = high x, 2 = high y, 4 = high z.
 """
 

@@ -1,7 +1,7 @@
 """One slice of a volume as a picture, and its position in the patient.
 
 A slice follows the volume's own grid, so an oblique or sheared stack shows the samples it has: "axial" is the
-plane across the axis that runs most towards the head or feet. Positions are RAS+ millimetres.
+plane across the axis that runs most towards the head or feet. Positions are RAS+ millimeters.
 """
 
 from __future__ import annotations

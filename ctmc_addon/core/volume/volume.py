@@ -1,7 +1,7 @@
 """A CT volume: gray values on a grid, and where that grid lies in the patient.
 
 Values are (slices, rows, columns); the affine maps the index (column, row, slice) = (x, y, z)
-to RAS+ millimetres.
+to RAS+ millimeters.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Volume:
     values : (slices, rows, columns) bool, int8 to int64, uint8 to uint64, float32 or float64
         Never copied; the attribute is a read-only view.
     affine : (4, 4) float64
-        Index (x, y, z) = (column, row, slice) to RAS+ millimetres; may be oblique, mirrored or sheared.
+        Index (x, y, z) = (column, row, slice) to RAS+ millimeters; may be oblique, mirrored or sheared.
     notes : tuple of str
         What a reader had to assume, in plain sentences for the user.
     name : str
@@ -75,7 +75,7 @@ class Volume:
 
     @property
     def spacing(self) -> tuple[float, float, float]:
-        """Distance between neighboring samples along (x, y, z), millimetres."""
+        """Distance between neighboring samples along (x, y, z), millimeters."""
         columns = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
         return (float(columns[0]), float(columns[1]), float(columns[2]))
 

@@ -176,7 +176,7 @@ def _aligned(
 def _resampling(
     along: NDArray[np.float64], names: Sequence[str], strict: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], list[str]]:
-    """Lower neighbour and weight of every slice of the volume, and what was done."""
+    """Lower neighbor and weight of every slice of the volume, and what was done."""
     gaps = np.diff(along)
     median = float(np.median(gaps))
     widest = int(np.argmax(gaps))

@@ -53,7 +53,7 @@ class ImageFolder(VolumeSource):
             values[number] = pixels
 
         yield from quiet_batches_steps(fill, range(slices), "Decoding slices", 2 * options.threads, options.threads)
-        lossy = "JPEG is lossy: the grey values are near the original ones, not equal to them"
+        lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
         return Reading(values, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
 
 

@@ -12,12 +12,12 @@ from .paths import SaveDialog
 
 
 class CTMC_OT_export(SaveDialog, bpy.types.Operator):
-    """Write the active surface in patient millimetres; the suffix chooses the format."""
+    """Write the active surface in patient millimeters; the suffix chooses the format."""
 
     bl_idname = "ctmc.export"
     bl_label = "Export Surface"
     bl_description = (
-        f"Write the active surface in millimetres; the suffix chooses the format, else STL: {', '.join(SUFFIXES)}"
+        f"Write the active surface in millimeters; the suffix chooses the format, else STL: {', '.join(SUFFIXES)}"
     )
 
     suffix = SUFFIXES[0]

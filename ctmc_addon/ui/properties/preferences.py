@@ -36,7 +36,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
     )
     scene_scale: FloatProperty(
         name="Scene Scale",
-        description="Blender units of 1 mm, for new surfaces. Exports are in millimetres whatever it is",
+        description="Blender units of 1 mm, for new surfaces. Exports are in millimeters whatever it is",
         default=SCALE,
         min=0.0001,
         max=10.0,

@@ -27,8 +27,8 @@ from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import volumes
 
-REGION_COLOUR = (1.0, 0.75, 0.1, 0.9)
-VOLUME_COLOUR = (1.0, 1.0, 1.0, 0.18)
+REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
+VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
 LETTER_PIXELS = 16.0
 
 _handlers: list[Any] = []
@@ -79,10 +79,10 @@ def draw_in_space() -> None:
     size = (context.region.width, context.region.height)
     if context.scene.ctmc_view.show_slice:
         slice_picture(context.scene, volume).draw()
-    draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOUR, size, 1.0)
+    draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOR, size, 1.0)
     if settings.use_region:
         corners = region_corners(volume, tuple(settings.region), settings.region_unit)
-        draw_lines(corners * scale, EDGES, REGION_COLOUR, size, 2.0)
+        draw_lines(corners * scale, EDGES, REGION_COLOR, size, 2.0)
 
 
 def draw_on_top() -> None:

@@ -142,7 +142,7 @@ def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
 
 
 def test_the_outermost_of_several_holds_the_others(ball, torus):
-    small, large = torus(centre_mm=(0, 0, 0)), torus(centre_mm=(0, 0, 0))
+    small, large = torus(center_mm=(0, 0, 0)), torus(center_mm=(0, 0, 0))
     scaled = TriangleMesh(large.mesh.vertices * np.float32(1.5), large.mesh.faces)
     from dataclasses import replace
 

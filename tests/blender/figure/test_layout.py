@@ -1,4 +1,4 @@
-"""Figures on a page: their size in millimetres, what is written on them, and what is left of them in the file."""
+"""Figures on a page: their size in millimeters, what is written on them, and what is left of them in the file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def render(things, path, page=SMALL, blend=None, lines=(), **style):
 
 
 @pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
-def test_a_png_has_the_asked_size_in_millimetres(thing, tmp_path, width_mm, dpi):
+def test_a_png_has_the_asked_size_in_millimeters(thing, tmp_path, width_mm, dpi):
     page = Page(width_mm, dpi, height_mm=20.0)
     size = render([thing], tmp_path / "a.png", page, orientation=False, engine="cycles")
     assert size == (round(width_mm / 25.4 * dpi), round(20 / 25.4 * dpi))
@@ -237,7 +237,7 @@ def test_styles_differ_as_they_say(thing, tmp_path):
         share[style] = (yellow.mean(), np.abs(red - blue).max())
     assert share["paper"][0] > 0.01
     assert share["clinical"][0] == 0
-    assert share["print"][1] < 0.02  # grey throughout
+    assert share["print"][1] < 0.02  # gray throughout
 
 
 def test_a_transparent_background_is_transparent(thing, tmp_path):

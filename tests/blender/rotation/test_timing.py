@@ -176,7 +176,7 @@ def test_a_mesh_that_was_exported_comes_back_in_its_own_unit(scene, torus, tmp_p
     assert counts() == before
     assert mesh.closed or suffix == ".glb"
     assert len(mesh.faces) == len(result.mesh.faces)
-    unit = {".glb": 1e-3, ".blend": 1e-2}.get(suffix, 1.0)  # metres; Blender's units; mm
+    unit = {".glb": 1e-3, ".blend": 1e-2}.get(suffix, 1.0)  # meters; Blender's units; mm
     extent, expected = np.ptp(mesh.vertices, axis=0), np.ptp(result.mesh.vertices, axis=0)
     np.testing.assert_allclose(extent, expected * unit, rtol=1e-3)
     assert mesh.volume > 0

@@ -52,8 +52,8 @@ def test_moving_the_key_moves_the_surface_as_core_would(scene, torus):
         assert worst_mm(obj, result.surface.at(alpha)) <= 1e-4
 
 
-def test_the_origin_is_the_centre_of_the_surface(scene, torus):
-    result = torus(alpha=1.0, centre_mm=np.array([100.0, -50.0, 30.0]))
+def test_the_origin_is_the_center_of_the_surface(scene, torus):
+    result = torus(alpha=1.0, center_mm=np.array([100.0, -50.0, 30.0]))
     obj = add_reconstruction(result, scene)
     assert np.abs(np.array(obj.location) - (1.0, -0.5, 0.3)).max() < 1e-3
     low, high = result.mesh.vertices.min(axis=0), result.mesh.vertices.max(axis=0)
@@ -91,12 +91,12 @@ def test_the_name_is_the_files_and_the_label(scene, torus):
     assert " 肝臓肝臓" in long.name
 
 
-def test_labels_have_different_colours_and_a_given_colour_wins(scene, torus):
+def test_labels_have_different_colors_and_a_given_color_wins(scene, torus):
     objs = [add_reconstruction(torus(label=label, threshold=None), scene) for label in (1, 2)]
     objs.append(add_reconstruction(torus(), scene, color=(0.1, 0.2, 0.3)))
-    colours = [tuple(round(part, 3) for part in obj.data.materials[0].diffuse_color) for obj in objs]
-    assert len(set(colours)) == 3
-    assert colours[2] == (0.1, 0.2, 0.3, 1.0)
+    colors = [tuple(round(part, 3) for part in obj.data.materials[0].diffuse_color) for obj in objs]
+    assert len(set(colors)) == 3
+    assert colors[2] == (0.1, 0.2, 0.3, 1.0)
 
 
 def test_a_surface_without_triangles_is_refused(scene, torus):
@@ -126,10 +126,10 @@ def test_decimate_stays_live_and_meets_the_goal(scene, torus, goal, left):
 
 
 def test_an_update_keeps_place_transform_materials_and_modifiers(scene, torus):
-    obj = add_reconstruction(torus(centre_mm=np.array([10.0, 20.0, 30.0])), scene)
+    obj = add_reconstruction(torus(center_mm=np.array([10.0, 20.0, 30.0])), scene)
     obj.modifiers.new("Mine", "TRIANGULATE")
     material, where = obj.data.materials[0], obj.location.copy()
-    result = torus(centre_mm=np.array([14.0, 25.0, 36.0]), rings=30)
+    result = torus(center_mm=np.array([14.0, 25.0, 36.0]), rings=30)
     update_reconstruction(obj, result)
     assert obj.location == where
     assert obj.data.materials[0] == material
@@ -268,7 +268,7 @@ def test_a_surface_that_nobody_changed_comes_back_bit_for_bit(scene, torus):
         assert (seen.normals == result.mesh.normals).all()
 
 
-def test_applied_it_keeps_its_millimetres(scene, torus):
+def test_applied_it_keeps_its_millimeters(scene, torus):
     result = torus(alpha=0.3)
     obj = add_reconstruction(result, scene)
     apply_shape_and_modifiers(obj)

@@ -104,7 +104,7 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("input,colour\na.nii,red\n", ["m.csv, line 1", "unknown column 'colour'", "input, case, threshold"]),
+        ("input,color\na.nii,red\n", ["m.csv, line 1", "unknown column 'color'", "input, case, threshold"]),
         ("case,label\na,2\n", ["m.csv, line 1", "no column 'input'"]),
         ("input,soften,smoothing_mm\n", ["line 1", "'smoothing-mm' is there twice"]),
         ("input,label\na.nii,1\n\nno.nii,2\n", ["m.csv, line 4", "no file or folder 'no.nii'"]),
@@ -136,10 +136,10 @@ def test_a_bad_manifest_is_refused_with_its_line(tmp_path, text, words):
 
 def test_a_manifests_refusal_names_columns_and_no_flags(tmp_path):
     touch(tmp_path, "a.nii")
-    for text in ("input,colour\n", "input,soften,smoothing_mm\n", "input,smoothing_mm\na.nii,much\n"):
+    for text in ("input,color\n", "input,soften,smoothing_mm\n", "input,smoothing_mm\na.nii,much\n"):
         (tmp_path / "m.csv").write_text(text, "utf-8")
         assert "--" not in with_flags(refusal(tmp_path / "m.csv"))  # as the command says it
-    (tmp_path / "m.csv").write_text("input,colour\n", "utf-8")
+    (tmp_path / "m.csv").write_text("input,color\n", "utf-8")
     names = refusal(tmp_path / "m.csv").partition("the columns are ")[2].split(", ")
     (tmp_path / "m.csv").write_text(",".join(names) + "\na.nii\n", "utf-8")
     assert names[:2] == ["input", "case"]

@@ -63,7 +63,7 @@ def test_voxels_without_a_value_are_counted(ctmc, tmp_path):
     np.save(tmp_path / "broken.npy", values)
     assert "2 are NaN or infinite, --nan-as gives them a value" in facts(ctmc("info", tmp_path / "broken.npy"))
     np.save(tmp_path / "broken.npy", np.full((3, 4, 5), np.nan))
-    assert "no number, grey values; 60 are NaN" in facts(ctmc("info", tmp_path / "broken.npy"))
+    assert "no number, gray values; 60 are NaN" in facts(ctmc("info", tmp_path / "broken.npy"))
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ def test_labels_come_back_from_the_segmentation(phantom_folder, made):
 
 def test_png_slices_are_the_window_from_feet_to_head(phantom_folder, made):
     volume = readers.read_volume(phantom_folder / "png", spacing=made.volume.spacing)
-    grey = (np.clip(made.volume.values, -160, 240).astype(int) + 160) * 255 // 400
-    assert (volume.values == grey).all()
+    gray = (np.clip(made.volume.values, -160, 240).astype(int) + 160) * 255 // 400
+    assert (volume.values == gray).all()
     assert volume.orientation == "LPS"
 
 

@@ -1,4 +1,4 @@
-"""Normals from the grey values, against closed forms."""
+"""Normals from the gray values, against closed forms."""
 
 import numpy as np
 import pytest

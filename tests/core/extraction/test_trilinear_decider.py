@@ -181,7 +181,7 @@ def test_a_closed_border_that_repeats_its_neighbors_is_closed_and_manifold():
 
 @pytest.mark.parametrize("levels", [2, 3, 5])
 def test_ties_are_decided_as_by_a_threshold_a_little_lower(levels):
-    """Few grey values: saddles and corners that meet the threshold exactly."""
+    """Few gray values: saddles and corners that meet the threshold exactly."""
     rng = np.random.default_rng(levels)
     for threshold in (0.0, 0.5):
         for _ in range(8):

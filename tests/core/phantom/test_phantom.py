@@ -25,7 +25,7 @@ def grid_axes(slices, size, spacing):
         (5, 64, (6.0, 6.0, 0.1)),
     ],
 )
-def test_every_tumour_is_in_two_neighbouring_slices_and_off_the_border(slices, size, spacing):
+def test_every_tumour_is_in_two_neighboring_slices_and_off_the_border(slices, size, spacing):
     for seed in range(8):
         made = phantom(slices, size, spacing, seed)
         tumour = made.labels.values == TUMOUR

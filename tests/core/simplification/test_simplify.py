@@ -165,11 +165,11 @@ def test_normals_are_carried_along_at_unit_length():
 
 def test_the_unit_of_the_mesh_does_not_matter():
     mesh = torus(60, 30)
-    metres = simplify(mesh, reduction=0.8)
+    meters = simplify(mesh, reduction=0.8)
     for power in (-60, 30):
         other = simplify(as_mesh(np.ldexp(mesh.vertices, power), mesh.faces), reduction=0.8)
-        assert np.array_equal(other.faces, metres.faces)
-        assert np.array_equal(other.vertices, np.ldexp(metres.vertices, power))
+        assert np.array_equal(other.faces, meters.faces)
+        assert np.array_equal(other.vertices, np.ldexp(meters.vertices, power))
 
 
 def test_the_same_input_gives_the_same_bytes():

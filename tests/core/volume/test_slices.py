@@ -1,4 +1,4 @@
-"""A slice's samples, its place in the patient, and its colours."""
+"""A slice's samples, its place in the patient, and its colors."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def test_a_slice_is_a_view_of_the_volume(volume):
 
 
 def test_window_and_level_run_from_black_to_white():
-    grey = windowed(np.array([[-161, -160, 40, 240, 241]], np.int16), window=400, level=40)
-    assert grey[0, :, :3].tolist() == [[0.0] * 3, [0.0] * 3, [0.5] * 3, [1.0] * 3, [1.0] * 3]
-    assert (grey[..., 3] == 1).all()
+    gray = windowed(np.array([[-161, -160, 40, 240, 241]], np.int16), window=400, level=40)
+    assert gray[0, :, :3].tolist() == [[0.0] * 3, [0.0] * 3, [0.5] * 3, [1.0] * 3, [1.0] * 3]
+    assert (gray[..., 3] == 1).all()
 
 
 def test_what_the_surface_will_hold_is_tinted_and_nothing_else():

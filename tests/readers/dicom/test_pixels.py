@@ -118,7 +118,7 @@ def test_tilted_and_oblique_corners_agree_with_the_positions(tmp_path, save_slic
             np.testing.assert_allclose(found, pixel_ras(dataset, row, column), atol=1e-3)
 
 
-def test_uneven_slices_are_interpolated_between_their_neighbours(tmp_path, save_slice):
+def test_uneven_slices_are_interpolated_between_their_neighbors(tmp_path, save_slice):
     for z, value in ((0, 0), (1, 100), (3, 300), (5, 501), (7, 700)):
         save_slice(tmp_path / f"{z}.dcm", np.full((3, 4), value, np.int16), (0, 0, z), RescaleIntercept=0)
     volume = read_volume(tmp_path)

@@ -217,7 +217,7 @@ def test_a_folder_of_dicom_without_images_is_refused(tmp_path):
         read_volume(tmp_path)
 
 
-def test_colour_images_are_refused(tmp_path, save_slice):
+def test_color_images_are_refused(tmp_path, save_slice):
     for z in range(2):
         tags = {
             "SamplesPerPixel": 3,

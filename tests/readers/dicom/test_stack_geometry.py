@@ -59,7 +59,7 @@ def test_gaps_within_one_per_cent_of_the_median_are_even():
     assert stack.affine[2, 2] == 2.0
 
 
-def test_gaps_within_a_hundredth_of_a_millimetre_are_even():
+def test_gaps_within_a_hundredth_of_a_millimeter_are_even():
     assert not stacked(along_z(0, 0.5, 1.009, 1.5, 2)).resampled
 
 

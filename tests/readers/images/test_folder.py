@@ -32,15 +32,15 @@ def save_folder(folder, planes, end=".png", name="slice_{}"):
     return folder
 
 
-def save_png(path, pixels, colour_type):
-    """A 16 bit PNG of any colour type, which Pillow cannot write."""
+def save_png(path, pixels, color_type):
+    """A 16 bit PNG of any color type, which Pillow cannot write."""
 
     def chunk(kind, content):
         return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
     rows, columns = pixels.shape[:2]
     lines = b"".join(b"\0" + row.astype(">u2").tobytes() for row in pixels)
-    head = struct.pack(">IIBBBBB", columns, rows, 16, colour_type, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", columns, rows, 16, color_type, 0, 0, 0)
     parts = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + parts)
 
@@ -100,25 +100,25 @@ def test_jpeg_is_read_and_said_to_be_lossy(tmp_path):
 
 
 @pytest.mark.parametrize("channels", ["RGB", "RGBA", "LA"])
-def test_colour_that_is_grey_is_grey(tmp_path, channels):
+def test_color_that_is_gray_is_gray(tmp_path, channels):
     array = numbers()
     for number, plane in enumerate(array):
         Image.fromarray(plane).convert(channels).save(tmp_path / f"{number}.png")
     np.testing.assert_array_equal(read_volume(tmp_path).values, array)
 
 
-@pytest.mark.parametrize(("colour_type", "channels"), [(2, 3), (6, 4)])
-def test_16_bit_color_is_refused_instead_of_cut_to_8_bits(tmp_path, colour_type, channels):
+@pytest.mark.parametrize(("color_type", "channels"), [(2, 3), (6, 4)])
+def test_16_bit_color_is_refused_instead_of_cut_to_8_bits(tmp_path, color_type, channels):
     array = numbers("u2")
     for number, plane in enumerate(array):
         pixels = np.repeat(plane[..., None], channels, axis=2)
         pixels[..., 3:] = 65535
-        save_png(tmp_path / f"{number}.png", pixels, colour_type)
+        save_png(tmp_path / f"{number}.png", pixels, color_type)
     with pytest.raises(CtmcError, match="16 bit color"):
         read_volume(tmp_path)
 
 
-def test_16_bit_grey_with_alpha_is_refused(tmp_path):
+def test_16_bit_gray_with_alpha_is_refused(tmp_path):
     for number in range(2):
         save_png(tmp_path / f"{number}.png", numbers("u2", (4, 4, 2)), 4)
     with pytest.raises(CtmcError, match="16 bit color or an alpha channel"):
@@ -126,10 +126,10 @@ def test_16_bit_grey_with_alpha_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("end", [".png", ".tif", ".jpg"])
-def test_colour_is_refused(tmp_path, end):
-    colour = np.zeros((3, 16, 16, 3), np.uint8)
-    colour[1, 4:, :, 0] = 200
-    for number, picture in enumerate(colour):
+def test_color_is_refused(tmp_path, end):
+    color = np.zeros((3, 16, 16, 3), np.uint8)
+    color[1, 4:, :, 0] = 200
+    for number, picture in enumerate(color):
         if end == ".tif":
             tifffile.imwrite(tmp_path / f"{number}{end}", picture, photometric="rgb")
         else:
@@ -147,7 +147,7 @@ def test_transparency_is_refused(tmp_path):
         read_volume(tmp_path)
 
 
-def test_one_bit_and_palette_images_become_grey(tmp_path):
+def test_one_bit_and_palette_images_become_gray(tmp_path):
     mask = numbers() > 127
     for number, plane in enumerate(mask):
         Image.fromarray(plane).save(tmp_path / f"{number}.png")
@@ -231,7 +231,7 @@ def test_a_multi_page_tiff_keeps_its_values(tmp_path, options, dtype):
     assert (open_volume(path).series[0].slices, open_volume(path).series[0].size) == (6, (7, 5))
 
 
-def test_pages_that_are_grey_in_colour_or_white_is_zero_are_grey(tmp_path):
+def test_pages_that_are_gray_in_color_or_white_is_zero_are_gray(tmp_path):
     array = numbers()
     tifffile.imwrite(tmp_path / "rgb.tif", np.repeat(array[..., None], 3, axis=3), photometric="rgb")
     tifffile.imwrite(tmp_path / "white.tif", 255 - array, photometric="miniswhite")

@@ -123,7 +123,7 @@ def test_the_panel_and_the_scripts_make_the_same_picture(loaded, surface, tmp_pa
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_several_surfaces_stand_in_one_figure_each_in_its_colour(loaded, surface, tmp_path):
+def test_several_surfaces_stand_in_one_figure_each_in_its_color(loaded, surface, tmp_path):
     loaded.ctmc.threshold = 135.0
     bpy.ops.ctmc.reconstruct(new=True)
     inner = bpy.context.view_layer.objects.active

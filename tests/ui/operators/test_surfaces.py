@@ -137,7 +137,7 @@ def test_a_mesh_made_for_an_object_that_is_gone_goes_too(loaded):
     assert (active().matrix_world.translation - where).length > 0.005
 
 
-def test_several_labels_give_several_objects_in_line_each_with_its_colour(scene, labels_file):
+def test_several_labels_give_several_objects_in_line_each_with_its_color(scene, labels_file):
     bpy.ops.ctmc.load(filepath=str(labels_file), spacing=(1, 1, 1))
     assert [(item.value, item.chosen) for item in scene.ctmc.labels] == [(1, True), (2, False), (5, False)]
     scene.ctmc.labels[2].chosen = True

@@ -84,7 +84,7 @@ def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
 
 
 class Nested(Layout):
-    """Each part of its own, grey with the one it stands in."""
+    """Each part of its own, gray with the one it stands in."""
 
     def __init__(self, above=None):
         super().__init__()
@@ -120,7 +120,7 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}
 
 
-def test_millimetres_are_shown_as_such_and_zero_components_as_all(scene):
+def test_millimeters_are_shown_as_such_and_zero_components_as_all(scene):
     for name in ("smoothing_mm", "max_error_mm"):
         assert scene.ctmc.bl_rna.properties[name].unit == "CAMERA"  # which Blender shows in mm at any scene scale
     assert "All" in drawn(settings.CTMC_PT_parts).labels

@@ -1,4 +1,4 @@
-"""From a label to the smoothest scalar field that agrees with it, in millimetres.
+"""From a label to the smoothest scalar field that agrees with it, in millimeters.
 
 The label's grid is refined between slices where they are far apart; the label's own slices are every
 `slice_steps`-th of the result. Inside is `value >= 0`. The same bytes for any number of threads and every NumPy:

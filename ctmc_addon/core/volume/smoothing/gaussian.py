@@ -1,4 +1,4 @@
-"""Smooth a volume by a Gaussian in millimetres, slab by slab, before extraction.
+"""Smooth a volume by a Gaussian in millimeters, slab by slab, before extraction.
 
 Values are (slices, rows, columns); sigma is given in mm and differs along the axes in voxels. Only
 products and sums in a fixed order, so every machine and any number of threads give the same bits.
@@ -29,7 +29,7 @@ def gaussian_smooth_steps(
     ----------
     values : (slices, rows, columns) numbers or bool
         Finite; read once, never changed.
-    spacing : (x, y, z) float, millimetres
+    spacing : (x, y, z) float, millimeters
         For an oblique or sheared affine the lengths of its columns.
     sigma_mm : float
         0 gives the values themselves as float32.

@@ -1,4 +1,4 @@
-"""Distance from every sample near a label's surface to the nearest sample on the other side, in millimetres.
+"""Distance from every sample near a label's surface to the nearest sample on the other side, in millimeters.
 
 Exact within a box of `reach` samples to either side, axis by axis (Felzenszwalb and Huttenlocher 2012, by brute
 force, since the reach is short). One array serves both sides: inside samples carry their squared distance with a

@@ -16,7 +16,7 @@ class SmoothField:
 
     Parameters
     ----------
-    values : (slices, rows, columns) float32, millimetres
+    values : (slices, rows, columns) float32, millimeters
         Positive inside, negative outside, never 0 at a sample of the label; about the distance to the surface near it.
     slice_steps, first_slice : int
         Every so many slices, from this one, is one of the label's.

@@ -1,4 +1,4 @@
-"""Bone as one closed body, true to a tenth of a millimetre."""
+"""Bone as one closed body, true to a tenth of a millimeter."""
 
 import bpy
 
