@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -16,8 +18,8 @@ from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
 from ..optional_imports import needed, quiet
 from .frames import FrameGeometry, frame_geometries
 
-PIXEL_TAGS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
-TAGS = [
+PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
+KEYWORDS = [
     "SOPClassUID",
     "Modality",
     "ImageType",
@@ -31,10 +33,12 @@ TAGS = [
     "NumberOfFrames",
     "SamplesPerPixel",
     "PhotometricInterpretation",
+    "PlanarConfiguration",
     "Rows",
     "Columns",
     "PixelSpacing",
     "BitsAllocated",
+    "BitsStored",
     "PixelRepresentation",
     "PixelPaddingValue",
     "PixelPaddingRangeLimit",
@@ -44,7 +48,9 @@ TAGS = [
     "ModalityLUTSequence",
     "SharedFunctionalGroupsSequence",
     "PerFrameFunctionalGroupsSequence",
-    *PIXEL_TAGS,
+    "ExtendedOffsetTable",
+    "ExtendedOffsetTableLengths",
+    *PIXEL_KEYWORDS,
 ]
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
 NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
@@ -56,12 +62,14 @@ SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
 
 
 class Pixels(NamedTuple):
-    """How a file stores its pixels."""
+    """How and where a file stores its pixels."""
 
     syntax: str  # transfer syntax UID
     compressed: bool
     floating: bool
     padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
+    start: int  # byte of the file where they begin
+    options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +159,12 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
     return (*library, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, RuntimeError)
 
 
+@cache
+def tags() -> list[Any]:
+    """The tags of `KEYWORDS`, looked up once instead of once a file."""
+    return [needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword) for keyword in KEYWORDS]
+
+
 def read_header(path: Path) -> ImageFile | Broken | None:
     """The header of a DICOM image; None where the file is something else."""
     if has_other_suffix(path):
@@ -177,11 +191,11 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
     series, is_image = "", False
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
-        dataset = pydicom.dcmread(file, defer_size=LONGEST_VALUE, force=not preamble, specific_tags=TAGS)
+        dataset = pydicom.dcmread(file, defer_size=LONGEST_VALUE, force=not preamble, specific_tags=tags())
         syntax = syntax_of(dataset)
         if syntax == DEFLATED:  # what was passed over cannot be found again in the file
             file.seek(0)
-            dataset = pydicom.dcmread(file, force=not preamble, specific_tags=TAGS)
+            dataset = pydicom.dcmread(file, force=not preamble, specific_tags=tags())
         series = str(dataset.get("SeriesInstanceUID", None) or "")
         kind = sop_class(dataset)
         if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
@@ -189,13 +203,13 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         is_image = "Image Storage" in kind and "Segmentation" not in kind
         if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
             return Broken(path, series) if is_image and "Rows" not in dataset else None
-        element = next((tag for tag in PIXEL_TAGS if tag in dataset), None)
-        if element is None:
+        keyword = next((keyword for keyword in PIXEL_KEYWORDS if keyword in dataset), None)
+        if keyword is None:
             return Broken(path, series) if is_image else None
-        damage = missing_pixels(dataset, element, syntax, file.seek(0, 2))
+        damage = missing_pixels(dataset, keyword, syntax, file.seek(0, 2))
         if damage:
             return Broken(path, series, damage)
-        return image_file(path, dataset, series, pixels_of(dataset, syntax, element))
+        return image_file(path, dataset, series, pixels_of(dataset, syntax, keyword))
     except unreadable:
         return Broken(path, series) if preamble or is_image else None
 
@@ -213,9 +227,9 @@ def sop_class(dataset: Any) -> str:
     return str(getattr(kind, "name", ""))
 
 
-def missing_pixels(dataset: Any, element: str, syntax: str, file_bytes: int) -> str:
+def missing_pixels(dataset: Any, keyword: str, syntax: str, file_bytes: int) -> str:
     """What is missing where the file holds fewer pixels than its header tells of; else empty."""
-    stored = dataset.get_item(element, keep_deferred=True)
+    stored = dataset.get_item(keyword, keep_deferred=True)
     frames = frame_count(dataset)
     samples = int(dataset.get("SamplesPerPixel", None) or 1)
     if "422" in str(dataset.get("PhotometricInterpretation", "")):  # two color samples for every second pixel
@@ -266,18 +280,22 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
     )
 
 
-def pixels_of(dataset: Any, syntax: str, element: str) -> Pixels:
-    """How the pixels are stored."""
+def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
+    """How and where the pixels are stored."""
     allocated, signed = int(dataset.BitsAllocated), bool(dataset.get("PixelRepresentation", 0))
     padding = dataset.get("PixelPaddingValue", None)
     limit = dataset.get("PixelPaddingRangeLimit", None)
     ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
     whole = [end for end in ends if end is not None]
+    stored = dataset.get_item(keyword, keep_deferred=True)
+    as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
     return Pixels(
         syntax,
         syntax not in UNCOMPRESSED,
-        element != "PixelData",
+        keyword != "PixelData",
         (min(whole), max(whole)) if len(whole) == 2 else None,
+        stored.value_tell,
+        as_options(dataset, pixel_keyword=keyword, pixel_vr=stored.VR),
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...core import ReadError
 from ..optional_imports import needed, quiet, reason
 from .frames import FrameGeometry
-from .header import DEFLATED, ImageFile, pydicom_errors
+from .header import DEFLATED, PIXEL_KEYWORDS, ImageFile, pydicom_errors
 
 
 class DoesNotFit(Exception):
@@ -55,20 +55,22 @@ def syntax_name(syntax: str) -> str:
 def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[Any]]:
     """Pixels as stored, (rows, columns) each, unused high bits removed; the file is opened once for all `frames`."""
     pydicom = needed("pydicom", "pydicom", "DICOM")
-    pixels = needed("pydicom.pixels", "pydicom", "DICOM")
-    syntax = image.pixels.syntax
+    syntax, options = image.pixels.syntax, image.pixels.options
     try:
-        # pydicom finds the pixels by their place in the file, which deflated files do not have.
-        deflated = syntax == DEFLATED
-        source = pydicom.dcmread(image.path) if deflated else image.path
-        options = {} if deflated else {"transfer_syntax_uid": syntax}  # a file without preamble does not say it
-        for stored in pixels.iter_pixels(source, indices=frames, view_only=True, **options):
-            if stored.shape != (image.rows, image.columns):
-                raise ReadError(
-                    f"the pixels of {image.path.name} are {stored.shape}, and its header says "
-                    f"{(image.rows, image.columns)}; copy it again"
-                )
-            yield stored if stored.dtype.isnative else stored.astype(stored.dtype.newbyteorder("="))
+        decoder = needed("pydicom.pixels", "pydicom", "DICOM").get_decoder(syntax)
+        with image.path.open("rb") as file:
+            source: Any = file
+            if syntax == DEFLATED:  # its pixels are at their place only when the file is unpacked
+                source = pydicom.dcmread(file, specific_tags=PIXEL_KEYWORDS)[options["pixel_keyword"]].value
+            else:
+                file.seek(image.pixels.start)
+            for stored, _ in decoder.iter_array(source, indices=frames, view_only=True, **options):
+                if stored.shape != (image.rows, image.columns):
+                    raise ReadError(
+                        f"the pixels of {image.path.name} are {stored.shape}, and its header says "
+                        f"{(image.rows, image.columns)}; copy it again"
+                    )
+                yield stored if stored.dtype.isnative else stored.astype(stored.dtype.newbyteorder("="))
     except pydicom_errors() as error:
         if isinstance(error, OSError) and error.errno is not None:  # the system's
             raise
