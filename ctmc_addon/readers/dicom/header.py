@@ -10,7 +10,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -19,38 +19,17 @@ from ..optional_imports import needed, quiet
 from .frames import FrameGeometry, frame_geometries
 
 PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
+SHARED_KEYWORDS = [  # nearly always alike in the files of a series
+    *("SOPClassUID", "Modality", "ImageType", "SeriesInstanceUID", "AcquisitionNumber"),
+    *("SamplesPerPixel", "PhotometricInterpretation", "PlanarConfiguration", "Rows", "Columns"),
+    *("BitsAllocated", "BitsStored", "PixelRepresentation", "RescaleSlope", "RescaleIntercept"),
+    *("ImageOrientationPatient", "PixelSpacing"),
+]
 KEYWORDS = [
-    "SOPClassUID",
-    "Modality",
-    "ImageType",
-    "SOPInstanceUID",
-    "SeriesInstanceUID",
-    "InstanceNumber",
-    "AcquisitionNumber",
-    "TemporalPositionIdentifier",
-    "ImagePositionPatient",
-    "ImageOrientationPatient",
-    "NumberOfFrames",
-    "SamplesPerPixel",
-    "PhotometricInterpretation",
-    "PlanarConfiguration",
-    "Rows",
-    "Columns",
-    "PixelSpacing",
-    "BitsAllocated",
-    "BitsStored",
-    "PixelRepresentation",
-    "PixelPaddingValue",
-    "PixelPaddingRangeLimit",
-    "RescaleSlope",
-    "RescaleIntercept",
-    "RescaleType",
-    "ModalityLUTSequence",
-    "SharedFunctionalGroupsSequence",
-    "PerFrameFunctionalGroupsSequence",
-    "ExtendedOffsetTable",
-    "ExtendedOffsetTableLengths",
-    *PIXEL_KEYWORDS,
+    *(*SHARED_KEYWORDS, *PIXEL_KEYWORDS, "ExtendedOffsetTable", "ExtendedOffsetTableLengths"),
+    *("SOPInstanceUID", "InstanceNumber", "TemporalPositionIdentifier", "ImagePositionPatient"),
+    *("RescaleType", "ModalityLUTSequence", "PixelPaddingValue", "PixelPaddingRangeLimit"),
+    *("NumberOfFrames", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
 ]
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
 NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
@@ -160,9 +139,29 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
 
 
 @cache
-def tags() -> list[Any]:
-    """The tags of `KEYWORDS`, looked up once instead of once a file."""
-    return [needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword) for keyword in KEYWORDS]
+def tags(*keywords: str) -> frozenset[Any]:
+    """The tags of keywords, looked up once instead of once a file."""
+    return frozenset(map(needed("pydicom.tag", "pydicom", "DICOM").Tag, keywords))
+
+
+@lru_cache(1024)
+def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implicit: bool, little: bool) -> Any:
+    """What pydicom makes of an element as it was read."""
+    elements = needed("pydicom.dataelem", "pydicom", "DICOM")
+    return elements.convert_raw_data_element(elements.RawDataElement(tag, vr, length, value, 0, implicit, little))
+
+
+def read_dataset(file: IO[bytes], **options: Any) -> Any:
+    """The elements of `KEYWORDS`; one that is the same in several files is converted once."""
+    dataset = needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=tags(*KEYWORDS), **options)
+    shared, errors = tags(*SHARED_KEYWORDS), pydicom_errors()
+    for element in [*dataset.values()]:
+        if element.is_raw and element.tag in shared:
+            try:
+                dataset[element.tag] = converted(*element[:4], *element[5:7])
+            except errors:  # raised again where the value is asked for
+                continue
+    return dataset
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
@@ -187,15 +186,14 @@ def is_multi_frame(path: Path) -> bool:
 
 
 def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken | None:
-    pydicom = needed("pydicom", "pydicom", "DICOM")
     series, is_image = "", False
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
-        dataset = pydicom.dcmread(file, defer_size=LONGEST_VALUE, force=not preamble, specific_tags=tags())
+        dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
         syntax = syntax_of(dataset)
         if syntax == DEFLATED:  # what was passed over cannot be found again in the file
             file.seek(0)
-            dataset = pydicom.dcmread(file, force=not preamble, specific_tags=tags())
+            dataset = read_dataset(file, force=not preamble)
         series = str(dataset.get("SeriesInstanceUID", None) or "")
         kind = sop_class(dataset)
         if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
@@ -206,10 +204,9 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         keyword = next((keyword for keyword in PIXEL_KEYWORDS if keyword in dataset), None)
         if keyword is None:
             return Broken(path, series) if is_image else None
-        damage = missing_pixels(dataset, keyword, syntax, file.seek(0, 2))
-        if damage:
-            return Broken(path, series, damage)
-        return image_file(path, dataset, series, pixels_of(dataset, syntax, keyword))
+        pixels = pixels_of(dataset, syntax, keyword)
+        damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
+        return Broken(path, series, damage) if damage else image_file(path, dataset, series, pixels)
     except unreadable:
         return Broken(path, series) if preamble or is_image else None
 
@@ -227,29 +224,18 @@ def sop_class(dataset: Any) -> str:
     return str(getattr(kind, "name", ""))
 
 
-def missing_pixels(dataset: Any, keyword: str, syntax: str, file_bytes: int) -> str:
-    """What is missing where the file holds fewer pixels than its header tells of; else empty."""
-    stored = dataset.get_item(keyword, keep_deferred=True)
-    frames = frame_count(dataset)
-    samples = int(dataset.get("SamplesPerPixel", None) or 1)
-    if "422" in str(dataset.get("PhotometricInterpretation", "")):  # two color samples for every second pixel
-        samples = 2
-    size = int(dataset.Rows) * int(dataset.Columns) * samples
-    needed_bytes = (frames * size * int(dataset.BitsAllocated) + 7) // 8
-    if syntax not in UNCOMPRESSED:
+def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
+    """What is missing where a file or its pixels' `length` hold fewer than the header tells of; else empty."""
+    options, frames = pixels.options, pixels.options["number_of_frames"]
+    if pixels.compressed:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
-    there = stored.length if syntax == DEFLATED else min(stored.length, file_bytes - stored.value_tell)
-    if stored.length == UNDEFINED_LENGTH:
-        return f"compressed pixels called {syntax}"
+    if length == UNDEFINED_LENGTH:
+        return f"compressed pixels called {pixels.syntax}"
+    halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
+    size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
+    needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
+    there = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
     return f"{max(0, there)} of {needed_bytes} bytes of pixels" if there < needed_bytes else ""
-
-
-def frame_count(dataset: Any) -> int:
-    """NumberOfFrames, at least 1."""
-    count = int(dataset.get("NumberOfFrames", None) or 1)  # some write 0 of a single frame
-    if count < 1:
-        raise ValueError(f"{count} frames")
-    return count
 
 
 def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
@@ -258,13 +244,14 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
     modality = str(dataset.get("Modality", None) or "")
     unit = str(dataset.get("RescaleType", None) or "HU").upper()
-    frames = frame_geometries(dataset, frame_count(dataset))
+    options = pixels.options
+    frames = frame_geometries(dataset, options["number_of_frames"])
     return ImageFile(
         path=path,
         series=series,
         modality=modality,
-        rows=int(dataset.Rows),
-        columns=int(dataset.Columns),
+        rows=options["rows"],
+        columns=options["columns"],
         uid=str(dataset.get("SOPInstanceUID", None) or ""),
         instance=int(dataset.get("InstanceNumber", None) or 0),
         acquisition=(
@@ -272,7 +259,8 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
             str(dataset.get("TemporalPositionIdentifier", None) or ""),
         ),
         scout="LOCALIZER" in words,
-        gray=int(dataset.get("SamplesPerPixel", 1)) == 1 and "MONOCHROME" in str(dataset.PhotometricInterpretation),
+        gray=int(options.get("samples_per_pixel", 1)) == 1
+        and "MONOCHROME" in str(options["photometric_interpretation"]),
         hounsfield=modality == "CT" and unit == "HU" and all(frame.unit in ("", "HU") for frame in frames),
         lookup=bool(dataset.get("ModalityLUTSequence", None)),
         pixels=pixels,
@@ -282,20 +270,24 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
 
 def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
     """How and where the pixels are stored."""
-    allocated, signed = int(dataset.BitsAllocated), bool(dataset.get("PixelRepresentation", 0))
+    stored = dataset.get_item(keyword, keep_deferred=True)
+    as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
+    options = as_options(dataset, pixel_keyword=keyword, pixel_vr=stored.VR)
+    sizes = {option: int(options[option]) for option in ("number_of_frames", "rows", "columns", "bits_allocated")}
+    if sizes["number_of_frames"] < 1:
+        raise ValueError(f"{sizes['number_of_frames']} frames")
+    allocated, signed = sizes["bits_allocated"], bool(options.get("pixel_representation", 0))
     padding = dataset.get("PixelPaddingValue", None)
     limit = dataset.get("PixelPaddingRangeLimit", None)
     ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
     whole = [end for end in ends if end is not None]
-    stored = dataset.get_item(keyword, keep_deferred=True)
-    as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
     return Pixels(
         syntax,
         syntax not in UNCOMPRESSED,
         keyword != "PixelData",
         (min(whole), max(whole)) if len(whole) == 2 else None,
         stored.value_tell,
-        as_options(dataset, pixel_keyword=keyword, pixel_vr=stored.VR),
+        options | sizes,
     )
 
 

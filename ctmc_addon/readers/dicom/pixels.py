@@ -80,12 +80,6 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         ) from error
 
 
-def next_frame(frames: Iterator[NDArray[Any]]) -> NDArray[Any]:
-    """The next of the frames, pydicom kept quiet."""
-    with quiet():
-        return next(frames)
-
-
 def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]:
     """Types to try for the volume, the smallest first: integers stay integers where slopes allow it."""
     whole = all(frame.slope.is_integer() and frame.intercept.is_integer() for frame in frames)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Sequence
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from ..result import Reading, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_volume_memory
 from .acquisitions import one_acquisition
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
-from .pixels import DoesNotFit, check_codec, fill_slice, next_frame, output_types, padding_mark, stored_frames
+from .pixels import DoesNotFit, check_codec, fill_slice, output_types, padding_mark, stored_frames
 from .stack_geometry import Stack, stack_up
 
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
@@ -176,13 +176,11 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     """Slices by series, in the order in which the series first appear."""
     series: dict[str, list[Slice]] = {}
     broken = [header for header in headers if isinstance(header, Broken)]
-    color = [header for header in headers if isinstance(header, ImageFile) and not header.gray]
-    for image in headers:
-        if isinstance(image, Broken):
-            continue
-        if not image.gray:
-            continue
-        series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
+    images = [header for header in headers if isinstance(header, ImageFile)]
+    color = [image for image in images if not image.gray]
+    for image in images:
+        if image.gray:
+            series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
     unsound = [header for header in broken if not header.stray]
     return FolderContent(series, unsound, color, len(broken) - len(unsound))
 
@@ -299,30 +297,25 @@ def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any],
     raise AssertionError("float32 holds every value")
 
 
-def stored_slices(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
-    """The stored pixels of every slice, a file opened once for the frames that follow each other.
-
-    One thread decodes: plain pixels are there before a thread would be, and pylibjpeg holds the interpreter.
-    """
-    for image, group in groupby(slices, key=lambda ct_slice: ct_slice.image):
-        yield from stored_frames(image, [ct_slice.frame for ct_slice in group])
-
-
 def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
     """Fill `values`; the lowest real value and the number of padding pixels.
 
-    An uneven stack is interpolated linearly along the normal, with two slices held at a time.
+    An uneven stack is interpolated linearly along the normal, with two slices held at a time. One thread decodes:
+    plain pixels are there before a thread would be, and pylibjpeg holds the interpreter.
     """
     lowest, padded = math.inf, 0
     low = high = values[0]
     if stack.resampled:
         low, high = np.empty((2, *values.shape[1:]), values.dtype)
     done = 0  # slices of the volume
-    frames = stored_slices(slices)
+    groups = groupby(slices, key=lambda ct_slice: ct_slice.image)  # a file is opened once for frames that follow
+    frames = chain.from_iterable(stored_frames(image, [one.frame for one in group]) for image, group in groups)
     for number, ct_slice in enumerate(slices):
         low, high = high, low
         out = high if stack.resampled else values[number]
-        seen = fill_slice(next_frame(frames), ct_slice.geometry, ct_slice.image.pixels.padding, out)
+        with quiet():
+            stored = next(frames)
+        seen = fill_slice(stored, ct_slice.geometry, ct_slice.image.pixels.padding, out)
         lowest, padded = min(lowest, seen.lowest), padded + seen.padded
         yield Step((number + 1) / len(slices), "Decoding slices")
         while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:
