@@ -8,7 +8,7 @@ import pytest
 from pydicom import uid
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers import read_volume
+from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = (1, 0, 0, 0, 1, 0)
 
@@ -56,6 +56,14 @@ def test_every_uncompressed_syntax_and_type_gives_pydicoms_values(tmp_path, save
 def test_compressed_slices_give_the_same_values(tmp_path, save_stack, compress):
     hu = save_stack(tmp_path, range(6), (40, 40), compress=compress)
     np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+@pytest.mark.parametrize("compress", [None, uid.RLELossless])
+def test_pixels_are_read_without_parsing_a_header_again(tmp_path, save_stack, monkeypatch, compress):
+    hu = save_stack(tmp_path, range(3), (40, 40), compress=compress)
+    source = open_volume(tmp_path)
+    monkeypatch.setattr("pydicom.filereader.read_dataset", lambda *_, **__: pytest.fail("a header was parsed again"))
+    np.testing.assert_array_equal(source.read().values, hu)
 
 
 @pytest.mark.parametrize("signed", [False, True])

@@ -56,6 +56,18 @@ def test_mr_is_read_and_said(tmp_path, save_stack):
     assert said(volume, "series is MR, not CT")
 
 
+@pytest.mark.parametrize(
+    "missing", ["Rows", "Columns", "BitsAllocated", "BitsStored", "PhotometricInterpretation", "PixelRepresentation"]
+)
+def test_a_slice_without_the_size_or_type_of_its_pixels_is_refused(tmp_path, save_stack, missing):
+    save_stack(tmp_path, range(3))
+    dataset = pydicom.dcmread(tmp_path / "1.dcm")
+    del dataset[missing]
+    dataset.save_as(tmp_path / "1.dcm")
+    with pytest.raises(CtmcError, match=r"1\.dcm .*truncated or damaged"):
+        read_volume(tmp_path)
+
+
 def test_one_file_stands_for_its_series_in_its_folder(tmp_path, save_stack):
     hu = save_stack(tmp_path, range(4))
     save_stack(tmp_path / "other", range(9))
