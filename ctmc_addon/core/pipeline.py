@@ -272,6 +272,8 @@ def _simplified_steps(
         mesh, removed, surface = simplification.mesh, simplification.removed, None
         if removed.count:
             notes += (f"{removed.sentence('mm3')}.",)
+        if simplification.handles_cut:
+            notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
         target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
         if settings.max_error_mm is None and len(mesh.faces) > target:
             notes += (

@@ -32,6 +32,7 @@ from .collapses import (
 )
 from .component_removal import Components, RemovedComponents, without_components_steps
 from .error_bound import ErrorBound
+from .handles import handle_cuts_steps, longest_loop_edge
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
 from .rollback import History, roll_back_steps
 
@@ -45,6 +46,7 @@ FEW = 0.05  # of the edges tried could collapse: the round was poor
 POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
 COMPACT = 0.75  # of the faces are left: leave out those that are gone
 CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
+CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them takes longer
 
 
 class CollapsingMesh:
@@ -81,6 +83,8 @@ class CollapsingMesh:
         self.components = Components()
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
+        self.cost_at_cut = 0.0  # `face_cost` when handles were last considered
+        self.handles_cut = 0
         self.accepted = 1.0  # share of the edges tried in the last round that could collapse
         self.poor_rounds = 0  # in a row, with hardly a collapse
         self.collapsed = 0  # since refused edges were last given another chance
@@ -208,6 +212,41 @@ class CollapsingMesh:
         self.faces[:, faces] = self.edges[:, edges] = self.dummy
         self.cost[edges] = np.inf
         return True
+
+    def cut_handles_steps(self) -> Steps[None]:
+        """Cut handles that now cost less than collapses, when collapses have become more expensive."""
+        if self.limit is not None or self.face_cost <= CUT_AGAIN * self.cost_at_cut:
+            return
+        self.cost_at_cut = self.face_cost
+        longest = longest_loop_edge(self.face_cost)
+        cuts = yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest)
+        if cuts is None:
+            return
+        self.handles_cut += len(cuts.loops)
+        self.face_count += 2 * len(cuts.loops)
+        vertex_count = self.positions.shape[1]
+        self.faces, self.face_edges, self.edges = cuts.apply(self.faces, self.face_edges, self.edges, vertex_count)
+        yield PAUSE
+        vertices = np.append(np.arange(vertex_count), cuts.loops)
+        self.positions, self.quadrics = (
+            np.take(self.positions, vertices, axis=1),
+            np.take(self.quadrics, vertices, axis=1),
+        )
+        if self.normals is not None:
+            self.normals = np.take(self.normals, vertices, axis=1)
+        self.locked, self.component = self.locked[vertices], self.component[vertices]
+        self.cost = np.append(self.cost, np.full(cuts.loops.size, np.inf, np.float32))
+        self.vertex_becomes = np.arange(len(vertices), dtype=np.int32)
+        self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
+        yield PAUSE
+        changed = np.zeros(len(vertices), bool)
+        changed[cuts.loops] = changed[vertex_count:] = True
+        faces = self.faces[:, np.take(changed, self.faces).any(axis=0)]
+        rows = np.flatnonzero(changed)
+        for row, share in zip(self.quadrics, face_quadrics(self.positions, faces), strict=True):
+            row[rows] = np.bincount(faces.ravel(), np.tile(share, 3), len(vertices))[rows]
+            yield PAUSE
+        yield from self.update_costs_steps(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
 
     def cheapest(self, count: int) -> Indices:
         """The `count` cheapest edges and those that cost the same as the last of them."""
@@ -342,7 +381,7 @@ class CollapsingMesh:
         if self.bound is None:
             self.component = self.component[vertex_left]
             self.quadrics = np.take(self.quadrics, vertex_left, axis=1)
-        self.dummy = len(vertex_left) - 1
+        self.dummy = int(vertex_number[self.dummy])
         self.vertex_becomes = np.arange(len(vertex_left), dtype=np.int32)
         self.edge_becomes = np.arange(len(edge_left), dtype=np.int32)
         yield PAUSE

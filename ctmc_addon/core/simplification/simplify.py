@@ -3,6 +3,7 @@
 What never changes: closed stays closed and manifold stays manifold (link condition), no triangle turns
 over, vertices on a border stay where they are and border edges are not collapsed. Triangles at edges
 with three triangles or more are left alone. A small component may go as a whole, the largest never does.
+Small handles are cut and capped, but never within a maximum error.
 Garland and Heckbert 1997, doi:10.1145/258734.258849.
 """
 
@@ -25,15 +26,18 @@ BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
 @dataclass(frozen=True, eq=False)
 class Simplification:
-    """A simplified surface, and the components that were removed.
+    """A simplified surface, the components that were removed, and how many handles were cut.
 
     mesh : TriangleMesh
     removed : RemovedComponents
         Small components that went as a whole.
+    handles_cut : int
+        Each cut makes the Euler number larger by two.
     """
 
     mesh: TriangleMesh
     removed: RemovedComponents
+    handles_cut: int = 0
 
 
 def simplify(
@@ -108,8 +112,10 @@ def simplification_steps(
         message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
     if removed.count:
         message += f"; {removed.count} small components were removed"
+    if collapsing.handles_cut:
+        message += f"; small handles cut: {collapsing.handles_cut}"
     yield Step(1.0, message)
-    return Simplification(collapsing.mesh(), removed)
+    return Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
 
 
 def _collapse_steps(collapsing: CollapsingMesh, target: int) -> Steps[None]:
@@ -124,6 +130,9 @@ def _collapse_steps(collapsing: CollapsingMesh, target: int) -> Steps[None]:
 
 def _round_steps(collapsing: CollapsingMesh, excess: int) -> Steps[bool]:
     """One round, in which at most `excess` faces go; whether there was anything to try."""
+    faces = collapsing.face_count
+    yield from collapsing.cut_handles_steps()
+    excess += collapsing.face_count - faces
     if not (yield from collapsing.can_collapse_steps()):
         return (yield from collapsing.remove_components_steps(excess, stuck=True))
     faces = collapsing.face_count

@@ -1,0 +1,258 @@
+"""Cut small handles: loops of three edges that are not a face, where collapses get no further.
+
+Edge collapse keeps every handle, however small, and noise has thousands. The last loop round a handle, or through it,
+has three edges, none of which may collapse (link condition). There the surface is cut: the loop becomes two, and each
+is capped with a triangle. The surface stays closed, manifold and oriented, its Euler number grows by two, and with as
+many vertices as before it has four triangles fewer. A loop that would separate a component is a neck, not a handle,
+and stays.
+
+A cut moves the surface by no more than the loop is long, on an area of its square: its cost is the cube of the longest
+edge, shared by the four triangles it saves, in the unit in which collapses and removals of components are compared. So
+a hole stays open until its narrowest loop is as small as the errors made elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.topology import component_roots_steps
+from ..mesh.vectors import dot
+from ..progress import PAUSE, Steps
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+SAVED = 4  # triangles fewer for every cut
+MOST_FACES = 64  # at a vertex, on one side of a loop
+
+
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Loops to cut, no two of which share a vertex, and the corners that go to the copies of their vertices.
+
+    Copy `3 * n + i` is of vertex i of loop n.
+
+    loops : (n, 3) int32
+    slots, faces : (c,) int64
+        Corners on the left of the loops.
+    copy : (c,) int64
+        The copy that each corner goes to.
+    first : (c,) bool
+        Whether the edge from this corner on is the loop's: the copy of vertex i to that of vertex i + 1.
+    """
+
+    loops: Ints
+    slots: Indices
+    faces: Indices
+    copy: Indices
+    first: Flags
+
+    def select(self, selected: Flags) -> Cuts:
+        """Return the selected loops, (n,) bool, numbered anew."""
+        loop, vertex = np.divmod(self.copy, 3)
+        number = np.cumsum(selected) - 1
+        corners = selected[loop]
+        return Cuts(
+            self.loops[selected],
+            self.slots[corners],
+            self.faces[corners],
+            3 * number[loop[corners]] + vertex[corners],
+            self.first[corners],
+        )
+
+    def apply(self, faces: Ints, face_edges: Ints, edges: Ints, vertex_count: int) -> tuple[Ints, Ints, Ints]:
+        """Cut faces (3, F) with their edges (3, F) and ends of edges (2, E); returns them with two caps for each loop.
+
+        Copies are numbered from `vertex_count` on, copies of edges from E on. The arrays given are written to.
+        """
+        count, edge_count = len(self.loops), edges.shape[1]
+        on_loop = self.slots[self.first], self.faces[self.first]
+        off_loop = self.slots[~self.first], self.faces[~self.first]
+        right = np.empty(3 * count, np.int32)  # edges of the loops, from vertex i to i + 1; copies are for the left
+        right[self.copy[self.first]] = face_edges[on_loop]
+        left = np.arange(edge_count, edge_count + 3 * count, dtype=np.int32)
+        beside, copy = face_edges[off_loop], self.copy[~self.first]
+        original = self.loops.ravel()[copy]
+        for row in edges:
+            here = row[beside] == original
+            row[beside[here]] = vertex_count + copy[here]
+        face_edges[on_loop] = left[self.copy[self.first]]
+        faces[self.slots, self.faces] = vertex_count + self.copy
+        copies = np.arange(vertex_count, vertex_count + 3 * count, dtype=np.int32).reshape(-1, 3)
+        ends = np.stack([copies.ravel(), copies[:, [1, 2, 0]].ravel()])
+        return (
+            np.concatenate([faces, self.loops.T, copies[:, [0, 2, 1]].T], axis=1),
+            np.concatenate([face_edges, right.reshape(-1, 3).T, left.reshape(-1, 3)[:, [2, 1, 0]].T], axis=1),
+            np.concatenate([edges, ends], axis=1),
+        )
+
+
+def longest_loop_edge(face_cost: float) -> float:
+    """Length up to which the edges of a loop may be cut when collapses cost so much for every triangle."""
+    return float((SAVED * face_cost) ** (1 / 3))
+
+
+def handle_cuts_steps(positions: Floats, faces: Ints, edges: Ints, locked: Flags, longest: float) -> Steps[Cuts | None]:
+    """Cuts of handles at loops whose edges are no longer than `longest`; None if there are none.
+
+    Parameters
+    ----------
+    positions : (3, V) float32
+    faces : (3, F) int32
+    edges : (2, E) int32
+        Every edge once; those that are gone have two equal ends, like the faces.
+    locked : (V,) bool
+        Vertices that no loop may have.
+    """
+    loops, length = yield from _loops_steps(positions, faces, edges, locked, longest)
+    if not len(loops):
+        return None
+    loops = _independent(loops, length, len(locked))
+    yield PAUSE
+    cuts, right = yield from _sides_steps(loops, faces, len(locked))
+    if not len(cuts.loops):
+        return None
+    handle = yield from _handles_steps(cuts, right, faces, len(locked))
+    return cuts.select(handle) if handle.any() else None
+
+
+def _loops_steps(
+    positions: Floats, faces: Ints, edges: Ints, locked: Flags, longest: float
+) -> Steps[tuple[Ints, Floats]]:
+    """Loops of three edges that are not faces, (n, 3), and their longest edges, (n,)."""
+    count = len(locked)
+    first, second = edges
+    along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
+    length = np.sqrt(dot(along, along))
+    yield PAUSE
+    short = np.flatnonzero((length <= longest) & (first != second) & ~np.take(locked, first) & ~np.take(locked, second))
+    low, high = np.minimum(first[short], second[short]), np.maximum(first[short], second[short])
+    keys = low.astype(np.int64) * count + high
+    order = np.argsort(keys)
+    keys, low, high, length = keys[order], low[order], high[order], length[short[order]]
+    yield PAUSE
+    # Every pair of edges with the same lowest end, and the third edge between their other ends.
+    number = np.arange(len(keys))
+    pairs = np.searchsorted(low, low, side="right") - 1 - number
+    one = np.repeat(number, pairs)
+    other = one + 1 + np.arange(len(one)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    third, present = _find(keys, high[one].astype(np.int64) * count + high[other])
+    one, other, third = one[present], other[present], third[present]
+    at_triangle = np.zeros(count, bool)
+    at_triangle[low[one]] = at_triangle[high[one]] = at_triangle[high[other]] = True
+    yield PAUSE
+    a, b, c = (np.take(at_triangle, corner) for corner in faces)
+    corners = np.sort(faces[:, a & b & c], axis=0).astype(np.int64)
+    yield PAUSE
+    edge, present = _find(keys, corners[0] * count + corners[1])
+    triangles = one * count + high[other]
+    spans = [edge[present] * count + corners[2, present]]
+    yield PAUSE
+    # Round a vertex with three faces: that vertex can collapse.
+    lonely = np.bincount(edges.ravel(), minlength=count) == 3
+    inner, outer = np.concatenate([first, second]), np.concatenate([second, first])
+    at = np.flatnonzero(np.take(lonely, inner))
+    ring = np.sort(outer[at[np.argsort(inner[at], kind="stable")]].reshape(-1, 3), axis=1).astype(np.int64)
+    edge, present = _find(keys, ring[:, 0] * count + ring[:, 1])
+    spans.append(edge[present] * count + ring[present, 2])
+    loop = ~np.isin(triangles, np.concatenate(spans))
+    one, other, third = one[loop], other[loop], third[loop]
+    loops = np.stack([low[one], high[one], high[other]], axis=1)
+    return loops, np.maximum(np.maximum(length[one], length[other]), length[third])
+
+
+def _find(keys: Indices, wanted: Indices) -> tuple[Indices, Flags]:
+    """Where each of `wanted` is in the sorted `keys`, and whether it is there."""
+    if not len(keys):
+        return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return at, keys[at] == wanted
+
+
+def _independent(loops: Ints, length: Floats, vertex_count: int) -> Ints:
+    """Loops that share no vertex, the shortest first."""
+    loops = loops[np.argsort(length, kind="stable")]
+    free = np.ones(vertex_count, bool)
+    independent = []
+    while len(loops):
+        rank = np.arange(len(loops))
+        best = np.full(vertex_count, len(loops))
+        np.minimum.at(best, loops.ravel(), np.repeat(rank, 3))
+        won = (best[loops] == rank[:, None]).all(axis=1)
+        independent.append(loops[won])
+        free[loops[won]] = False
+        loops = loops[free[loops].all(axis=1)]
+    return np.concatenate(independent)
+
+
+def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cuts, Indices]]:
+    """The corners on the left of every loop, and for each of the loops a face on its right.
+
+    Round a vertex, the corner whose face runs to the neighbor n is followed by the one that runs to the neighbor from
+    which this one comes. From the loop's next vertex on, those up to its previous one are on the left.
+    """
+    at_loop = np.zeros(vertex_count, bool)
+    at_loop[loops] = True
+    slots, corner_faces = np.nonzero(np.take(at_loop, faces))
+    vertex = faces[slots, corner_faces].astype(np.int64)
+    keys = vertex * vertex_count + faces[(slots + 1) % 3, corner_faces]
+    order = np.argsort(keys, kind="stable")
+    slots, corner_faces, vertex, keys = slots[order], corner_faces[order], vertex[order], keys[order]
+    back = faces[(slots + 2) % 3, corner_faces]
+    yield PAUSE
+    following, sound = _find(keys, vertex * vertex_count + back)
+    twice = keys[1:] == keys[:-1]  # two faces run the same way along an edge
+    sound[1:] &= ~twice
+    sound[:-1] &= ~twice
+    of = loops.ravel().astype(np.int64)
+    to, last = loops[:, [1, 2, 0]].ravel(), loops[:, [2, 0, 1]].ravel()
+    now, found = _find(keys, of * vertex_count + to)
+    right, found_right = _find(keys, of * vertex_count + last)
+    good = found & found_right
+    copy = np.flatnonzero(good)
+    now = now[copy]
+    places, copies, firsts = [], [], []
+    for turn in range(MOST_FACES):
+        places.append(now)
+        copies.append(copy)
+        firsts.append(np.full(len(now), turn == 0))
+        good[copy[~sound[now]]] = False
+        on = sound[now] & (back[now] != last[copy])
+        now, copy = following[now[on]], copy[on]
+        if not len(now):
+            break
+    good[copy] = False
+    place = np.concatenate(places)
+    cuts = Cuts(loops, slots[place], corner_faces[place], np.concatenate(copies), np.concatenate(firsts))
+    whole = good.reshape(-1, 3).all(axis=1)
+    return cuts.select(whole), corner_faces[right[::3]][whole]
+
+
+def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int) -> Steps[Flags]:
+    """Which loops, (n,) bool, can be cut together and leave every component in one piece; the shortest come first."""
+    count = len(cuts.loops)
+    cut = faces.copy()
+    cut[cuts.slots, cuts.faces] = vertex_count + cuts.copy
+    yield PAUSE
+    roots = yield from component_roots_steps(np.ascontiguousarray(cut.T), vertex_count + 3 * count)
+    left_piece, right_piece = roots[vertex_count + 3 * np.arange(count)], roots[cut[0, right]]
+    handle = left_piece == right_piece
+    piece: dict[int, int] = {}
+
+    def root(number: int) -> int:
+        while (above := piece.get(number, number)) != number:
+            piece[number] = piece.get(above, above)
+            number = above
+        return number
+
+    # The longest keep the pieces together.
+    for loop in np.flatnonzero(~handle)[::-1].tolist():
+        one, other = root(int(left_piece[loop])), root(int(right_piece[loop]))
+        handle[loop] = one == other
+        piece[one] = other
+    return handle
