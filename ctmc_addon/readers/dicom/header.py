@@ -144,7 +144,7 @@ def tags(*keywords: str) -> frozenset[Any]:
     return frozenset(map(needed("pydicom.tag", "pydicom", "DICOM").Tag, keywords))
 
 
-@lru_cache(1024)
+@lru_cache(256)
 def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implicit: bool, little: bool) -> Any:
     """What pydicom makes of an element as it was read."""
     elements = needed("pydicom.dataelem", "pydicom", "DICOM")
