@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .extraction.grid import make_grid
+from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
 from .memory import require
 from .mesh.components import keep_components_steps
@@ -168,7 +168,7 @@ def full_steps(
     threads: int | None = None,
     memory_limit: int | None = None,
 ) -> Steps[Reconstruction]:
-    """Return the surface before the built-in simplifier, whatever the settings ask of it."""
+    """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
     return (yield from _full_steps(Stages(_extraction_of(settings)), volume, settings, threads, memory_limit))
 
 
@@ -220,7 +220,7 @@ def _full_steps(
     memory_limit: int | None,
 ) -> Steps[Reconstruction]:
     region = region_box(volume, settings)
-    make_grid(volume.values, settings.stride, settings.close_border, region)  # refuses a stride that is too large
+    check_stride(settings.stride, region)  # before any value is prepared
     preparing = scalar_field_steps(volume, settings, threads, memory_limit)
     field = yield from stages.run("Preparing values", preparing)
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)

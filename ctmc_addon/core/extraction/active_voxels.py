@@ -45,7 +45,8 @@ class Slab:
     slot : (n,) intp
         The active voxels, ascending: 8 times the rank of its byte in `byte`, and its place in the byte.
     configuration : (n,) int16
-        Row of `tables`: the case, or one of the surfaces that the trilinear interpolant may have in its stead.
+        Configuration number in `tables`: the case, or one of the surfaces that the trilinear interpolant may have
+        in its stead.
     is_cell : (n,) bool
         False for ghost cells.
     edge_owners : three (n_axis,) intp
@@ -106,22 +107,24 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     rows, words = bits.shape[1:]
     layer = rows * words
     slab_words = bits[low : high + 1].reshape(-1)
-    at = _mixed_words(slab_words, rows, words)
-    at_layer = at % layer
-    last, ghost = (mask.reshape(-1).take(at_layer) for mask in _border_masks(grid, rows, words))
+    word_index = _mixed_words(slab_words, rows, words)
+    layer_word_index = word_index % layer
+    last_sample_bits, ghost_bits = (
+        mask.reshape(-1).take(layer_word_index) for mask in _border_masks(grid, rows, words)
+    )
     if high == grid.z.count:
-        ghost[np.searchsorted(at, (high - low - 1) * layer) :] = ALL_INSIDE
+        ghost_bits[np.searchsorted(word_index, (high - low - 1) * layer) :] = ALL_INSIDE
 
     corners = []  # the bits of the voxels' eight corners: a word has those of 64 voxels
     for step in (0, words, layer, layer + words):
-        word = slab_words.take(at + step)
-        following = slab_words.take(at + (step + 1), mode="clip")
+        word = slab_words.take(word_index + step)
+        following = slab_words.take(word_index + (step + 1), mode="clip")
         # The corners one further along x: the word's bits moved down, and the next word's lowest bit on top. Beyond
         # a row's last sample comes that sample again.
         following <<= np.uint64(WORD - 1)
-        following[last != 0] = 0
+        following[last_sample_bits != 0] = 0
         following |= word >> np.uint64(1)
-        following |= word & last
+        following |= word & last_sample_bits
         corners += [word, following]
     active, all_inside = corners[0].copy(), corners[0].copy()
     for corner in corners[1:]:
@@ -130,7 +133,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     active ^= all_inside  # any corner inside, but not all
 
     mixed_byte = np.flatnonzero(active.view(np.uint8) != 0)  # of the gathered words
-    byte = at.take(mixed_byte >> 3)
+    byte = word_index.take(mixed_byte >> 3)
     byte *= BYTE
     byte += mixed_byte & 7
     slot = np.flatnonzero(_bits_of(active, mixed_byte).view(bool))
@@ -147,7 +150,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         byte=byte,
         slot=slot,
         configuration=case.astype(np.int16),
-        is_cell=_bits_of(~ghost, mixed_byte).take(slot).view(bool),
+        is_cell=_bits_of(~ghost_bits, mixed_byte).take(slot).view(bool),
         edge_owners=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
         with_interior=np.zeros(0, np.intp),
         corner_values=np.zeros((0, 8)),
@@ -174,13 +177,13 @@ def _any_neighbor(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np
 
 def _border_masks(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
     """For the words of a layer (rows, words): the last sample of every row, and all the ghost cells."""
-    last = np.zeros((rows, words), np.uint64)
-    last[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
-    ghost = last.copy()
-    ghost[grid.y.count - 1] = ALL_INSIDE
-    return last, ghost
+    last_sample_bits = np.zeros((rows, words), np.uint64)
+    last_sample_bits[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
+    ghost_bits = last_sample_bits.copy()
+    ghost_bits[grid.y.count - 1] = ALL_INSIDE
+    return last_sample_bits, ghost_bits
 
 
-def _bits_of(words: NDArray[np.uint64], at: NDArray[np.intp]) -> NDArray[np.uint8]:
+def _bits_of(words: NDArray[np.uint64], byte_index: NDArray[np.intp]) -> NDArray[np.uint8]:
     """The bits of some bytes of the words, one a byte."""
-    return np.unpackbits(words.view(np.uint8).take(at), bitorder="little")
+    return np.unpackbits(words.view(np.uint8).take(byte_index), bitorder="little")

@@ -116,7 +116,7 @@ def case_triangles(case: int) -> tuple[Triangle, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TriangleTables:
-    """Triangles of every surface a voxel may have: its configurations, in rows.
+    """Triangles of every surface a voxel may have: its configurations, by number.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class TriangleTables:
             kinds.append(2 * count - bool(fan))
         sizes = np.array([len(edges) for edges in lists], np.intp)
         return CornerLists(
-            kind=np.array(kinds, np.uint8),
+            corner_list_kind=np.array(kinds, np.uint8),
             first=np.cumsum(sizes) - sizes,
             edges=np.array([edge for edges in lists for edge in edges], np.intp),
         )
@@ -160,14 +160,15 @@ class CornerLists:
 
     Parameters
     ----------
-    kind : (configurations,) uint8
-        0 for no triangles, `2 n - 1` for n that make a fan, `2 n` for n others; see `columns`.
+    corner_list_kind : (configurations,) uint8
+        0 for no triangles, `2 n - 1` for n that make a fan, `2 n` for n others; see `columns`. Example: 3 for two
+        triangles that make a fan, 4 for two that do not.
     first : (configurations,) intp
         Where a configuration's list begins in `edges`.
     edges : (n,) intp
     """
 
-    kind: NDArray[np.uint8]
+    corner_list_kind: NDArray[np.uint8]
     first: NDArray[np.intp]
     edges: NDArray[np.intp]
 

@@ -31,7 +31,7 @@ VOXELS_AT_ONCE = 1 << 14  # whose corners are looked up at once, for the same re
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
-    """Write the triangles of a slab whose own vertices are numbered from `first_vertex`.
+    """Write the triangles of a slab whose vertices are numbered from `first_vertex`.
 
     Those of one kind follow one another: voxels with one triangle first, then those with two, and so on.
 
@@ -54,21 +54,21 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     neighbor_of_corner = np.array(neighbor_of_edge, np.intp)[corners.edges]
     offset_of_corner = np.array(offset_of_edge, np.int32)[corners.edges]
 
-    kind = corners.kind.take(slab.configuration)
-    kind *= slab.is_cell
-    by_kind = np.argsort(kind, kind="stable")
-    ends = np.cumsum(np.bincount(kind)).tolist()
+    corner_list_kind = corners.corner_list_kind.take(slab.configuration)  # (voxels,), 3 for a fan of two triangles
+    corner_list_kind *= slab.is_cell
+    by_kind = np.argsort(corner_list_kind, kind="stable")
+    ends = np.cumsum(np.bincount(corner_list_kind)).tolist()
     start = 0
-    for number, (begin, end) in enumerate(pairwise(ends), 1):
-        corner_count, columns = CornerLists.columns(number)
+    for kind, (begin, end) in enumerate(pairwise(ends), 1):
+        corner_count, columns = CornerLists.columns(kind)
         for first in range(begin, end, VOXELS_AT_ONCE):
             voxel = by_kind[first : min(first + VOXELS_AT_ONCE, end)]
             corner = corners.first.take(slab.configuration.take(voxel)) + np.arange(corner_count)[:, None]
-            at = neighbor_of_corner.take(corner)
-            at += voxel
-            place = slots.take(at)
-            place += offset_of_corner.take(corner)
-            vertices = vertex_of.take(place, mode="clip")  # (corner_count, voxels)
+            neighbor_index = neighbor_of_corner.take(corner)  # (corner_count, voxels), into flat `slots`
+            neighbor_index += voxel
+            vertex_flat_index = slots.take(neighbor_index)  # (corner_count, voxels), into flat `vertex_of`
+            vertex_flat_index += offset_of_corner.take(corner)
+            vertices = vertex_of.take(vertex_flat_index, mode="clip")  # (corner_count, voxels)
             block = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
             start += len(columns) // 3 * len(voxel)
             for column, source in enumerate(columns):

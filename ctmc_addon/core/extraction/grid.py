@@ -14,6 +14,7 @@ space. Example: 6 values along x, a stride of 2, a closed border:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,6 +96,27 @@ class Grid:
         return -(-self.x.count // WORD)
 
 
+def check_stride(stride: int | tuple[int, int, int], window: Sequence[tuple[int, int]]) -> tuple[int, int, int]:
+    """Return the stride along x, y and z, or raise a `SettingsError` if it does not fit the window.
+
+    Examples
+    --------
+    >>> check_stride(2, ((0, 6), (0, 6), (0, 6)))
+    (2, 2, 2)
+    """
+    strides = (stride,) * 3 if isinstance(stride, int | np.integer) else tuple(stride)
+    if len(strides) != 3:
+        raise SettingsError(f"stride takes 3 numbers, x, y and z, not {len(strides)}: {strides}")
+    for name, (start, stop), step in zip("xyz", window, strides, strict=True):
+        if step != int(step) or not 1 <= step < stop - start:
+            raise SettingsError(
+                f"stride {step} along {name} must be a whole number from 1 to {stop - start - 1}, "
+                f"since there are {stop - start} samples along {name}"
+            )
+    x, y, z = (int(step) for step in strides)
+    return x, y, z
+
+
 def make_grid(
     values: NDArray[Any],
     stride: int | tuple[int, int, int] = (1, 1, 1),
@@ -108,16 +130,7 @@ def make_grid(
     SettingsError
         If a stride is below 1 or larger than the window, or there are not three.
     """
-    strides = (stride,) * 3 if isinstance(stride, int | np.integer) else tuple(stride)
-    if len(strides) != 3:
-        raise SettingsError(f"stride takes 3 numbers, x, y and z, not {len(strides)}: {strides}")
     ranges = window or tuple((0, size) for size in values.shape[::-1])
-    axes = []
-    for name, (start, stop), step in zip("xyz", ranges, strides, strict=True):
-        if step != int(step) or not 1 <= step < stop - start:
-            raise SettingsError(
-                f"stride {step} along {name} must be a whole number from 1 to {stop - start - 1}, "
-                f"since there are {stop - start} samples along {name}"
-            )
-        axes.append(sample_axis(start, stop, int(step), close_border))
+    strides = check_stride(stride, ranges)
+    axes = [sample_axis(start, stop, step, close_border) for (start, stop), step in zip(ranges, strides, strict=True)]
     return Grid(values.view(np.uint8) if values.dtype == bool else values, *axes)

@@ -28,12 +28,12 @@ def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold:
     decided = decide(values, threshold, slab.configuration[ambiguous].astype(np.uint8))
     configuration = slab.configuration.copy()
     configuration[ambiguous] = decided
-    has = np.flatnonzero(trilinear_tables().interior_count.take(decided))
+    has_interior = np.flatnonzero(trilinear_tables().interior_count.take(decided))
     return replace(
         slab,
         configuration=configuration,
-        with_interior=ambiguous[has],
-        corner_values=values[has],
+        with_interior=ambiguous[has_interior],
+        corner_values=values[has_interior],
         tables=trilinear_tables(),
     )
 
@@ -54,18 +54,23 @@ def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sa
 def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, out: VertexArrays) -> None:
     """Fill in a slab's vertices inside voxels, all of `out`; as normals the trilinear interpolant's own gradient."""
     count = slab.tables.interior_count.take(slab.configuration.take(slab.with_interior))
-    at, number = np.nonzero(np.arange(3) < count[:, None])  # of every vertex its voxel, and which it is there
-    voxel = slab.with_interior.take(at)
-    configuration, samples, values = slab.configuration.take(voxel), slab.samples(voxel), slab.corner_values[at]
+    # Of every vertex its voxel, counted in `with_interior`, and which of that voxel's it is, 0 to 2.
+    voxel_index, interior_number = np.nonzero(np.arange(3) < count[:, None])
+    voxel = slab.with_interior.take(voxel_index)
+    configuration, samples, values = (
+        slab.configuration.take(voxel),
+        slab.samples(voxel),
+        slab.corner_values[voxel_index],
+    )
     begin, end = np.empty((2, len(voxel), 3), np.float32)
     for axis, along in enumerate((grid.x, grid.y, grid.z)):
         begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
     side = end - begin
 
     share = crossings(values, threshold)
-    points = interior_points(configuration, number, share)
+    points = interior_points(configuration, interior_number, share)
     linear = (begin + points * side).astype(np.float32)
-    middle = (begin + trilinear_tables().interior_middle[configuration, number] * side).astype(np.float32)
+    middle = (begin + trilinear_tables().interior_middle[configuration, interior_number] * side).astype(np.float32)
     for alpha, position in zip(out.alphas, out.positions, strict=True):
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
     if out.normals is not None:
@@ -94,5 +99,5 @@ def _outward_normals(
         gradient += slope
     gradient /= side.T
     length = np.sqrt((gradient[0] ** 2 + gradient[1] ** 2) + gradient[2] ** 2)
-    known = (length > 0) & np.isfinite(length)  # unknown where a corner is NaN or infinite
-    return np.where(known, gradient * (-1.0 / np.where(known, length, 1.0)), 0.0).T
+    has_gradient = (length > 0) & np.isfinite(length)  # not where a corner is NaN or infinite
+    return np.where(has_gradient, gradient * (-1.0 / np.where(has_gradient, length, 1.0)), 0.0).T

@@ -13,7 +13,7 @@ Three passes, each over slabs of sample layers and each spread over threads. Rea
 For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their gray
 values, trilinear_cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
 
-Positions are in index space (x = column, y = row, z = slice); volume.py moves them to RAS+ millimeters.
+Positions are in index space (x = column, y = row, z = slice); pipeline.py moves them to RAS+ millimeters by affine.py.
 Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37422.
 """
 
@@ -45,7 +45,7 @@ from .vertices import VertexArrays, fill_edge_vertices
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
-KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _scan_steps
+KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
 TOPOLOGIES = ("classic", "trilinear")
 STAGES = {
     "Comparing with the threshold": 3,
@@ -171,9 +171,7 @@ def _scan_steps(stages: Stages, grid: Grid, threshold: float, threads: int, topo
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
         raise ThresholdError(f"threshold {threshold} is not a number; give a gray value of the volume")
-    # The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger
-    # piece was freed before. This is one; nothing is written to it.
-    np.empty(KEPT_BYTES, np.uint8)
+    _keep_freed_pages()
     layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
     bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
 
@@ -191,6 +189,15 @@ def _scan_steps(stages: Stages, grid: Grid, threshold: float, threads: int, topo
         return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
     return (yield from stages.run(FINDING, map_steps(find, _slab_ranges(bits), threads, "")))
+
+
+def _keep_freed_pages() -> None:
+    """Free a large array, so that the arrays of slabs are allocated faster.
+
+    The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger piece
+    was freed before. This is one; nothing is written to it.
+    """
+    np.empty(KEPT_BYTES, np.uint8)
 
 
 def _slab_ranges(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:

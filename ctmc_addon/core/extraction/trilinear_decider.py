@@ -27,16 +27,16 @@ from .trilinear_cases import Piece, ambiguous_faces, surface, tunnels
 
 TIE = 2.0**-30  # share of a voxel's largest difference by which ties in its interior are lifted
 INSIDE = np.array([[case >> corner & 1 for corner in range(8)] for case in range(256)], bool)
-AROUND = np.array(FACES)
+FACE_CORNERS = np.array(FACES)
 AMBIGUOUS = (
-    (INSIDE[:, AROUND[:, 0]] == INSIDE[:, AROUND[:, 2]])
-    & (INSIDE[:, AROUND[:, 1]] == INSIDE[:, AROUND[:, 3]])
-    & (INSIDE[:, AROUND[:, 0]] != INSIDE[:, AROUND[:, 1]])
+    (INSIDE[:, FACE_CORNERS[:, 0]] == INSIDE[:, FACE_CORNERS[:, 2]])
+    & (INSIDE[:, FACE_CORNERS[:, 1]] == INSIDE[:, FACE_CORNERS[:, 3]])
+    & (INSIDE[:, FACE_CORNERS[:, 0]] != INSIDE[:, FACE_CORNERS[:, 1]])
 )
 """(256, 6) whether a face's corners are inside and outside in turn."""
 
 FIRST_INSIDE, FIRST_OUTSIDE = (
-    np.ascontiguousarray((AMBIGUOUS & (INSIDE[:, AROUND[:, 0]] == side)).T) for side in (True, False)
+    np.ascontiguousarray((AMBIGUOUS & (INSIDE[:, FACE_CORNERS[:, 0]] == side)).T) for side in (True, False)
 )
 """(6, 256) of these the faces whose first corner is inside, and outside."""
 
@@ -50,12 +50,12 @@ NEEDS_DECISION = AMBIGUOUS.any(axis=1)
 for corner in range(4):
     NEEDS_DECISION[1 << corner | 128 >> corner] = NEEDS_DECISION[255 - (1 << corner | 128 >> corner)] = True
 
-SQUARE = (0, 1, 3, 2)  # the corners around the low face along z; the z edges rise from them
+LOW_FACE_CORNERS = (0, 1, 3, 2)  # the corners around the low face along z; the z edges rise from them
 
 
 @dataclass(frozen=True, eq=False)
 class TrilinearTables(TriangleTables):
-    """Triangles of every surface a voxel may have: its configurations, in rows, the 256 classic cases first.
+    """Triangles of every surface a voxel may have: its configurations, by number, the 256 classic cases first.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def trilinear_tables() -> TrilinearTables:
 
 
 def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Configuration of the trilinear interpolant's surface in every voxel: row of `trilinear_tables`.
+    """Configuration of the trilinear interpolant's surface in every voxel, as numbered in `trilinear_tables`.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
 
 def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """A bit for each ambiguous face whose inside corners are connected."""
-    a, b, c, d = AROUND.T
+    a, b, c, d = FACE_CORNERS.T
     first, second = difference[a] * difference[c], difference[b] * difference[d]  # of the two diagonals, (6, n)
     connected = (first >= second) & FIRST_INSIDE.take(case, axis=1)
     connected |= (second >= first) & FIRST_OUTSIDE.take(case, axis=1)
@@ -170,7 +170,7 @@ def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -
 
 def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Voxels in which the quadratic turns, and where: only there can a tunnel be."""
-    low, high = difference[list(SQUARE)], difference[[corner | 4 for corner in SQUARE]]
+    low, high = difference[list(LOW_FACE_CORNERS)], difference[[corner | 4 for corner in LOW_FACE_CORNERS]]
     # With a, b, c, d around a slice, a c - b d is positive where a and c are connected: start + slope z + bend z z.
     start = low[0] * low[2] - low[1] * low[3]
     slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
@@ -182,7 +182,7 @@ def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[n
 
 def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
     """1 + the number of the tunnel in `TUNNELS`, 0 where there is none at the height z where the quadratic turns."""
-    low, high = difference[list(SQUARE)], difference[[corner | 4 for corner in SQUARE]]
+    low, high = difference[list(LOW_FACE_CORNERS)], difference[[corner | 4 for corner in LOW_FACE_CORNERS]]
     at = low + (high - low) * z  # (4, n)
     side = at >= 0
     turned = at[0] * at[2] - at[1] * at[3]
@@ -191,7 +191,7 @@ def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: ND
     tunnel = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1])
     tunnel &= (connected_below == connected_above) & (connected_here != connected_below)
     # A corner of each connected edge: the end that is on the edge's side.
-    end = (INSIDE.T[list(SQUARE)].take(decided >> 6, axis=1) != side).astype(np.intp)
+    end = (INSIDE.T[list(LOW_FACE_CORNERS)].take(decided >> 6, axis=1) != side).astype(np.intp)
     first, second = 2 * end[0] + end[2], 4 + 2 * end[1] + end[3]
     return np.where(tunnel, 1 + np.where(turned > 0, first, second), 0)
 

@@ -1,6 +1,12 @@
 """The scalar field that a surface is extracted from: region, label, NaN, threshold and smoothing.
 
 Boxes are in voxel indices of the volume, three (start, stop) pairs in the order x, y, z.
+
+    region    what the settings ask for, or the whole volume
+    window    the box that is extracted: the region, or in it a label's box with its margin
+    margin    voxels that a label's box is wider than the label, on each side
+    reach     voxels beyond the window that smoothing reads
+    box       the window and its reach, and a voxel more for normals: the values that the field holds
 """
 
 from __future__ import annotations
@@ -93,15 +99,15 @@ def scalar_field_steps(
     method = settings.smoothing_method
     if method == "constrained" and settings.label is None:
         raise constrained_threshold_error()
-    looking = "Looking at the values" if settings.label is None else "Finding the label"
-    stages = Stages({looking: 1} | SMOOTHING_STAGE[method])
+    value_stage = "Looking at the values" if settings.label is None else "Finding the label"
+    stages = Stages({value_stage: 1} | SMOOTHING_STAGE[method])
     if settings.label is not None:
-        window = yield from stages.run(looking, _label_box_steps(volume, settings, window))
+        window = yield from stages.run(value_stage, _label_box_steps(volume, settings, window))
     # Smoothing looks beyond the window, and so do normals, by one voxel.
     reach = [math.ceil(REACH * settings.gaussian_mm / side) for side in volume.spacing]
     if method == "constrained" and settings.region is not None:
         reach = [*reach_of(volume.spacing)]
-    box = grown_box(window, [margin + 1 for margin in reach], volume.size)
+    box = grown_box(window, [voxels + 1 for voxels in reach], volume.size)
     origin = (box[0][0], box[1][0], box[2][0])
     values = volume.values[box_slices(box)]
     notes: tuple[str, ...] = ()
@@ -110,13 +116,13 @@ def scalar_field_steps(
         if method == "none":
             notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
-        yield Step(0.0, looking)
+        yield Step(0.0, value_stage)
         if values.dtype.kind == "f":
             smoothed = relative_box(grown_box(window, reach, volume.size), origin)
             values = _finite(values, values[box_slices(smoothed)], settings.nan_as, memory_limit)
         if settings.threshold is not None:
             check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind)
-    threshold = yield from stages.run(looking, used_threshold_steps(volume, settings))
+    threshold = yield from stages.run(value_stage, used_threshold_steps(volume, settings))
     if settings.label is None and settings.threshold is None:
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
     field = ScalarField(values, origin, window, threshold, notes, threshold, relative_box(window, origin))
