@@ -6,6 +6,9 @@ name, which fails where that name is no Python name.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,3 +28,17 @@ class PlainRoot:
 def pytest_configure(config: pytest.Config) -> None:
     """Register the plugin before anything is collected."""
     config.pluginmanager.register(PlainRoot())
+
+
+@pytest.fixture
+def name_of_an_ended_process():
+    """Make hidden names as a process of this machine chose them that has ended."""
+    from ctmc_addon.reporting.temporary_names import temporary_name
+
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+
+    def name(*prefix):
+        return temporary_name(*prefix).replace(f"-{os.getpid()}-", f"-{process.pid}-")
+
+    return name

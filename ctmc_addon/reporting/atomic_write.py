@@ -1,7 +1,8 @@
 """Write a file whole or not at all, and check before the work whether a file can be written.
 
 A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a
-crash leaves half of one, and an older file stays until the new one is ready.
+crash leaves half of one, and an older file stays until the new one is ready. A link stays a link: what it points to
+is replaced. The new file gets the permissions of the older one.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import io
 import json
 import os
 import shutil
+import stat
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import OutputError
+from .temporary_names import remove_leftovers, temporary_name
 
 REMEDIES = {
     errno.ENOENT: "the folder does not exist; make it first",
@@ -45,14 +48,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(path)
     # A short name of its own: the target's may already be as long as the disk allows.
-    beside = target.parent / f".ctmc-{uuid.uuid4().hex[:12]}{target.suffix}"
+    beside = _linked(target).with_name(temporary_name() + target.suffix)
     with _refusing(target):
         try:
             beside.open("xb").close()
+            _copy_mode(target, beside)  # nobody reads it before, either
             yield beside
+            _copy_mode(target, beside)  # Blender writes a new file
             _sync(beside)
-            beside.replace(target)
-            _sync_folder(target.parent)
+            beside.replace(_linked(target))
+            _sync_folder(beside.parent)
         finally:
             with suppress(OSError):  # the folder may not exist
                 beside.unlink(missing_ok=True)
@@ -70,12 +75,12 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
     OutputError
         As of `whole_file`.
     """
-    hidden = f".ctmc-{uuid.uuid4().hex[:12]}"
-    places = {path: path.parent / hidden / path.name for path in paths}
+    hidden = temporary_name()
+    places = {path: _linked(path).parent / hidden / path.name for path in paths}
     try:
         for path, place in places.items():
             with _refusing(path):
-                place.parent.mkdir(exist_ok=True)
+                place.parent.mkdir(0o700, exist_ok=True)
         yield places
         _replace_all(places)
     except OutputError as error:
@@ -90,22 +95,35 @@ def _replace_all(places: Mapping[Path, Path]) -> None:
     older: dict[Path, Path | None] = {}  # a second name of what stands at a path
     for path, place in places.items():
         with _refusing(path):
+            _copy_mode(path, place)
             _sync(place)
-            older[path] = _second_name(path, place.parent) if path.exists() else None
-    moved = []
+            older[path] = _second_name(_linked(path), place.parent) if path.exists() else None
+    targets = {path: _linked(path) for path in places}
     try:
         for path, place in places.items():
             with _refusing(path):
-                place.replace(path)
-            moved.append(path)
-    except OutputError:
-        for path in reversed(moved):
+                place.replace(targets[path])
+    except BaseException:  # Ctrl-C too
+        for path, target in targets.items():
+            if places[path].exists():  # not moved
+                continue
             with suppress(OSError):
                 second = older[path]
-                path.unlink() if second is None else second.replace(path)
+                target.unlink() if second is None else second.replace(target)
         raise
-    for folder in {path.parent for path in places}:
+    for folder in {target.parent for target in targets.values()}:
         _sync_folder(folder)
+
+
+def _linked(path: Path) -> Path:
+    """The file that a link points to, or the path itself."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _copy_mode(older: Path, path: Path) -> None:
+    """Give a file the permissions of an older one, if there is one."""
+    with suppress(OSError):  # some disks have no permissions
+        path.chmod(stat.S_IMODE(older.stat().st_mode))
 
 
 def _second_name(path: Path, folder: Path) -> Path:
@@ -151,7 +169,10 @@ def refused(path: Path, error: OSError) -> OutputError:
 
 
 def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = ()) -> Path:
-    """Return `path` if a file can be written there and has one of the suffixes; raise an `OutputError` otherwise."""
+    """Return `path` if a file can be written there and has one of the suffixes; raise an `OutputError` otherwise.
+
+    What was left in its folder by processes that were killed is removed.
+    """
     target = Path(path)
     if suffixes and target.suffix.lower() not in suffixes:
         name = target.name or "an empty name"
@@ -159,9 +180,10 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     if target.is_dir():
         raise refused(target, IsADirectoryError(errno.EISDIR, ""))
     try:
-        probe = target.parent / f".ctmc-{uuid.uuid4().hex[:12]}"
+        probe = _linked(target).with_name(temporary_name())
         probe.open("xb").close()
         probe.unlink()
+        remove_leftovers(probe.parent)
     except OSError as error:
         raise refused(target, error) from error
     return target

@@ -1,12 +1,14 @@
 """Files that appear whole or not at all, alone and together."""
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
 
 from ctmc_addon.core import OutputError
-from ctmc_addon.reporting.atomic_write import whole_file, whole_files, write_json
+from ctmc_addon.reporting.atomic_write import require_writable, whole_file, whole_files, write_json
+from ctmc_addon.reporting.temporary_names import temporary_name
 
 
 def everything_in(folder: Path) -> dict[str, str]:
@@ -84,3 +86,55 @@ def test_bytes_reach_the_disk_before_the_name_does(tmp_path, monkeypatch):
         places[tmp_path / "c.txt"].write_text("c")
     folders = [] if os.name == "nt" else ["sync"]
     assert done == ["sync", "move", *folders] * 2
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_when_the_second_move_is_interrupted_the_first_is_taken_back(tmp_path, monkeypatch, error):
+    (tmp_path / "a.txt").write_text("older a")
+    plain = Path.replace
+
+    def replace(self, target):
+        if self.name == Path(target).name == "b.txt":
+            raise error
+        return plain(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    with pytest.raises(error):
+        write_both(tmp_path)
+    assert everything_in(tmp_path) == {"a.txt": "older a"}
+
+
+def write_one_alone(path: Path) -> None:
+    with whole_file(path) as beside:
+        beside.unlink()  # as Blender does, which writes a file of its own
+        beside.write_text("new")
+
+
+def write_one_of_many(path: Path) -> None:
+    with whole_files([path]) as places:
+        places[path].write_text("new")
+
+
+@pytest.mark.parametrize("write", [write_one_alone, write_one_of_many])
+@pytest.mark.skipif(os.name == "nt", reason="Windows keeps no modes, and links only for administrators")
+def test_links_and_permissions_stay(tmp_path, write):
+    real, link = tmp_path / "elsewhere" / "real.txt", tmp_path / "a.txt"
+    real.parent.mkdir()
+    real.write_text("older")
+    real.chmod(0o600)
+    link.symlink_to(real)
+    write(link)
+    assert link.is_symlink()
+    assert everything_in(real.parent) == {"real.txt": "new"}
+    assert stat.S_IMODE(real.stat().st_mode) == 0o600
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "elsewhere"]
+
+
+def test_what_a_killed_process_left_goes_and_what_others_write_stays(tmp_path, name_of_an_ended_process):
+    (tmp_path / name_of_an_ended_process()).mkdir()
+    (tmp_path / f"{name_of_an_ended_process()}.stl").write_text("half")
+    kept = [".ctmc-0123456789ab.stl", ".ctmc-run-00000000-1-0123456789ab", temporary_name()]
+    for name in kept:
+        (tmp_path / name).write_text("half")
+    require_writable(tmp_path / "a.stl")
+    assert sorted(everything_in(tmp_path)) == sorted(kept)

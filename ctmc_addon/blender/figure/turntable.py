@@ -21,6 +21,7 @@ import bpy
 
 from ...core import VERSION, OutputError, Step, Steps, finish
 from ...reporting.atomic_write import made_folder, refused, whole_file, write_json
+from ...reporting.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
 from .annotations import PIVOT
 from .compose import FigureScene, all_positions, center_of, compose
@@ -72,8 +73,7 @@ def turntable_steps(
         note = note_of(figure, page, style, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
-        for half in folder.glob(".ctmc-*"):  # of work that was killed
-            half.unlink(missing_ok=True)
+        remove_leftovers(folder)
         write_json(folder / NOTE, note)
         if blend is not None:
             with whole_file(Path(blend)) as beside:

@@ -14,6 +14,7 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def run(_args: argparse.Namespace) -> None:
     try:
         do_case(task, unfinished)
     finally:
-        remove(unfinished)
+        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def first_line() -> bytes:
@@ -74,17 +75,10 @@ def leave_with_the_batch(unfinished: Path) -> None:
     """Wait for the end of standard input, then go at once."""
     while os.read(0, 1 << 16):
         pass
-    remove(unfinished)
-    os._exit(1)
-
-
-def remove(unfinished: Path) -> None:
-    """Remove this case's folder, and the run's if this was the last case in it."""
     shutil.rmtree(unfinished, ignore_errors=True)
-    try:
+    with suppress(OSError):  # other cases of the run are at work there
         unfinished.parent.rmdir()
-    except OSError:
-        pass  # other cases are at work there
+    os._exit(1)
 
 
 def do_case(task: Mapping[str, Any], unfinished: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -88,8 +87,8 @@ def run(args: argparse.Namespace) -> None:
         made_folder(folder)
         require_writable(folder / "summary.json")
         remove_unfinished(folder)
-        with Progress() as progress:
-            rows = progress.finish(batch_steps(cases, folder, args, cluster))
+        with unfinished_folder(folder) as unfinished, Progress() as progress:
+            rows = progress.finish(batch_steps(cases, folder, unfinished, args, cluster))
     finally:
         if cluster is not None:
             cluster.close()
@@ -117,12 +116,12 @@ def connected(address: str) -> Cluster:
 
 
 def batch_steps(
-    cases: Sequence[Case], folder: Path, args: argparse.Namespace, cluster: Cluster | None
+    cases: Sequence[Case], folder: Path, unfinished: str, args: argparse.Namespace, cluster: Cluster | None
 ) -> Steps[list[SummaryRow]]:
     """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
     rows = {output.name: SummaryRow(output.name) for case in cases for output in case.outputs}
     run = uuid.uuid4().hex[:12]
-    tasks = [task_of(case, folder, args, run) for case in cases]
+    tasks = [task_of(case, folder, args, run) | {"unfinished": unfinished} for case in cases]
     if args.resume:
         tasks = yield from remaining_steps(tasks, folder, rows)
     done_before = sum(row.status == "done" for row in rows.values())
@@ -138,8 +137,6 @@ def batch_steps(
                     write_summary(folder, list(rows.values()), over == len(tasks))
                 yield Step(over / total, counts(list(rows.values())))
     finally:
-        if tasks:
-            shutil.rmtree(unfinished_folder(tasks[0]), ignore_errors=True)
         # What was interrupted is to be done again, and the table does not say that it runs.
         stopped = [row for row in rows.values() if row.status == "running"]
         for row in stopped:

@@ -11,15 +11,17 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ...core import VERSION, CtmcError
+from ...core import VERSION, CtmcError, OutputError
 from ...readers import VolumeSource, open_volume
 from ...reporting.atomic_write import made_folder, refused, write_json
+from ...reporting.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 
-UNFINISHED = ".ctmc-"  # and the run's number
+UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
 
@@ -34,14 +36,9 @@ def thumbnail_path(folder: Path, name: str) -> Path:
     return folder / THUMBNAILS / f"{name}.png"
 
 
-def unfinished_folder(task: Mapping[str, Any]) -> Path:
-    """Where a run keeps what is not complete: on the same disk as where it will go."""
-    return Path(task["folder"], UNFINISHED + task["run"])
-
-
 def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
-    """Where a case of that run does."""
-    return unfinished_folder(task) / task["outputs"][0]["name"]
+    """Where a case keeps what is not complete: on the same disk as where it will go."""
+    return Path(task["folder"], task["unfinished"], task["outputs"][0]["name"])
 
 
 def put_output(folder: Path, name: str, surface: Path, thumbnail: Path | None, record: Mapping[str, Any]) -> None:
@@ -72,11 +69,31 @@ def read_record(folder: Path, name: str) -> dict[str, Any] | None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what runs that were killed had not finished."""
-    for path in [*folder.glob(UNFINISHED + "*"), *(folder / THUMBNAILS).glob(UNFINISHED + "*")]:
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+    for place in (folder, folder / THUMBNAILS):
+        remove_leftovers(place)
+
+
+@contextmanager
+def unfinished_folder(folder: Path) -> Iterator[str]:
+    """The name of a new hidden folder in `folder` for what a run has not completed; it goes at the end.
+
+    Raises
+    ------
+    OutputError
+        If another run is at work in `folder`, or it cannot be written to.
+    """
+    own = made_folder(folder / temporary_name(UNFINISHED))
+    try:
+        # Made first, asked then: of two that start together at least one sees the other.
+        for other in folder.glob(UNFINISHED + "*"):
+            if other != own and may_be_in_use(other.name):
+                raise OutputError(
+                    f"another batch is at work in {folder}; wait for it, choose another folder, "
+                    f"or remove {other.name} there if that batch was ended on another machine"
+                )
+        yield own.name
+    finally:
+        shutil.rmtree(own, ignore_errors=True)
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:

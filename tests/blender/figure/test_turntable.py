@@ -79,7 +79,7 @@ def test_frames_turn_the_surface_and_keep_it_in_the_picture(thing, tmp_path):
     assert len(bpy.data.objects) == 1
 
 
-def test_work_that_was_stopped_goes_on(thing, tmp_path):
+def test_work_that_was_stopped_goes_on(thing, tmp_path, name_of_an_ended_process):
     folder = tmp_path / "loop"
     messages = []
     steps = turntable_steps(Cell((ShownSurface(thing),)), folder, PAGE, STYLE, TURN)
@@ -94,7 +94,7 @@ def test_work_that_was_stopped_goes_on(thing, tmp_path):
     assert len(bpy.data.scenes) == 1
     first = (folder / FRAME.format(1)).stat().st_mtime_ns
     (folder / FRAME.format(2)).write_bytes((folder / FRAME.format(2)).read_bytes()[:500])  # as if cut by a crash
-    (folder / ".ctmc-0.png").write_bytes(b"half a frame")
+    (folder / f"{name_of_an_ended_process()}.png").write_bytes(b"half a frame")
     with pytest.raises(OutputError, match="not empty"):
         turntable(thing, folder)
     assert turntable(thing, folder, resume=True)[1] == 3

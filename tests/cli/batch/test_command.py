@@ -17,7 +17,9 @@ from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
 from ctmc_addon.cli.batch.command import FORMATS
+from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.cli.batch.process import run_here
+from ctmc_addon.reporting.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]
@@ -304,15 +306,32 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.html", "summary.json"]
 
 
-def test_what_killed_runs_left_is_removed(ctmc, cases, tmp_path):
-    for name in (".ctmc-abc/large", "thumbnails/.ctmc-def"):
+def test_what_killed_runs_left_is_removed(ctmc, cases, tmp_path, name_of_an_ended_process):
+    run, half = name_of_an_ended_process(".ctmc-run-"), name_of_an_ended_process()
+    for name in (f"{run}/large", f"thumbnails/{half}"):
         (tmp_path / name).mkdir(parents=True)
-    (tmp_path / ".ctmc-0123456789ab.json").write_text("half")
+    (tmp_path / f"{half}.json").write_text("half")
     assert ctmc("batch", cases / "small.npy", "-o", tmp_path, *FLAGS, "--overwrite", "--no-thumbnails").code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "small.json", "small.stl", "summary.csv", "summary.html", "summary.json", "thumbnails",
     ]  # fmt: skip
     assert list((tmp_path / "thumbnails").iterdir()) == []
+
+
+def test_a_second_batch_in_the_folder_is_refused_and_harms_nothing(ctmc, cases, tmp_path):
+    out = tmp_path / "out"
+    half = out / temporary_name()  # as another process would be writing
+    with unfinished_folder(out) as name:
+        (out / name / "large").mkdir()
+        half.write_text("half")
+        outcome = ctmc("batch", cases / "small.npy", "-o", out, *FLAGS, "--overwrite", "--no-thumbnails")
+        assert outcome.code == 1
+        assert len(outcome.errors) == 1
+        assert name in outcome.errors[0]
+        assert sorted(path.name for path in out.iterdir()) == sorted([name, half.name])
+        assert (out / name / "large").is_dir()
+    assert ctmc("batch", cases / "small.npy", "-o", out, *FLAGS, "--overwrite", "--no-thumbnails").code == 0
+    assert half.read_text() == "half"
 
 
 def test_overwrite_keeps_the_older_surface_until_there_is_a_new_one(ctmc, cases, tmp_path, monkeypatch):

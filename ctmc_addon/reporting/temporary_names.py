@@ -1,0 +1,76 @@
+"""Names of what is not complete yet: they say which process writes there, so that what a dead one left can go.
+
+A process that is killed removes nothing. The next one that writes in the folder sees whose the rest was.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import re
+import shutil
+import uuid
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+PREFIX = ".ctmc-"
+NAME = re.compile(r"\.ctmc-(?:run-)?(?P<machine>[0-9a-f]{8})-(?P<pid>[0-9]+)-[0-9a-f]{12}(?:\..*)?")
+
+
+def temporary_name(prefix: str = PREFIX) -> str:
+    """A new hidden name that carries this machine and process."""
+    return f"{prefix}{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+
+
+def may_be_in_use(name: str) -> bool:
+    """Whether the process that chose a name may still run: false only for one of this machine that has ended."""
+    match = NAME.fullmatch(name)
+    return match is None or match["machine"] != _machine() or _runs(int(match["pid"]))
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove from a folder what processes of this machine left there when they were killed."""
+    for path in folder.glob(PREFIX + "*"):
+        if may_be_in_use(path.name):
+            continue
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                path.unlink()
+
+
+@cache
+def _machine() -> str:
+    """Eight digits for the machine and, on Linux, the container: a process number means something only within."""
+    space = ""
+    with suppress(OSError):
+        space = str(Path("/proc/self/ns/pid").readlink())
+    return hashlib.blake2b(f"{platform.node()} {space}".encode(), digest_size=4).hexdigest()
+
+
+def _runs(pid: int) -> bool:
+    if os.name == "nt":
+        return _runs_on_windows(pid)
+    try:
+        os.kill(pid, 0)  # sends nothing
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _runs_on_windows(pid: int) -> bool:
+    limited_information, still_active = 0x1000, 259
+    kernel32 = getattr(ctypes, "windll").kernel32  # noqa: B009  (exists on Windows only)
+    handle = kernel32.OpenProcess(limited_information, False, ctypes.c_ulong(pid))
+    if not handle:
+        return False
+    code = ctypes.c_ulong()
+    kernel32.GetExitCodeProcess(handle, ctypes.byref(code))
+    kernel32.CloseHandle(handle)
+    return code.value == still_active
