@@ -84,27 +84,27 @@ def open_volume(path: PathLike) -> VolumeSource:
 
 def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
     """`open_volume` as steps."""
-    place = existing_path(path)
-    yield Step(0.0, f"Opening {place.name}")
+    path = existing_path(path)
+    yield Step(0.0, f"Opening {path.name}")
     try:
-        if place.is_dir():
-            return (yield from _open_folder_steps(place))
-        format_name = file_format(place)
+        if path.is_dir():
+            return (yield from _open_folder_steps(path))
+        format_name = file_format(path)
         if format_name == "dicom":
-            return (yield from dicom_series.open_steps(place))
+            return (yield from dicom_series.open_steps(path))
         if format_name == "nifti":
-            return (yield from NiftiFile.open_steps(place))
+            return (yield from NiftiFile.open_steps(path))
         if format_name == "nrrd":
-            return NrrdFile(place)
+            return NrrdFile(path)
         if format_name == "npy":
-            return NpyFile(place)
+            return NpyFile(path)
         if format_name == "tiff":
-            source = tiff.opened_stack(place)
+            source = tiff.opened_stack(path)
             if source is not None:
                 return source
-        return (yield from image_folder.open_steps(place.parent, place))
+        return (yield from image_folder.open_steps(path.parent, path))
     except OSError as error:
-        raise unreadable(place, error) from error
+        raise unreadable(path, error) from error
 
 
 def read_volume(
@@ -171,19 +171,19 @@ def read_volume_steps(
 
 def existing_path(path: PathLike) -> Path:
     """The path, or a `ReadError` if nothing is there, or neither a file nor a folder."""
-    place = Path(path)
+    entry = Path(path)
     try:
-        exists = bool(str(path).strip()) and place.exists()
-        readable = exists and (place.is_file() or place.is_dir())
+        exists = bool(str(path).strip()) and entry.exists()
+        readable = exists and (entry.is_file() or entry.is_dir())
     except OSError as error:
-        raise unreadable(place, error) from error
+        raise unreadable(entry, error) from error
     except ValueError:  # a zero byte
         exists = readable = False
     if not exists:
         raise ReadError(f"there is no file or folder '{path}'; check the path")
     if not readable:
-        raise ReadError(f"{place.name} is neither a file nor a folder; choose the file or folder that holds the CT")
-    return place if place.name.strip(".") else place.resolve()  # '.' and '..' have no name to show
+        raise ReadError(f"{entry.name} is neither a file nor a folder; choose the file or folder that holds the CT")
+    return entry if entry.name.strip(".") else entry.resolve()  # '.' and '..' have no name to show
 
 
 def file_format(path: Path) -> str:
@@ -257,4 +257,4 @@ def estimate_voxels(path: Path) -> int:
         voxels = dicom_series.estimate_voxels(path)
         if voxels:
             return voxels
-    return max((one.slices * one.size[0] * one.size[1] for one in open_volume(path).series), default=0)
+    return max((series.slices * series.size[0] * series.size[1] for series in open_volume(path).series), default=0)

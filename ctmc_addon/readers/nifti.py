@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..core import ReadError, Step, Steps
 from .optional_imports import imported_steps, needed, quiet, reason
-from .result import Reading, ReadOptions, Series, VolumeSource
+from .result import RawValues, ReadOptions, Series, VolumeSource
 from .streams import STREAM_ERRORS, check_end_steps, opened
 from .value_kind import PLANES, require_volume_memory, scaled_integers_steps
 
@@ -51,7 +51,7 @@ class NiftiFile(VolumeSource):
         yield from imported_steps("nibabel.nifti1", "nibabel", "NIfTI")
         return cls(path)
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         del options
         affine, notes = placed(self.header, self.path.name)
@@ -74,7 +74,7 @@ class NiftiFile(VolumeSource):
             yield from check_end_steps(stream, self.path.name)
         if integers:
             values = yield from scaled_integers_steps(values, int(slope), int(intercept))
-        return Reading(values, affine, notes, "", label_names(self.header))
+        return RawValues(values, affine, notes, "", label_names(self.header))
 
     def _planes(self, stream: IO[bytes], start: int, stop: int) -> NDArray[Any]:
         """The stored values (slices, rows, columns) of some planes."""

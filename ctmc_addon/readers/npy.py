@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core import ReadError, Steps
 from .optional_imports import quiet
-from .result import Reading, ReadOptions, Series, VolumeSource
+from .result import RawValues, ReadOptions, Series, VolumeSource
 from .streams import fill_steps
 from .value_kind import native_steps, require_volume_memory
 
@@ -32,7 +32,7 @@ class NpyFile(VolumeSource):
         slices, rows, columns = self.shape
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values."""
         del options
         require_volume_memory(self.shape, self.dtype.itemsize, self.path.name)
@@ -41,7 +41,7 @@ class NpyFile(VolumeSource):
             stream.seek(self.start)
             yield from fill_steps(values, stream, self.path.name)
         values = yield from native_steps(values)
-        return Reading(values, None)
+        return RawValues(values, None)
 
 
 def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:

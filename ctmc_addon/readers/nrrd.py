@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core import ReadError, Step, Steps, equal_part
 from .file_formats import natural_key
 from .optional_imports import needed, quiet, reason
-from .result import Reading, ReadOptions, Series, VolumeSource
+from .result import RawValues, ReadOptions, Series, VolumeSource
 from .streams import check_end_steps, fill_steps, skip_steps, unpacked
 from .value_kind import native_steps, require_volume_memory
 
@@ -66,7 +66,7 @@ class NrrdFile(VolumeSource):
         self.data_files = data_files(self.header, path, slices)
         super().__init__(path, (series,), [path, *self.data_files])
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values."""
         del options
         affine, notes = placed(self.header, self.kept_axes)
@@ -84,7 +84,7 @@ class NrrdFile(VolumeSource):
                 part = values_steps(values[number * share : (number + 1) * share], stream, self.header, file)
                 yield from equal_part(part, number, len(files))
         values = yield from native_steps(values)
-        return Reading(values, affine, notes, "", label_names(self.header))
+        return RawValues(values, affine, notes, "", label_names(self.header))
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
@@ -230,13 +230,14 @@ def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, A
 
 def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
     """Fill `values` (n,) from numbers in words; too few, too many and other words are a `ReadError`."""
-    done, rest, more = 0, b"", True
+    done, unfinished_word, more = 0, b"", True
     while more:
         yield Step(min(1.0, done / len(values)), f"Reading {name}")
         piece = stream.read(WORDS_CHUNK)
         more = bool(piece)
-        words = (rest + piece).split()
-        rest = words.pop() if words and more and not piece[-1:].isspace() else b""  # the next piece may go on with it
+        words = (unfinished_word + piece).split()
+        # The next piece may go on with the last word.
+        unfinished_word = words.pop() if words and more and not piece[-1:].isspace() else b""
         end = done + len(words)
         if end < len(values) and not more:
             raise ReadError(f"{name} is truncated: {end} of {len(values)} values are there; copy it again")

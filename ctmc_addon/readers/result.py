@@ -63,8 +63,8 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
-    """Values as a format's reader found them.
+class RawValues:
+    """Values as a format's reader finds them in the file.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class VolumeSource(ABC):
         self.name = name or stem(path)
 
     @abstractmethod
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values."""
 
     def selected_series(self, series: str | int | None) -> Series | None:
@@ -149,25 +149,27 @@ class VolumeSource(ABC):
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
         spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
-        asked = "" if series is None else str(series).strip()
-        if asked and self.format != "DICOM":
-            raise ReadError(f"{self.path.name} has no series, as only DICOM has; leave out the series '{asked}'")
-        options = ReadOptions(asked, strict, spacing_mm, worker_count(threads))
+        requested_series = "" if series is None else str(series).strip()
+        if requested_series and self.format != "DICOM":
+            raise ReadError(
+                f"{self.path.name} has no series, as only DICOM has; leave out the series '{requested_series}'"
+            )
+        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads))
         stages = Stages({"Reading values": 9, "Looking at the values": 1})
         try:
-            reading = yield from stages.run("Reading values", self.reading_steps(options))
+            raw = yield from stages.run("Reading values", self.read_raw_steps(options))
         except OSError as error:
             raise unreadable(self.path, error) from error
-        return (yield from stages.run("Looking at the values", self._volume_steps(reading, spacing_mm, axes)))
+        return (yield from stages.run("Looking at the values", self._volume_steps(raw, spacing_mm, axes)))
 
     def read(self, **options: Any) -> Volume:
         """`read_steps` in one go."""
         return finish(self.read_steps(**options))
 
-    def _volume_steps(self, reading: Reading, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
+    def _volume_steps(self, raw: RawValues, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
         """The volume, with the user's spacing and mirrored axes applied and said."""
-        notes = list(reading.notes)
-        affine = reading.affine
+        notes = list(raw.notes)
+        affine = raw.affine
         if affine is None:
             lengths = spacing or (1.0, 1.0, 1.0)
             affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
@@ -180,16 +182,14 @@ class VolumeSource(ABC):
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
-            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {reading.own_spacing or own_spacing}")
+            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
         if flip:
-            affine = flipped(affine, reading.values.shape[::-1], flip)
+            affine = flipped(affine, raw.values.shape[::-1], flip)
             notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
-        kind = reading.kind
+        kind = raw.kind
         if not kind:
-            kind = yield from kind_steps(
-                reading.values, self.name, bool(reading.label_names), reading.affine is not None
-            )
-        return Volume(reading.values, affine, tuple(notes), self.name, kind, reading.label_names)
+            kind = yield from kind_steps(raw.values, self.name, bool(raw.label_names), raw.affine is not None)
+        return Volume(raw.values, affine, tuple(notes), self.name, kind, raw.label_names)
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
@@ -258,6 +258,6 @@ def lengths_text(lengths: Iterable[float]) -> str:
     return " x ".join(f"{length:.4g}" for length in lengths)
 
 
-def with_notes(reading: Reading, *notes: str) -> Reading:
-    """The reading with more said about it, first."""
-    return replace(reading, notes=(*notes, *reading.notes))
+def with_notes(raw: RawValues, *notes: str) -> RawValues:
+    """The values with more notes, these first."""
+    return replace(raw, notes=(*notes, *raw.notes))

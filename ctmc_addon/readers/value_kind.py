@@ -93,13 +93,13 @@ def kind_steps(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
     """
-    whole = values.dtype.kind in "bui"
-    if has_label_names or (is_label_name(name) and (whole or (yield from whole_steps(values)))):
+    is_integer = values.dtype.kind in "bui"
+    if has_label_names or (is_label_name(name) and (is_integer or (yield from whole_steps(values)))):
         return LABEL
     if not may_be_hu:
         return GRAY
     low, high = yield from range_steps(values)
-    if whole and low >= 0 and high <= 255:
+    if is_integer and low >= 0 and high <= 255:
         return LABEL if (yield from different_steps(values)) <= MOST_LABELS else GRAY
     return HU if low < AIR_HU else GRAY
 

@@ -32,18 +32,18 @@ def one_acquisition(slices: Sequence[Slice]) -> tuple[list[Slice], list[str]]:
     keys = [ct_slice.image.acquisition for ct_slice in slices]
     groups = {key: np.array([own == key for own in keys]) for key in dict.fromkeys(keys)}
     largest = max(groups, key=lambda key: int(groups[key].sum()))
-    kept, notes = list(slices), []
+    selected, notes = list(slices), []
     if min(int(group.sum()) for group in groups.values()) >= FEWEST:
         others = [key for key in groups if key != largest and overlaps(along[groups[key]], along[groups[largest]])]
-        kept = [ct_slice for ct_slice, key in zip(slices, keys, strict=True) if key not in others]
+        selected = [ct_slice for ct_slice, key in zip(slices, keys, strict=True) if key not in others]
         if others:
             notes.append(
                 f"the series holds {len(others) + 1} acquisitions or time points at the same places: the one with the "
-                f"most slices was read, and {len(slices) - len(kept)} slices of the others left out"
+                f"most slices was read, and {len(slices) - len(selected)} slices of the others left out"
             )
             along = np.array([height for height, key in zip(along, keys, strict=True) if key not in others])
-    check_doubled(kept, along)
-    return kept, notes
+    check_doubled(selected, along)
+    return selected, notes
 
 
 def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:

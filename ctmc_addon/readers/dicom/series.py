@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...core import ReadError, Stages, Step, Steps
 from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
-from ..result import Reading, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_volume_memory
 from .acquisitions import one_acquisition
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
@@ -51,14 +51,14 @@ class DicomSource(VolumeSource):
         images = {ct_slice.image.path: ct_slice.image for slices in content.series.values() for ct_slice in slices}
         alone = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
         # A slice's own name often is an identifier.
-        whole = path if path.is_dir() or alone else path.absolute().parent
+        named_path = path if path.is_dir() or alone else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
-        super().__init__(path, listed(content), [*images, *unused], stem(whole))
+        super().__init__(path, listed(content), [*images, *unused], stem(named_path))
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """The series that would be read; by default the one with the most slices that have a place."""
-        asked = "" if series is None else str(series).strip()
-        matching = [line for line in self.series if asked in ("", line.uid, str(line.number))]
+        requested_series = "" if series is None else str(series).strip()
+        matching = [line for line in self.series if requested_series in ("", line.uid, str(line.number))]
         return max(
             matching,
             key=lambda line: (self._has_place(line), line.slices, -line.number),
@@ -69,9 +69,9 @@ class DicomSource(VolumeSource):
         """Whether slices of a series have positions; pictures without them make no volume."""
         return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the series with the most slices, or the one that `options` name."""
-        uid, notes = self._chosen(options.series)
+        uid, notes = self._selected(options.series)
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
         check_whole(self.content, uid)
@@ -87,33 +87,33 @@ class DicomSource(VolumeSource):
         for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
                 check_codec(image)
-        stack, own_spacing = placed(slices, options)
+        stack, own_spacing = stack_and_spacing_note(slices, options)
         ordered = [slices[at] for at in stack.order]
         values, padding_notes = yield from values_steps(ordered, stack)
         kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
         notes += [*meaning(ordered), *stack.notes, *padding_notes]
-        return Reading(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
+        return RawValues(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
 
-    def _chosen(self, asked: str) -> tuple[str, list[str]]:
+    def _selected(self, requested_series: str) -> tuple[str, list[str]]:
         """The UID of the series to read, and the note that lists the others."""
         if not self.series:
             if self.content.broken:
                 raise truncated(self.content.broken[0])
             color = len(self.content.color)
-            other = f"; its {color} color images are not CT" if color else ""
-            raise ReadError(f"{self.path.name} has no DICOM images{other}; choose the folder of a CT series")
+            color_images = f"; its {color} color images are not CT" if color else ""
+            raise ReadError(f"{self.path.name} has no DICOM images{color_images}; choose the folder of a CT series")
         text = "; ".join(line.text for line in self.series[:MOST_LISTED])
         text += f"; and {len(self.series) - MOST_LISTED} more" if len(self.series) > MOST_LISTED else ""
-        line = self.selected_series(asked)
+        line = self.selected_series(requested_series)
         if line is None:
-            raise ReadError(f"there is no series '{asked}'; choose by number from {text}")
-        if asked or len(self.series) == 1:
+            raise ReadError(f"there is no series '{requested_series}'; choose by number from {text}")
+        if requested_series or len(self.series) == 1:
             return line.uid, []
         count = len(self.series)
         return line.uid, [f"{count} series found, series {line.number} with the most slices was read: {text}"]
 
 
-def placed(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
+def stack_and_spacing_note(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
     """How the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
@@ -332,9 +332,9 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
     mean = low.astype(np.float64) * (1.0 - weight) + high.astype(np.float64) * weight
     out[...] = np.rint(mean) if out.dtype.kind in "iu" else mean
     mark = padding_mark(out.dtype)
-    beside = (low == mark) | (high == mark)
-    if beside.any():
-        out[beside] = (low if weight < 0.5 else high)[beside]
+    near_padding = (low == mark) | (high == mark)
+    if near_padding.any():
+        out[near_padding] = (low if weight < 0.5 else high)[near_padding]
 
 
 def unpadded_steps(values: NDArray[Any], lowest: float, padded: int) -> Steps[list[str]]:
@@ -346,6 +346,6 @@ def unpadded_steps(values: NDArray[Any], lowest: float, padded: int) -> Steps[li
     mark = padding_mark(values.dtype)
     for at in range(0, len(values), PLANES):
         yield Step(1.0, "Clearing padding")
-        some = values[at : at + PLANES]
-        some[some == mark] = lowest
+        slices = values[at : at + PLANES]
+        slices[slices == mark] = lowest
     return [f"{padded} padding pixels were set to the lowest value, {lowest:g}"]

@@ -109,10 +109,10 @@ def stack_up(
     affine[:2] *= -1.0  # LPS to RAS
     tilt = _tilt_degrees(step, normal)
     if tilt >= TILT_DEGREES:
-        apart, along_tilt = abs(float((step * normal).sum())), math.sqrt(float((step * step).sum()))
+        gap_mm, along_tilt = abs(float((step * normal).sum())), math.sqrt(float((step * step).sum()))
         gap_notes.append(
             f"the slices are tilted by {tilt:.1f} degrees (gantry tilt), which the affine carries exactly: "
-            f"they are {apart:.4g} mm apart, and {along_tilt:.4g} mm along the tilt"
+            f"they are {gap_mm:.4g} mm apart, and {along_tilt:.4g} mm along the tilt"
         )
     return Stack(tuple(int(at) for at in order), below, weight, affine, (*notes, *gap_notes))
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...core import ReadError, Stages, Steps
 from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
-from ..result import Reading, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import require_volume_memory
 from .pillow import DECODED, Picture, gray_slice, picture
 from .tiff import opened_stack, tiff_picture, tiff_slice
@@ -34,7 +34,7 @@ class ImageFolder(VolumeSource):
         series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
         super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
         first = self.headers[0]
@@ -54,7 +54,7 @@ class ImageFolder(VolumeSource):
 
         yield from quiet_batches_steps(fill, range(slices), "Decoding slices", 2 * options.threads, options.threads)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
-        return Reading(values, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
+        return RawValues(values, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
 
 
 def images_in(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps
 from ..optional_imports import needed, quiet, reason
-from ..result import Reading, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..streams import fill_steps
 from ..value_kind import native_steps, require_volume_memory
 from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
@@ -42,14 +42,14 @@ class TiffStack(VolumeSource):
         slices, rows, columns = stack.shape
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", stack.dtype.name),), [path])
 
-    def reading_steps(self, options: ReadOptions) -> Steps[Reading]:
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read page by page; values in one piece straight into place."""
         del options
         with open_tiff(self.path) as tiff:
             stack = page_stack(tiff, self.path)
             require_volume_memory(stack.shape, stack.dtype.itemsize, self.path.name)
-            whole = stack.start is not None
-            values = np.empty(stack.shape, stack.dtype if whole else stack.dtype.newbyteorder("="))
+            in_one_piece = stack.start is not None
+            values = np.empty(stack.shape, stack.dtype if in_one_piece else stack.dtype.newbyteorder("="))
             if stack.start is not None:
                 with self.path.open("rb") as stream:
                     stream.seek(stack.start)
@@ -63,11 +63,11 @@ class TiffStack(VolumeSource):
                     raise ReadError(f"page {number + 1} of {self.path.name} is {size}; save it again")
                 values[number] = pixels
         values = yield from native_steps(values)
-        return Reading(values, None, stack.notes)
+        return RawValues(values, None, stack.notes)
 
 
 def opened_stack(path: Path) -> TiffStack | None:
-    """The volume in a TIFF of several pages; None where it has one page."""
+    """The volume in a TIFF of several pages; None where it has one: a single page is a slice of its folder."""
     with open_tiff(path) as tiff:
         return TiffStack(path, page_stack(tiff, path)) if pages_of(tiff) > 1 else None
 
@@ -109,7 +109,7 @@ def chain_damage(tiff: Any) -> str:
     following = tiff.filehandle.read(tiff.tiff.offsetsize)
     if len(following) < tiff.tiff.offsetsize or any(following):
         return f"its chain of pages breaks off after {count}"
-    stored = sum(int(np.prod(about["shape"])) for about in tiff.shaped_metadata or () if "shape" in about)
+    stored = sum(int(np.prod(entry["shape"])) for entry in tiff.shaped_metadata or () if "shape" in entry)
     if tiff.is_shaped and stored > sum(series.size for series in tiff.series):
         return f"its {count} pages are fewer than it says"
     return ""
@@ -177,24 +177,24 @@ def is_palette(page: Any) -> bool:
 
 def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
     """Gray values (rows, columns) of a page of an open TIFF, number `number` of `path`."""
-    about = page.keyframe  # of a series, only the first page knows all of this
+    keyframe = page.keyframe  # of a series, only the first page knows all of this
     try:
         check_segments(tiff, page, path)
         pixels = np.asarray(page.asarray())
     except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
         if "imagecodecs" not in str(error):
             raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
-        pixels = _by_pillow(path, number, about)
+        pixels = _by_pillow(path, number, keyframe)
     else:
-        if pixels.ndim == 3 and code_of(about.planarconfig) == 2:
+        if pixels.ndim == 3 and code_of(keyframe.planarconfig) == 2:
             pixels = np.moveaxis(pixels, 0, -1)  # color planes one behind the other
-        if code_of(about.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
+        if code_of(keyframe.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
             pixels = ~pixels
-        if is_palette(about):  # 16 bits for each color, of which 8 are more than a screen shows
-            pixels = np.moveaxis(np.asarray(about.colormap >> 8, np.uint8)[:, pixels], 0, -1)
+        if is_palette(keyframe):  # 16 bits for each color, of which 8 are more than a screen shows
+            pixels = np.moveaxis(np.asarray(keyframe.colormap >> 8, np.uint8)[:, pixels], 0, -1)
     if pixels.dtype == bool:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
-    return gray(pixels, path.name, JPEG_NOISE if "JPEG" in str(about.compression) else 0)
+    return gray(pixels, path.name, JPEG_NOISE if "JPEG" in str(keyframe.compression) else 0)
 
 
 def check_segments(tiff: Any, page: Any, path: Path) -> None:
@@ -212,14 +212,14 @@ def check_segments(tiff: Any, page: Any, path: Path) -> None:
         )
 
 
-def _by_pillow(path: Path, number: int, about: Any) -> NDArray[Any]:
+def _by_pillow(path: Path, number: int, keyframe: Any) -> NDArray[Any]:
     pillow = needed("PIL.Image", "Pillow", "TIFF")
     try:
         with pillow.open(path) as image:
             image.seek(number)
             return np.asarray(image.convert(DECODE_AS.get(image.mode, image.mode)))
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
-        name = getattr(about.compression, "name", str(about.compression))
+        name = getattr(keyframe.compression, "name", str(keyframe.compression))
         raise ReadError(
             f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
             "save it uncompressed or with Deflate"
