@@ -357,3 +357,16 @@ def test_obj_and_glb_have_the_objects_name(obj, tmp_path):
     assert b"\no left_lung\n" in (tmp_path / "a.obj").read_bytes()
     export(obj, tmp_path / "a.glb")
     assert [node["name"] for node in read_glb(tmp_path / "a.glb")[0]["nodes"]] == ["left lung"]
+
+
+def test_an_update_after_apply_is_written_where_the_patient_has_it(scene, torus, tmp_path):
+    obj = add_reconstruction(torus(alpha=0.3), scene)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    result = torus(alpha=0.3, rings=30)
+    update_reconstruction(obj, result)
+    export(obj, tmp_path / "applied.stl")
+    export(add_reconstruction(result, scene), tmp_path / "new.stl")
+    (written, _), (expected, _) = (read_stl(tmp_path / name) for name in ("applied.stl", "new.stl"))
+    assert np.abs(written.astype(np.float64) - expected).max() <= 1e-4

@@ -12,12 +12,13 @@ import bpy
 import numpy as np
 
 from ...core import MeshError, Reconstruction, ReconstructionSettings
+from ...core.volume import transform_normals
 from ..colors import Color, color_of
 from ..materials import surface_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions
 from .evaluate import evaluated_copy, evaluated_object
-from .placement import SCALE, placed_at_center
+from .placement import SCALE, Placement, placed_at_center
 from .provenance import Provenance, provenance_of_result, require_provenance, write_provenance
 from .readback import evaluated_alpha, keep_positions_mm, placement_of, positions_mm
 
@@ -66,7 +67,7 @@ def add_reconstruction(
     if result.surface is not None:
         add_alpha(obj, result.surface, result.settings.alpha, placement)
     update_decimate(obj, result)
-    shade(obj, result)
+    shade(obj, result, placement)
     write_provenance(obj, provenance_of_result(result, placement, fingerprint))
     return obj
 
@@ -87,19 +88,21 @@ def update_reconstruction(
         If the object was not made here or cannot be changed, or the surface has no triangles.
     """
     require_editable(obj)
-    before = require_provenance(obj)
+    before, placement = require_provenance(obj), placement_of(obj)
     mesh = surface_mesh(result, obj) if mesh is None else mesh
     old, old_keys = obj.data, obj.data.shape_keys
     for material in old.materials:
         mesh.materials.append(material)
     obj.data = mesh
     if result.surface is not None:
-        add_alpha(obj, result.surface, result.settings.alpha, before.placement)
+        add_alpha(obj, result.surface, result.settings.alpha, placement)
     if old_keys is not None and mesh.shape_keys is not None:
         keep_key(old_keys, mesh.shape_keys, before.settings.alpha)
     update_decimate(obj, result, before)
-    shade(obj, result)
-    write_provenance(obj, provenance_of_result(result, before.placement, fingerprint))
+    shade(obj, result, placement)
+    # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
+    kept = placement if placement.applied is None else before.placement
+    write_provenance(obj, provenance_of_result(result, kept, fingerprint))
     discard(old, mesh)
 
 
@@ -189,8 +192,10 @@ def surface_mesh(
             if obj is None
             else f"the new surface has no triangles, so {obj.name} keeps its old one; choose another threshold"
         )
+    if obj is not None:
+        require_provenance(obj)
     name = object_name(result) if obj is None else obj.data.name
-    placement = placed_at_center(result.mesh.vertices, scale) if obj is None else require_provenance(obj).placement
+    placement = placed_at_center(result.mesh.vertices, scale) if obj is None else placement_of(obj)
     surface = result.surface
     vertices, faces = (
         (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
@@ -222,10 +227,14 @@ def decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
     return 1.0 if settings.reduction is None else 1.0 - settings.reduction
 
 
-def shade(obj: bpy.types.Object, result: Reconstruction) -> None:
+def shade(obj: bpy.types.Object, result: Reconstruction, placement: Placement) -> None:
     """Shade with the surface's own normals, where it has any."""
     normals = result.mesh.normals if result.surface is None else result.surface.normals
     if normals is not None:
+        if placement.applied is not None:
+            matrix = np.eye(4)
+            matrix[:3, :3] = placement.applied
+            normals = transform_normals(matrix, normals)
         meshes.keep_normals(obj.data, normals)
         refresh_normals(obj)
 

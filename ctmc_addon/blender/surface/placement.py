@@ -6,7 +6,7 @@ center, and its vertices are kept relative to it, so float32 holds them to far b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,10 @@ from ...core import TriangleMesh
 from ...core.volume import transform_faces, transform_normals, transform_points
 
 SCALE = 0.01
+ROUNDING = 4 * float(np.finfo(np.float32).eps)
+FIT_SAMPLES = 10_000  # vertices that decide whether a transform was applied to a mesh
+FEW = 0.1  # of them may have been left in place by chance: on the axis of a rotation, in the plane of a mirror
+Rows = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -28,21 +32,28 @@ class Placement:
         The object's place when it was made, Blender units, exactly as float32 holds it.
     scale : float
         Blender units of 1 mm.
+    applied : three rows of three floats, or None
+        Rotation and scale that Blender's Apply has written into the vertices; None where there is neither.
     """
 
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float = SCALE
+    applied: Rows | None = None
 
     def to_local(self, points_ras_mm: NDArray[Any]) -> NDArray[np.float32]:
         """Local positions (n, 3) float32 of (n, 3) RAS+ millimeters."""
         out = points_ras_mm.astype(np.float64)
         out *= self.scale
         out -= self.origin
+        if self.applied is not None:
+            out = out @ np.array(self.applied).T
         return out.astype(np.float32)
 
     def to_mm(self, local: NDArray[np.float32]) -> NDArray[np.float32]:
         """RAS+ millimeters (n, 3) float32 of local positions."""
         out = local.astype(np.float64)
+        if self.applied is not None:
+            out = out @ np.linalg.inv(np.array(self.applied)).T
         out += self.origin
         out /= self.scale
         return out.astype(np.float32)
@@ -50,6 +61,8 @@ class Placement:
     def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
         """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
+        if self.applied is not None:
+            matrix[:3, :3] = matrix[:3, :3] @ np.array(self.applied)
         own = matrix[:3, :3] @ np.array(self.origin)
         # Nothing but a move, or nothing at all, must leave no rounding behind.
         matrix[:3, 3] = (matrix[:3, 3] - own) / self.scale
@@ -63,6 +76,77 @@ def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Place
     middle = (low.astype(np.float64) + high) * (0.5 * scale)
     x, y, z = (float(value) for value in middle.astype(np.float32))
     return Placement((x, y, z), scale)
+
+
+def present_placement(
+    placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32], location: tuple[float, float, float]
+) -> Placement:
+    """The placement that the vertices have now: another than at first once a transform was applied to them.
+
+    Blender's Apply and Set Origin move every vertex in local space and leave the kept millimeters alone, so where
+    hardly a vertex lies where `placement` says, the move or the affine transform that leads there is looked for.
+
+    Parameters
+    ----------
+    placement : Placement
+        Of the time when the object was made.
+    kept, local : (V, 3) float32
+        RAS+ millimeters and local positions of the same vertices.
+    location : (x, y, z) float
+        Where the object stands: where it stands unmoved after Apply or Set Origin, this is the new origin exactly.
+
+    Returns
+    -------
+    Placement
+        `placement` too where no other puts half of the vertices where they are: then they were moved by hand.
+    """
+    step = max(1, len(kept) // FIT_SAMPLES)
+    kept, local = kept[::step], local[::step]
+    if not len(kept) or in_place(placement, kept, local).mean() > FEW:
+        return placement
+    moved = kept.astype(np.float64) * placement.scale - local
+    x, y, z = (float(value) for value in np.median(moved, axis=0))
+    for origin in (location, (x, y, z)):
+        candidate = replace(placement, origin=origin, applied=None)
+        if in_place(candidate, kept, local).mean() >= 0.5:
+            return candidate
+    fitted = fitted_placement(placement, kept, local)
+    return placement if fitted is None or in_place(fitted, kept, local).mean() < 0.5 else fitted
+
+
+def in_place(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
+    return is_close(local, placement.to_local(kept), kept, placement)
+
+
+def is_close(
+    local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
+) -> NDArray[np.bool_]:
+    """Which local positions, (V,), are the expected ones of the kept millimeters but for rounding to float32."""
+    size = np.abs(kept) * np.float32(placement.scale)
+    if placement.applied is not None:  # every sum of a row rounds by the largest of its parts
+        size = size.max(axis=1, keepdims=True) * np.float32(max(1.0, np.abs(placement.applied).sum()))
+    return (np.abs(local - expected) <= ROUNDING * (np.abs(expected) + size)).all(axis=1)
+
+
+def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> Placement | None:
+    """The affine transform from kept millimeters to local positions, by least squares; None where it is singular.
+
+    It is fitted twice again to the better half, so that a few vertices moved by hand do not count.
+    """
+    points = np.c_[kept.astype(np.float64) * placement.scale - placement.origin, np.ones(len(kept))]
+    used = np.ones(len(kept), bool)
+    for _ in range(3):
+        solution, _, rank, _ = np.linalg.lstsq(points[used], local[used].astype(np.float64), rcond=None)
+        if rank < 4:
+            return None
+        distances = np.abs(points @ solution - local).max(axis=1)
+        used = distances <= np.median(distances)
+    linear = solution[:3].T
+    if np.linalg.matrix_rank(linear) < 3:
+        return None
+    x, y, z = (float(value) for value in placement.origin - np.linalg.solve(linear, solution[3]))
+    return replace(placement, origin=(x, y, z), applied=tuple(tuple(float(value) for value in row) for row in linear))
 
 
 def matrix_of(matrix: Any) -> NDArray[np.float64]:

@@ -19,12 +19,11 @@ from ...reporting.mesh_files import in_space
 from . import mesh_data as meshes
 from .alpha_key import KEY, alpha_key, mixed_positions, value_of
 from .evaluate import evaluated_object
-from .placement import Placement, moved_mesh
+from .placement import Placement, is_close, moved_mesh, present_placement
 from .provenance import Provenance, read_provenance, require_provenance
 
 POSITIONS_MM = ".ctmc_positions_mm"  # of the midpoints where the surface has the key `alpha`
 LINEAR_MM = ".ctmc_linear_mm"
-ROUNDING = 4 * float(np.finfo(np.float32).eps)
 
 
 def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surface: Surface | None = None) -> None:
@@ -40,8 +39,7 @@ def unmoved_mm(
     local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """RAS+ mm of vertices, (V, 3) float32: `kept` where `local` is as `expected`; and where that is so, (V,)."""
-    rounding = ROUNDING * (np.abs(expected) + np.abs(kept) * np.float32(placement.scale))
-    unmoved = (np.abs(local - expected) <= rounding).all(axis=1)
+    unmoved = is_close(local, expected, kept, placement)
     return (kept if unmoved.all() else np.where(unmoved[:, None], kept, placement.to_mm(local))), unmoved
 
 
@@ -94,15 +92,31 @@ def triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> Tr
     """A mesh without keys as triangles, RAS+ mm as it was placed; moved vertices have the normals of their faces."""
     vertices, unmoved = positions_mm(mesh, meshes.read_positions(mesh), placement, alpha)
     faces, normals = meshes.read_triangles(mesh), meshes.kept_normals(mesh)
-    if normals is not None and not unmoved.all():
+    if normals is not None and placement.applied is not None:
+        normals = vertex_normals(vertices, faces)  # whether Apply turns the kept ones depends on Blender's version
+    elif normals is not None and not unmoved.all():
         normals = np.where(unmoved[:, None], normals, vertex_normals(vertices, faces))
     return TriangleMesh(vertices, faces, normals)
 
 
 def placement_of(obj: bpy.types.Object) -> Placement:
-    """How the patient's millimeters became the object's local space; of a foreign object, what is usual here."""
+    """How the patient's millimeters become the object's local space now; of a foreign object, what is usual here.
+
+    The millimeters kept on the mesh are the truth: Apply and Set Origin change the vertices, and not these.
+    """
     made = read_provenance(obj)
-    return Placement() if made is None else made.placement
+    if made is None:
+        return Placement()
+    mesh = obj.data
+    kept = meshes.read_attribute(mesh, POSITIONS_MM)
+    if kept is None:
+        return made.placement
+    if mesh.shape_keys is None:
+        local = meshes.read_positions(mesh)
+    else:
+        local = meshes.read_vectors(mesh.shape_keys.reference_key.points, "co", len(mesh.vertices))
+    x, y, z = obj.matrix_world.translation
+    return present_placement(made.placement, kept, local, (x, y, z))
 
 
 def read_back(obj: bpy.types.Object) -> Reconstruction | None:
@@ -110,17 +124,20 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
     made, mesh = read_provenance(obj), obj.data
     if made is None or len(mesh.polygons) != made.full_faces or len(mesh.loops) != 3 * made.full_faces:
         return None
+    placement = placement_of(obj)
     key, faces, normals = alpha_key(mesh), meshes.read_triangles(mesh), meshes.kept_normals(mesh)
+    if placement.applied is not None:
+        normals = None
     if key is None:
-        vertices, _ = positions_mm(mesh, meshes.read_positions(mesh), made.placement, 0.0)
+        vertices, _ = positions_mm(mesh, meshes.read_positions(mesh), placement, 0.0)
         return reconstruction_of(TriangleMesh(vertices, faces, normals), None, made.settings, made)
     ends = []
     for name, block in ((POSITIONS_MM, mesh.shape_keys.reference_key), (LINEAR_MM, key)):
         local, kept = meshes.read_vectors(block.points, "co", len(mesh.vertices)), meshes.read_attribute(mesh, name)
         if kept is None:  # a file of an older version
-            ends.append(made.placement.to_mm(local))
+            ends.append(placement.to_mm(local))
         else:
-            ends.append(unmoved_mm(local, made.placement.to_local(kept), kept, made.placement)[0])
+            ends.append(unmoved_mm(local, placement.to_local(kept), kept, placement)[0])
     surface = Surface(ends[0], ends[1], faces, normals)
     return reconstruction_of(surface.at(made.settings.alpha), surface, made.settings, made)
 
@@ -146,7 +163,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
     made = require_provenance(obj)
     evaluated, depsgraph = evaluated_object(obj, scene)
     goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
-    mesh = triangles_mm(evaluated.data, made.placement, evaluated_alpha(obj, depsgraph))
+    mesh = triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
     return reconstruction_of(replace(mesh, normals=None), None, replace(made.settings, **goals), made)
 
 

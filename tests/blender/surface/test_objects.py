@@ -10,7 +10,10 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.blender.surface import (
     add_reconstruction,
     apply_shape_and_modifiers,
+    as_shown,
     evaluated_triangles,
+    own_mesh,
+    read_back,
     temporary_surfaces,
     update_reconstruction,
 )
@@ -293,3 +296,76 @@ def test_temporary_surfaces_leave_nothing(scene, torus):
     with temporary_surfaces([torus(), torus(reduction=0.5)]) as (own_scene, objects):
         assert [obj.name for obj in own_scene.objects] == [obj.name for obj in objects]
     assert [len(getattr(bpy.data, kind)) for kind in kinds] == before
+
+
+def apply_transforms(obj, **kinds):
+    """Blender's Apply, as Ctrl-A does it."""
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    which = {"location": True, "rotation": True, "scale": True, **kinds}
+    assert bpy.ops.object.transform_apply(**which) == {"FINISHED"}
+
+
+def test_applied_transforms_leave_the_millimeters_and_an_update_its_place(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.3), scene)
+    apply_transforms(obj)
+    assert tuple(obj.location) == (0.0, 0.0, 0.0)
+    for rings in (48, 30):
+        result = torus(alpha=0.3, rings=rings)
+        update_reconstruction(obj, result)
+        for mesh in (evaluated_triangles(obj), own_mesh(obj), as_shown(obj).mesh, read_back(obj).mesh):
+            assert np.abs(mesh.vertices.astype(np.float64) - result.mesh.vertices).max() <= 1e-4
+
+
+@pytest.mark.parametrize("settings", [{}, {"reduction": 0.5}])
+def test_applied_transforms_alone_change_nothing_that_is_read(scene, torus, settings):
+    result = torus(alpha=0.3, **settings)
+    obj = add_reconstruction(result, scene)
+    apply_transforms(obj)
+    for mesh in (evaluated_triangles(obj), own_mesh(obj), as_shown(obj).mesh, read_back(obj).mesh):
+        assert (mesh.vertices == result.mesh.vertices).all()
+
+
+@pytest.mark.parametrize("size", [(2.0, 2.0, 2.0), (1.0, 2.0, 0.5), (-1.0, 1.0, 1.0)])
+def test_a_turned_and_scaled_surface_is_the_same_before_and_after_apply(scene, torus, size):
+    obj = add_reconstruction(torus(alpha=0.3), scene)
+    obj.location.x += 1.0
+    obj.rotation_euler = (0.3, -0.4, 0.5)
+    obj.scale = size
+    before = evaluated_triangles(obj)
+    apply_transforms(obj)
+    obj.data.shape_keys.reference_key.points[7].co.z += 1.0  # a hand of no weight
+    after = evaluated_triangles(obj)
+    others = np.arange(len(before.vertices)) != 7
+    assert (after.faces == before.faces).all()
+    assert np.abs(after.vertices - before.vertices)[others].max() <= 1e-3
+    result = torus(alpha=0.3, rings=30)
+    update_reconstruction(obj, result)
+    assert np.abs(as_shown(obj).mesh.vertices - result.mesh.vertices).max() <= 1e-4
+    moved = evaluated_triangles(obj)
+
+    assert moved.volume == pytest.approx(result.mesh.volume * abs(np.prod(size)), rel=1e-4)
+    assert (moved.normals * result.mesh.normals).sum(axis=1).min() < 0.99
+
+
+def test_another_origin_leaves_the_millimeters(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.3, reduction=0.5), scene)
+    obj.data.vertices[7].co.z += 1.0  # the box has another middle
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    assert bpy.ops.object.origin_set(type="ORIGIN_GEOMETRY", center="BOUNDS") == {"FINISHED"}
+    result = torus(alpha=0.3, rings=30)
+    update_reconstruction(obj, result)
+    assert worst_mm(obj, result.mesh) <= 1e-4
+
+
+def test_vertices_all_moved_by_hand_stay_where_they_are_read(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.3, reduction=0.5), scene)
+    before = evaluated_triangles(obj).vertices.astype(np.float64)
+    local = np.array([vertex.co[:] for vertex in obj.data.vertices], np.float32)
+    local += 0.01 * np.sin(40 * local)
+    obj.data.vertices.foreach_set("co", local.ravel())
+    seen = own_mesh(obj).vertices
+    expected = (local.astype(np.float64) + obj.location) * 100
+    assert np.abs(seen - expected).max() <= 1e-3
+    assert np.abs(seen - before).max() > 0.5

@@ -491,3 +491,18 @@ def test_results_name_a_goal_that_was_not_met(loaded):
     loaded.ctmc.target_faces = 4
     bpy.ops.ctmc.reconstruct()
     assert f"{len(active().data.polygons)} triangles are left instead of 4" in " ".join(drawn(CTMC_PT_results).texts)
+
+
+def test_simplify_after_apply_leaves_the_surface_in_its_place(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    full = evaluated_triangles(obj)
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    for forget in (False, True):  # from the full surface in memory, and from the object's own mesh
+        if forget:
+            session.of(loaded).full.clear()
+        assert bpy.ops.ctmc.simplify() == {"FINISHED"}
+        vertices = evaluated_triangles(obj).vertices
+        for end in (np.min, np.max):
+            assert np.abs(end(vertices, axis=0) - end(full.vertices, axis=0)).max() < 0.5
