@@ -38,8 +38,8 @@ def processor() -> str:
             ["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, text=True, timeout=10, check=False
         )
         return done.stdout.strip() or platform.machine()
-    known = Path("/proc/cpuinfo")
-    lines = known.read_text("utf-8", "replace").splitlines() if known.exists() else []
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text("utf-8", "replace").splitlines() if cpuinfo.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
 

@@ -79,15 +79,15 @@ def in_lines(text: str, width: int) -> list[str]:
     """
     lines, line = [], ""
     for word in text.split(" "):
-        rest = word
-        while len(rest) > width:
+        remainder = word
+        while len(remainder) > width:
             lines += [line] if line else []
             line = ""
-            lines.append(rest[:width])
-            rest = rest[width:]
-        if line and len(line) + 1 + len(rest) > width:
+            lines.append(remainder[:width])
+            remainder = remainder[width:]
+        if line and len(line) + 1 + len(remainder) > width:
             lines.append(line)
-            line = rest
+            line = remainder
         else:
-            line = f"{line} {rest}" if line else rest
+            line = f"{line} {remainder}" if line else remainder
     return [*lines, line] if line else lines

@@ -151,11 +151,11 @@ def orientation_marker(board: Board, x: float, y: float, reach_mm: float, rotati
     camera = board.scene.camera
     pivot = bpy.data.objects.new(PIVOT, None)
     pivot.empty_display_size = board.unit
-    place = camera.matrix_world.copy()
-    place.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
+    marker_matrix = camera.matrix_world.copy()
+    marker_matrix.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
     matrix = rotation.to_4x4()
     for axis in range(3):
-        matrix[axis][3] = place.translation[axis]
+        matrix[axis][3] = marker_matrix.translation[axis]
     pivot.matrix_world = matrix
     board.scene.collection.objects.link(pivot)
     board.blocks.append(pivot)

@@ -46,7 +46,7 @@ def distance_map_steps(
 
 def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> ColorScale:
     """Colors for these surfaces together: up to the 99th percentile of their distances, rounded up."""
-    every = np.concatenate([one.distances_mm for one in maps])
+    every = np.concatenate([distance_map.distances_mm for distance_map in maps])
     most = float(every.max())
     if limit_mm is None:
         limit_mm = rounded_up(float(np.percentile(every, 99))) if most > 1e-6 else 1.0

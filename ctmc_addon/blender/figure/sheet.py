@@ -132,8 +132,10 @@ def cells_steps(
         extracting = stages.run("Reconstructing", timed_steps(volume, settings, threads))
         result, seconds = yield from equal_part(extracting, number, len(variants))
         measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, threads))
-        apart = yield from equal_part(measuring, number, len(variants))
-        compared.append(Compared(string.ascii_lowercase[number], title, result, seconds, apart.mean, apart.largest))
+        distance = yield from equal_part(measuring, number, len(variants))
+        compared.append(
+            Compared(string.ascii_lowercase[number], title, result, seconds, distance.mean, distance.largest)
+        )
         if deviation:
             mapping = stages.run("Measuring the map", distance_map_steps(result.mesh, reference, threads))
             maps.append((yield from equal_part(mapping, number, len(variants))))
@@ -167,12 +169,12 @@ def deviation_figure_steps(
     full = reference_steps(volume, result.settings, False, threads)
     reference = yield from stages.run("Reconstructing in full resolution", full)
     measuring = surface_distance_steps(result.mesh, reference, threads)
-    apart = yield from stages.run("Measuring the error", measuring)
+    distance = yield from stages.run("Measuring the error", measuring)
     mapping = distance_map_steps(result.mesh, reference, threads)
     distance_map = yield from stages.run("Measuring the map", mapping)
     caption = style.caption or (
-        f"Distance to the surface of full resolution: mean {apart.mean:.3g}{NO_BREAK}mm, "
-        f"at most {apart.largest:.3g}{NO_BREAK}mm; "
+        f"Distance to the surface of full resolution: mean {distance.mean:.3g}{NO_BREAK}mm, "
+        f"at most {distance.largest:.3g}{NO_BREAK}mm; "
         f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
     )
     style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)

@@ -33,8 +33,8 @@ def has_format(suffix: str) -> bool:
     """Whether this Blender was built with a video format."""
     container, codec = VIDEO_FORMATS[suffix]
     ffmpeg = bpy.types.FFmpegSettings.bl_rna.properties
-    known = container in ffmpeg["format"].enum_items and codec in ffmpeg["codec"].enum_items
-    return bool(bpy.app.ffmpeg.supported and bpy.app.build_options.codec_ffmpeg and known)
+    supported = container in ffmpeg["format"].enum_items and codec in ffmpeg["codec"].enum_items
+    return bool(bpy.app.ffmpeg.supported and bpy.app.build_options.codec_ffmpeg and supported)
 
 
 def write_video(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, int]) -> None:

@@ -40,14 +40,14 @@ def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
 
     An animation or driver of the key has the last word.
     """
-    made = read_provenance(obj)
-    key = None if made is None else alpha_key(obj.data)
-    if made is None or key is None:
+    provenance = read_provenance(obj)
+    key = None if provenance is None else alpha_key(obj.data)
+    if provenance is None or key is None:
         return False
-    if made.settings.alpha == alpha and abs(key.value - alpha) < 1e-6:
+    if provenance.settings.alpha == alpha and abs(key.value - alpha) < 1e-6:
         return False
     key.value = alpha
-    set_settings(obj, replace(made.settings, alpha=alpha))
+    set_settings(obj, replace(provenance.settings, alpha=alpha))
     return True
 
 

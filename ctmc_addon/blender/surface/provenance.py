@@ -101,10 +101,10 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
 
 def require_provenance(obj: bpy.types.Object) -> Provenance:
     """How an object was made, or a `MeshError`."""
-    made = read_provenance(obj)
-    if made is None:
+    provenance = read_provenance(obj)
+    if provenance is None:
         raise MeshError(f"{obj.name} was not made by CTMC; choose a reconstructed object")
-    return made
+    return provenance
 
 
 @lru_cache(maxsize=256)  # panels ask at every redraw
@@ -136,17 +136,17 @@ def parsed(
         return None
 
 
-def write_provenance(obj: bpy.types.Object, made: Provenance) -> None:
+def write_provenance(obj: bpy.types.Object, provenance: Provenance) -> None:
     """Note on an object how it was made."""
-    settings = made.settings.to_dict()
-    report = {name: value for name, value in asdict(made).items() if name in REPORTED} | {"settings": settings}
+    settings = provenance.settings.to_dict()
+    report = {name: value for name, value in asdict(provenance).items() if name in REPORTED} | {"settings": settings}
     obj[PROPERTY] = {
-        "version": made.version,
-        "scale": made.placement.scale,
-        "origin": made.placement.origin,
+        "version": provenance.version,
+        "scale": provenance.placement.scale,
+        "origin": provenance.placement.origin,
         "settings": json.dumps(settings),
         "report": json.dumps(report, ensure_ascii=False),
-        "fingerprint": made.fingerprint,
+        "fingerprint": provenance.fingerprint,
     }
 
 

@@ -36,11 +36,11 @@ def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surfa
 
 
 def unmoved_mm(
-    local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
+    local: NDArray[np.float32], expected: NDArray[np.float32], stored_mm: NDArray[np.float32], placement: Placement
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """RAS+ mm of vertices, (V, 3) float32: `kept` where `local` is as `expected`; and where that is so, (V,)."""
-    unmoved = is_close(local, expected, kept, placement)
-    return (kept if unmoved.all() else np.where(unmoved[:, None], kept, placement.to_mm(local))), unmoved
+    """RAS+ mm of vertices, (V, 3) float32: `stored_mm` where `local` is as `expected`; and where that is so, (V,)."""
+    unmoved = is_close(local, expected, stored_mm, placement)
+    return (stored_mm if unmoved.all() else np.where(unmoved[:, None], stored_mm, placement.to_mm(local))), unmoved
 
 
 def positions_mm(
@@ -55,14 +55,14 @@ def positions_mm(
     alpha : float
         Value of the key `alpha`, if the mesh has one.
     """
-    kept, linear = meshes.read_attribute(mesh, POSITIONS_MM), meshes.read_attribute(mesh, LINEAR_MM)
-    if kept is None:
+    stored_mm, linear = meshes.read_attribute(mesh, POSITIONS_MM), meshes.read_attribute(mesh, LINEAR_MM)
+    if stored_mm is None:
         return placement.to_mm(local), np.ones(len(local), bool)  # of an older version, or another's
-    expected = placement.to_local(kept)
+    expected = placement.to_local(stored_mm)
     if linear is not None:
         expected = blend(expected, placement.to_local(linear), alpha)
-        kept = blend(kept, linear, alpha)
-    return unmoved_mm(local, expected, kept, placement)
+        stored_mm = blend(stored_mm, linear, alpha)
+    return unmoved_mm(local, expected, stored_mm, placement)
 
 
 def evaluated_triangles(
@@ -104,25 +104,29 @@ def placement_of(obj: bpy.types.Object) -> Placement:
 
     The millimeters kept on the mesh are the truth: Apply and Set Origin change the vertices, and not these.
     """
-    made = read_provenance(obj)
-    if made is None:
+    provenance = read_provenance(obj)
+    if provenance is None:
         return Placement()
     mesh = obj.data
-    kept = meshes.read_attribute(mesh, POSITIONS_MM)
-    if kept is None:
-        return made.placement
+    stored_mm = meshes.read_attribute(mesh, POSITIONS_MM)
+    if stored_mm is None:
+        return provenance.placement
     if mesh.shape_keys is None:
         local = meshes.read_positions(mesh)
     else:
         local = meshes.read_vectors(mesh.shape_keys.reference_key.points, "co", len(mesh.vertices))
     x, y, z = obj.matrix_world.translation
-    return present_placement(made.placement, kept, local, (x, y, z))
+    return present_placement(provenance.placement, stored_mm, local, (x, y, z))
 
 
 def read_back(obj: bpy.types.Object) -> Reconstruction | None:
     """The full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
-    made, mesh = read_provenance(obj), obj.data
-    if made is None or len(mesh.polygons) != made.full_faces or len(mesh.loops) != 3 * made.full_faces:
+    provenance, mesh = read_provenance(obj), obj.data
+    if (
+        provenance is None
+        or len(mesh.polygons) != provenance.full_faces
+        or len(mesh.loops) != 3 * provenance.full_faces
+    ):
         return None
     placement = placement_of(obj)
     key, faces, normals = alpha_key(mesh), meshes.read_triangles(mesh), meshes.kept_normals(mesh)
@@ -130,16 +134,19 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
         normals = None
     if key is None:
         vertices, _ = positions_mm(mesh, meshes.read_positions(mesh), placement, 0.0)
-        return reconstruction_of(TriangleMesh(vertices, faces, normals), None, made.settings, made)
+        return reconstruction_of(TriangleMesh(vertices, faces, normals), None, provenance.settings, provenance)
     ends = []
     for name, block in ((POSITIONS_MM, mesh.shape_keys.reference_key), (LINEAR_MM, key)):
-        local, kept = meshes.read_vectors(block.points, "co", len(mesh.vertices)), meshes.read_attribute(mesh, name)
-        if kept is None:  # a file of an older version
+        local, stored_mm = (
+            meshes.read_vectors(block.points, "co", len(mesh.vertices)),
+            meshes.read_attribute(mesh, name),
+        )
+        if stored_mm is None:  # a file of an older version
             ends.append(placement.to_mm(local))
         else:
-            ends.append(unmoved_mm(local, placement.to_local(kept), kept, placement)[0])
+            ends.append(unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])
     surface = Surface(ends[0], ends[1], faces, normals)
-    return reconstruction_of(surface.at(made.settings.alpha), surface, made.settings, made)
+    return reconstruction_of(surface.at(provenance.settings.alpha), surface, provenance.settings, provenance)
 
 
 def own_mesh(obj: bpy.types.Object) -> TriangleMesh:
@@ -160,26 +167,26 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
     MeshError
         If the object was not made here, or Blender does not evaluate it.
     """
-    made = require_provenance(obj)
+    provenance = require_provenance(obj)
     evaluated, depsgraph = evaluated_object(obj, scene)
     goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
     mesh = triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
-    return reconstruction_of(replace(mesh, normals=None), None, replace(made.settings, **goals), made)
+    return reconstruction_of(replace(mesh, normals=None), None, replace(provenance.settings, **goals), provenance)
 
 
 def reconstruction_of(
-    mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, made: Provenance
+    mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, provenance: Provenance
 ) -> Reconstruction:
     """The reconstruction that an object was made from, with this mesh."""
     return Reconstruction(
         mesh=mesh,
         surface=surface,
         settings=settings,
-        threshold=made.threshold,
-        full_faces=made.full_faces,
-        voxels_visited=made.voxels_visited,
+        threshold=provenance.threshold,
+        full_faces=provenance.full_faces,
+        voxels_visited=provenance.voxels_visited,
         stages=(),
-        spacing_mm=made.spacing_mm,
-        notes=made.notes,
-        name=made.name,
+        spacing_mm=provenance.spacing_mm,
+        notes=provenance.notes,
+        name=provenance.name,
     )

@@ -76,23 +76,23 @@ def collect(
 
 def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
     """The volumes that one input stands for."""
-    place = Path(word)
-    if suffix(place) == ".csv" and place.is_file():
-        return manifest_inputs(place)
-    if not place.exists() and glob.has_magic(word):
+    input_path = Path(word)
+    if suffix(input_path) == ".csv" and input_path.is_file():
+        return manifest_inputs(input_path)
+    if not input_path.exists() and glob.has_magic(word):
         paths = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
         if not paths:
             raise ReadError(f"no file or folder fits '{word}'; check the pattern")
         return [source for path in paths for source in inputs_at(path, aside)]
-    return inputs_at(readers.existing_path(place), aside)
+    return inputs_at(readers.existing_path(input_path), aside)
 
 
-def inputs_at(place: Path, aside: Path | None) -> list[CaseInput]:
+def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
     """The volumes in a folder, or the one that a file is."""
-    if not place.is_dir():
-        return [CaseInput(place, readers.volume_name(place))]
-    volumes = volumes_in(place, aside, DEEPEST)
-    return [CaseInput(path, name) for path, name in volumes] or [CaseInput(place, stem(place))]
+    if not input_path.is_dir():
+        return [CaseInput(input_path, readers.volume_name(input_path))]
+    volumes = volumes_in(input_path, aside, DEEPEST)
+    return [CaseInput(volume_path, name) for volume_path, name in volumes] or [CaseInput(input_path, stem(input_path))]
 
 
 def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:

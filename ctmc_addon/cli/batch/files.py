@@ -189,8 +189,8 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     >>> without_folders("/home/a b/x.nii is empty; see C:\\scans\\y.nii, 1/2 mm", {"input": "/home/a b/x.nii"})
     'x.nii is empty; see y.nii, 1/2 mm'
     """
-    known = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
-    for path in sorted({*known, *(path.parent for path in known), *(path.resolve() for path in known)}, key=depth):
+    paths = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
+    for path in sorted({*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)}, key=depth):
         if path.name and path.is_absolute():
             text = text.replace(str(path), path.name)
     text = re.sub(r"(?:(?<![\w.:/\\])(?:[A-Za-z]:)?|(?<=:)(?=[\\/][^\\/]))[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)

@@ -75,13 +75,13 @@ Parse = Callable[[str], Any]
 
 def column_of(title: str, where: str) -> tuple[str, str, Parse]:
     """What kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
-    known: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
+    columns: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
     for name, about in described().items():
-        known[name] = known[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
-    known["soften"] = known["soften_mm"] = known["smoothing_mm"]  # as older manifests have it
+        columns[name] = columns[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
+    columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
     for name, parse in READING.items():
-        known[name] = ("reading", name, parse)
-    column = known.get(underscored(title.lower()), ("", "", str))
+        columns[name] = ("reading", name, parse)
+    column = columns.get(underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
             f"{where}: unknown column '{title}'; the columns are input, case, "

@@ -50,14 +50,14 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
 def write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """8 bit gray slices from the feet to the head, HU -160 to 240."""
     image = library("PIL.Image", "Pillow")
-    place = made_folder(folder / "png")
+    png_folder = made_folder(folder / "png")
     low, high = WINDOW
     for k, plane in enumerate(phantom.volume.values):
         yield Step(k / len(phantom.volume.values), "Writing PNG")
         gray = (np.clip(plane, low, high).astype(np.int32) - low) * 255 // (high - low)
         buffer = io.BytesIO()
         image.fromarray(gray.astype(np.uint8)).save(buffer, "PNG")
-        write_bytes(place / png_name(k + 1), buffer.getvalue())
+        write_bytes(png_folder / png_name(k + 1), buffer.getvalue())
     return ["png/"]
 
 
@@ -81,7 +81,7 @@ def write_nifti_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """CT Image Storage (PS3.3 A.3), explicit VR little endian, its identifiers worked out from the content."""
     pydicom = library("pydicom", "pydicom")
-    place = made_folder(folder / "dicom")
+    dicom_folder = made_folder(folder / "dicom")
     # Phantoms of one seed but another grid are other series.
     root = f"ctmc phantom {phantom.seed} {phantom.volume.size} {phantom.volume.spacing}"
     for k, plane in enumerate(phantom.volume.values):
@@ -89,7 +89,7 @@ def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
         dataset = dicom_slice(pydicom, phantom.volume, plane, k, root)
         buffer = io.BytesIO()
         dataset.save_as(buffer, enforce_file_format=True)
-        write_bytes(place / dicom_name(k + 1), buffer.getvalue())
+        write_bytes(dicom_folder / dicom_name(k + 1), buffer.getvalue())
     return ["dicom/"]
 
 

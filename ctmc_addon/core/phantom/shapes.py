@@ -186,12 +186,12 @@ def has_room(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> boo
     if not liver.inside(tumour.surface(1.05, 3.0 * scale)).all():
         return False
     for other in others:
-        apart = [
+        distance = [
             (tumour.center[axis] - other.center[axis])
             / (tumour.half_axes[axis] * tumour.limits[1] + other.half_axes[axis] * other.limits[1])
             for axis in range(3)
         ]
-        if apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2 < 1.0:
+        if distance[0] ** 2 + distance[1] ** 2 + distance[2] ** 2 < 1.0:
             return False
     return True
 

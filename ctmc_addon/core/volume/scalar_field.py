@@ -213,10 +213,10 @@ def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, me
     if all(np.isfinite(layer).all() for layer in values):
         return values
     require(values.nbytes, "replacing NaN voxels", "choose a region, or replace them in the file", memory_limit)
-    whole = np.array(values)
-    for layer in whole:
+    replaced = np.array(values)
+    for layer in replaced:
         layer[~np.isfinite(layer)] = nan_as
-    return whole
+    return replaced
 
 
 def _label_box_steps(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:

@@ -101,10 +101,10 @@ def one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Pat
     counts = Counter(map(format_suffix, images))
     best = max(counts, key=lambda end: (counts[end], -list(FORMATS).index(end)))
     best = format_suffix(own_slice) if own_slice is not None else best
-    kept = [path for path in images if format_suffix(path) == best]
+    selected = [path for path in images if format_suffix(path) == best]
     others = [f"{count} {FORMATS[end]}" for end, count in sorted(counts.items()) if end != best]
-    note = f"{' and '.join(others)} beside the {len(kept)} {FORMATS[best]} slices left out"
-    return kept, [note] if others else []
+    note = f"{' and '.join(others)} beside the {len(selected)} {FORMATS[best]} slices left out"
+    return selected, [note] if others else []
 
 
 def check_alike(headers: Sequence[Picture]) -> None:

@@ -67,8 +67,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Read the file, and look through it."""
         scene = context.scene
-        known, stored, expected = session.of(scene), scene.ctmc, ""
-        known.message = known.load_message = ""
+        scene_session, stored, expected = session.of(scene), scene.ctmc, ""
+        scene_session.message = scene_session.load_message = ""
         # Several files that were dropped or selected together are slices of one stack.
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading: dict[str, Any] = {
@@ -118,7 +118,7 @@ def reading_of(stored: Any) -> dict[str, Any]:
 
 
 def known_reading(scene: bpy.types.Scene) -> Any:
-    """How the CT that the scene knows was read."""
+    """How the CT of the scene was read."""
     loaded = volumes.loaded(scene)
     return reading_of(scene.ctmc) if loaded is None else loaded.reading
 
@@ -129,22 +129,22 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
     stored, reading = scene.ctmc, loaded.reading
-    other = loaded.statistics.fingerprint != stored.volume_fingerprint
+    is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     volumes.keep(loaded, scene)
     stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
     for axis in "xyz":
         setattr(stored, f"flip_{axis}", axis in reading["flip"])
     stored.series = str(reading["series"] or "")
-    if other:
+    if is_another_ct:
         names = loaded.volume.label_names
         stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.statistics.labels])
     if loaded.volume.kind == "label" and loaded.statistics.labels and not (stored.use_threshold or stored.use_label):
-        stored.label = loaded.statistics.labels[0][0]  # Otsu's threshold would part labels by their numbers
-    known = session.of(scene)
-    known.message = known.load_message = ""
+        stored.label = loaded.statistics.labels[0][0]  # Otsu's threshold would separate labels by their numbers
+    scene_session = session.of(scene)
+    scene_session.message = scene_session.load_message = ""
     if expected not in ("", loaded.statistics.fingerprint):
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
-        known.load_message = translate(text).format(name=loaded.path.name)
+        scene_session.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")
     columns, rows, slices = loaded.volume.size
     return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")

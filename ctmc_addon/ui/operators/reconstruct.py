@@ -124,7 +124,7 @@ def surfaces_steps(
 def surface_steps(
     volume: Volume | None, request: SurfaceRequest, full: Reconstruction | None
 ) -> Steps[FinishedSurface]:
-    """Extract a surface where `full` is not known, simplify and measure it."""
+    """Extract a surface where `full` is None, simplify and measure it."""
     settings, limits, stages = request.settings, machine(), Stages(SURFACE_STAGES)
     extracting, simplifying, measuring = SURFACE_STAGES
     if full is None:
@@ -142,16 +142,16 @@ def surface_steps(
 
 
 def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:
-    """Objects for all surfaces, and what is known of them for the panel; the message of success."""
+    """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)
     assert scene is not None, "place has put something into it"
-    known = session.of(scene)
-    known.message = ""
-    known.full = {
-        surfaces.origin(one.request.fingerprint, one.request.settings): one.full
-        for one in finished
-        if one.request.fingerprint
+    scene_session = session.of(scene)
+    scene_session.message = ""
+    scene_session.full = {
+        surfaces.origin(surface.request.fingerprint, surface.request.settings): surface.full
+        for surface in finished
+        if surface.request.fingerprint
     }
     preview.hide()
     return placing.summary(objects, finished)

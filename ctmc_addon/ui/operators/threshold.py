@@ -61,7 +61,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
     tissue: EnumProperty(
         name="Tissue",
         description="What the surface is to enclose",
-        items=[(key, one.name, one.text) for key, one in TISSUES.items()],
+        items=[(key, tissue.name, tissue.text) for key, tissue in TISSUES.items()],
         default="bone",
     )
 

@@ -65,26 +65,26 @@ def look_properties() -> dict[str, Any]:
     """How a figure is seen, and what is written on it."""
     from ...blender.figure.spec import ELEVATIONS, ENGINES, OPACITIES, OPACITY, STYLES, FigureStyle
 
-    look = FigureStyle()
+    style = FigureStyle()
     angle = {"precision": 1, "step": 500}
     return {
         "style": choice(
             "Style",
             "How surfaces look. Several at once keep their own colors; print makes all of them gray",
             items=[(name, name.title(), style.text[0].upper() + style.text[1:]) for name, style in STYLES.items()],
-            default=look.style,
+            default=style.style,
         ),
         "engine": choice(
             "Engine",
             "What renders the figure",
             items=[(name, engine.label, engine.text) for name, engine in ENGINES.items()],
-            default=look.engine,
+            default=style.engine,
         ),
         "azimuth": decimal(
             "Azimuth",
             "Where the camera stands [degrees]: 0 = before the patient, 90 = at the left, 180 = behind",
             **angle,
-            default=look.azimuth,
+            default=style.azimuth,
             min=-360.0,
             max=360.0,
         ),
@@ -92,7 +92,7 @@ def look_properties() -> dict[str, Any]:
             "Elevation",
             "How high the camera stands [degrees]: 90 = above the head, -90 = below the feet",
             **angle,
-            default=look.elevation,
+            default=style.elevation,
             min=ELEVATIONS[0],
             max=ELEVATIONS[1],
         ),
@@ -105,11 +105,11 @@ def look_properties() -> dict[str, Any]:
             max=OPACITIES[1],
             precision=2,
         ),
-        "scale_bar": boolean("Scale Bar", "A bar of round length in mm", default=look.scale_bar),
+        "scale_bar": boolean("Scale Bar", "A bar of round length in mm", default=style.scale_bar),
         "orientation": boolean(
             "Orientation",
             "The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
-            default=look.orientation,
+            default=style.orientation,
         ),
         "use_caption": boolean("Use Caption", "Write a caption under the figure", default=True),
         "caption": text("Caption", "Written under the figure. Empty = what it shows"),

@@ -71,14 +71,14 @@ class Machine:
 def machine() -> Machine:
     """The preferences of this machine; the defaults where the package runs without being enabled as an add-on."""
     addon: Any = bpy.context.preferences.addons.get(ADDON)
-    chosen = getattr(addon, "preferences", None)
-    if chosen is None:
+    preferences = getattr(addon, "preferences", None)
+    if preferences is None:
         return Machine()
     return Machine(
-        threads=chosen.threads or None,
-        preview_seconds=chosen.preview_ms / 1000,
-        scale=chosen.scene_scale,
-        memory_limit=int(chosen.memory_gib * GIB) or None,
+        threads=preferences.threads or None,
+        preview_seconds=preferences.preview_ms / 1000,
+        scale=preferences.scene_scale,
+        memory_limit=int(preferences.memory_gib * GIB) or None,
     )
 
 

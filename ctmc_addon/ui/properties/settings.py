@@ -97,7 +97,7 @@ def as_written(number: float) -> float:
 def as_typed(value: Any, about: Setting) -> Any:
     """The setting's number or numbers as they were typed."""
     if about.type is float:
-        typed = [as_written(one) for one in np.atleast_1d(value)]
+        typed = [as_written(number) for number in np.atleast_1d(value)]
         return typed if about.size > 1 else typed[0]
     return tuple(value) if about.size > 1 else value
 
@@ -113,18 +113,18 @@ def property_of(name: str, about: Setting) -> Any:
     if about.type is str:
         items = [(word, CHOICES.get(word, word.title()), "") for word in about.choices]
         return choice(about.label, tooltip(about), items=items, **options)
-    whole = about.type is int
+    is_integer = about.type is int
     if about.low is not None:
-        options["min"] = int(about.low) if whole else lowest(about)
+        options["min"] = int(about.low) if is_integer else lowest(about)
     if about.high is not None:
-        options["max"] = int(about.high) if whole else highest(about)
-    if not whole:
+        options["max"] = int(about.high) if is_integer else highest(about)
+    if not is_integer:
         options["precision"] = 3
     if about.unit == "mm" and about.size == 1:
         options["unit"] = "CAMERA"  # Blender shows it in mm, whatever the scene's unit scale
     if about.size > 1:
-        return (integers if whole else decimals)(about.label, tooltip(about), size=about.size, **options)
-    return (integer if whole else decimal)(about.label, tooltip(about), **options)
+        return (integers if is_integer else decimals)(about.label, tooltip(about), size=about.size, **options)
+    return (integer if is_integer else decimal)(about.label, tooltip(about), **options)
 
 
 def tooltip(about: Setting) -> str:
@@ -201,7 +201,7 @@ def on_tick(item: Any, _context: Any) -> None:
     if _ticking:
         return
     properties = item.id_data.ctmc
-    ticked = [one.value for one in properties.labels if one.chosen]
+    ticked = [label.value for label in properties.labels if label.chosen]
     _ticking.append(True)
     if ticked and properties.label not in ticked:
         properties.label = ticked[0]
@@ -256,10 +256,10 @@ def get_surface_from(properties: Any) -> int:
     return int(properties.use_label)
 
 
-def set_surface_from(properties: Any, chosen: int) -> None:
-    """The other one was chosen."""
-    if bool(chosen) != properties.use_label:
-        properties.use_label = bool(chosen)
+def set_surface_from(properties: Any, use_label: int) -> None:
+    """Store whether the surface is that of a label."""
+    if bool(use_label) != properties.use_label:
+        properties.use_label = bool(use_label)
 
 
 def panel_properties() -> dict[str, Any]:

@@ -56,8 +56,8 @@ def estimate_steps(fields: FieldCache, settings: tuple[ReconstructionSettings, .
     """Count what these settings will cost."""
     estimates: list[CostEstimate] = []
     try:
-        for one in settings:
-            estimates.append((yield from cost_estimate_steps(fields, one)))
+        for surface_settings in settings:
+            estimates.append((yield from cost_estimate_steps(fields, surface_settings)))
     except CtmcError as error:
         return CostEstimates(settings, error=str(error))
     return CostEstimates(settings, tuple(estimates))

@@ -74,13 +74,13 @@ def refined_start(
         agree = (lower > 0) == (upper > 0)
         away = np.where(between, least, np.maximum(np.abs(lower) - gap, least))
         columns = x[:, None] * WIDTH + np.arange(WIDTH)
-        known = agree | ~between
-        known &= (columns >= inside.x[0]) & (columns < inside.x[1])
-        known &= ((y >= inside.y[0]) & (y < inside.y[1]))[:, None]
-        known &= ((z >= inside.z[0] * slice_steps) & (z <= (inside.z[1] - 1) * slice_steps))[:, None]
+        decided = agree | ~between
+        decided &= (columns >= inside.x[0]) & (columns < inside.x[1])
+        decided &= ((y >= inside.y[0]) & (y < inside.y[1]))[:, None]
+        decided &= ((z >= inside.z[0] * slice_steps) & (z <= (inside.z[1] - 1) * slice_steps))[:, None]
         positive = lower > 0
-        low[part] = np.where(known & positive, away, -infinite)
-        high[part] = np.where(known & ~positive, -away, infinite)
+        low[part] = np.where(decided & positive, away, -infinite)
+        high[part] = np.where(decided & ~positive, -away, infinite)
         lower -= np.copysign(centered, lower)
         upper -= np.copysign(centered, upper)
         field[part] = lower * (1 - share) + upper * share

@@ -99,11 +99,11 @@ def constrained_steps(
     workers = worker_count(threads)
     pool = ThreadPoolExecutor(workers) if workers > 1 else None
     try:
-        code, label, inside, known = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
+        code, label, inside, inside_label = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
         reach, farthest = reach_of(spacing_mm), 1.5 * band_mm(spacing_mm)
         distance_steps = signed_distance_steps(code, label, spacing_mm, reach, farthest, pool)
         distance = yield from stages.run(measuring, distance_steps)
-        smooth_steps = _smoothed_steps(code != 0, label, distance, known, spacing_mm, steps, pool)
+        smooth_steps = _smoothed_steps(code != 0, label, distance, inside_label, spacing_mm, steps, pool)
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
         volume_steps = keep_volume_steps(
@@ -118,21 +118,21 @@ def constrained_steps(
 def _label_bricks_steps(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int
 ) -> Steps[tuple[NDArray[np.uint8], Bricks, Inside, Inside]]:
-    """The packed label and the bricks within reach of its surface; where in them the mask lies, and is known."""
+    """The packed label and the bricks within reach of its surface; the mask's place in them, and the known label's."""
     yield PAUSE
     reach = reach_of(spacing_mm)
-    padded, inside, known = _padded(mask, reach)
+    padded, inside, inside_label = _padded(mask, reach)
     code = packed(padded)
     near = near_surface(code, reach)
     yield PAUSE
-    return code, number_bricks(near if steps == 1 else widened(near, 1, 0), code != 0), inside, known
+    return code, number_bricks(near if steps == 1 else widened(near, 1, 0), code != 0), inside, inside_label
 
 
 def _smoothed_steps(
     deep: NDArray[np.bool_],
     label: Bricks,
     distance: Floats,
-    known: Inside,
+    inside_label: Inside,
     spacing_mm: tuple[float, float, float],
     steps: int,
     pool: ThreadPoolExecutor | None,
@@ -150,7 +150,7 @@ def _smoothed_steps(
         for step in range(1, steps):
             near[step:-1:steps] |= after[step::steps]
     refined = number_bricks(near, deep)
-    start = refined_start(label, distance, refined, spacing_mm, steps, known, pool)
+    start = refined_start(label, distance, refined, spacing_mm, steps, inside_label, pool)
     yield PAUSE
     stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
     x, y, z = spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps
@@ -173,7 +173,7 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
     freely. Bricks and coarse samples are counted from the label's first sample, so that the margin the mask came
     with does not change the surface.
     """
-    pads, own, known = [], [], []
+    pads, own, inside_label = [], [], []
     for axis, margin, unit in ((2, WIDTH, 2 * WIDTH), (1, 2, 2), (0, 1, 1)):
         filled = np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {axis})))
         size = mask.shape[axis]
@@ -184,10 +184,10 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
         high += (int(axis == 1) - (low + size + high)) % unit  # whole pairs of bricks, an odd number of rows
         pads.append((low, high))
         own.append((low, low + size))
-        known.append((low if before == 0 else 0, low + size + (0 if after == 0 else high + WIDTH)))
+        inside_label.append((low if before == 0 else 0, low + size + (0 if after == 0 else high + WIDTH)))
     if any(any(pad) for pad in pads):
         mask = np.pad(mask, pads[::-1], mode="edge")
-    return mask, Inside(*own), Inside(*known)
+    return mask, Inside(*own), Inside(*inside_label)
 
 
 def _coarser(near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
