@@ -139,7 +139,7 @@ class Panel:
     def deviation_map(self) -> Steps[Any]:
         """Deviation Map."""
         uid = self.surface.session_uid
-        return results.deviation_steps(own_mesh(self.surface), self.full, measurements.of(self.surface), uid)
+        return results.deviation_steps(own_mesh(self.surface), self.full, uid)
 
     def move_slider(self) -> None:
         """What a coarse preview shows while a slider moves."""
@@ -180,8 +180,8 @@ class Panel:
 
     def measure(self) -> Steps[Any]:
         """Measure."""
-        mesh = results.evaluated_triangles(self.surface, self.scene)
-        return results.measure_steps(mesh, self.full, self.surface.session_uid, measurements.alpha_of(self.surface))
+        mesh = results.as_shown(self.surface, self.scene).mesh
+        return results.measure_steps(mesh, self.full, self.surface.session_uid, measurements.mesh_state(self.surface))
 
 
 def clear(panel: Panel) -> None:

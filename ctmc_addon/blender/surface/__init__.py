@@ -1,6 +1,6 @@
 """A surface as an object of the Blender file, and read back from it."""
 
-from .alpha_key import set_alpha
+from .alpha_key import key_state, set_alpha
 from .decimate import decimated
 from .mesh_data import edges_steps
 from .objects import (
@@ -25,6 +25,7 @@ __all__ = [
     "decimated",
     "edges_steps",
     "evaluated_triangles",
+    "key_state",
     "own_mesh",
     "placement_of",
     "read_back",

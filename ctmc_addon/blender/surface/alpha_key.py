@@ -85,3 +85,18 @@ def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
 def value_of(key: bpy.types.ShapeKey) -> float:
     """How far a key moves the mesh."""
     return 0.0 if key.mute else float(key.value)
+
+
+def key_state(mesh: bpy.types.Mesh, alpha: float | None = None) -> tuple[list[NDArray[np.float32]], list[float]]:
+    """Positions, (V, 3) float32, and value of every key, the key `alpha` at `alpha` where that is given.
+
+    Without keys the mesh's own positions and no value.
+    """
+    if mesh.shape_keys is None:
+        return [meshes.read_positions(mesh)], []
+    keys = mesh.shape_keys.key_blocks
+    values = [alpha if key.name == KEY and alpha is not None else value_of(key) for key in keys]
+    return (
+        [meshes.read_vectors(key.points, "co", len(mesh.vertices)) for key in keys],
+        [float(np.float32(value)) for value in values],
+    )

@@ -110,9 +110,9 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
                 obj = add_reconstruction(result, scene, machine().scale, color, mesh, structure, fingerprint)
             else:
                 update_reconstruction(obj, result, mesh, request.fingerprint)
-            # The measurement is of this alpha, which a hand or an animation may hold elsewhere.
-            alpha = None if measurements.alpha_of(obj) is None else result.settings.alpha
-            measurements.keep(obj, surface.measurement, alpha)
+            # The measurement is of this alpha and no modifiers; the object may have others.
+            state = measurements.plain_state(obj, result.settings.alpha)
+            measurements.keep(obj, surface.measurement, state)
             objects.append(obj)
     finally:
         remove_unused(meshes)

@@ -8,13 +8,13 @@ from typing import Any
 import bpy
 
 from ...blender.figure.distance_map import paint_distances
-from ...blender.surface import evaluated_triangles, own_mesh, require_editable, settings_of
+from ...blender.surface import as_shown, own_mesh, require_editable, settings_of
 from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, vertex_distances_steps
 from ...reporting.command_line import command_line
 from .. import jobs
 from ..state import measurements, session, surfaces, volumes
-from ..state.measurements import Measurement, measurement_steps
+from ..state.measurements import measurement_steps
 from ..translations import translate
 
 
@@ -31,15 +31,15 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The evaluated surface."""
+        """The surface as it shows, where the patient has it: moving the object is not a deviation."""
         scene, obj = context.scene, context.view_layer.objects.active
         full = session.of(scene).full.get(surfaces.origin_of(obj))
-        mesh = evaluated_triangles(obj, scene)
-        return measure_steps(mesh, full, obj.session_uid, measurements.alpha_of(obj))
+        mesh = as_shown(obj, scene).mesh
+        return measure_steps(mesh, full, obj.session_uid, measurements.mesh_state(obj))
 
 
 def measure_steps(
-    mesh: TriangleMesh, full: Reconstruction | None, uid: int, alpha: float | None
+    mesh: TriangleMesh, full: Reconstruction | None, uid: int, state: measurements.State
 ) -> Steps[jobs.Conclusion]:
     """Measure, and compare with the full surface where that is known."""
     measurement = yield from measurement_steps(mesh, None if full is None else full.mesh)
@@ -47,7 +47,7 @@ def measure_steps(
     def conclude() -> str:
         obj = session.object_of(uid)
         if obj is not None:
-            measurements.keep(obj, measurement, alpha)
+            measurements.keep(obj, measurement, state)
         return translate("Measured")
 
     return conclude
@@ -79,13 +79,11 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
         scene, obj = context.scene, context.view_layer.objects.active
         require_editable(obj)
         full = session.of(scene).full[surfaces.origin_of(obj)]
-        return deviation_steps(own_mesh(obj), full, measurements.of(obj), obj.session_uid)
+        return deviation_steps(own_mesh(obj), full, obj.session_uid)
 
 
-def deviation_steps(
-    mesh: TriangleMesh, full: Reconstruction, measurement: Measurement | None, uid: int
-) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once; the largest distance in the message is that of Results."""
+def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
+    """Measure every vertex, then write once; the message has the largest distance that is painted."""
     deviation = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
 
     def conclude() -> str:
@@ -94,10 +92,8 @@ def deviation_steps(
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
         require_editable(obj)
         paint_distances(obj.data, deviation)
-        if measurement is None or measurement.distance is None:
-            return translate("{name}: deviation map written").format(name=obj.name)
         message = translate("{name}: at most {most} mm from the full surface")
-        return message.format(name=obj.name, most=f"{measurement.distance.largest:.3g}")
+        return message.format(name=obj.name, most=f"{deviation.max(initial=0.0):.3g}")
 
     return conclude
 

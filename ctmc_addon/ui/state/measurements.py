@@ -1,21 +1,26 @@
 """What was measured of a surface, kept with its object: it comes back with undo and with the file.
 
-It holds for the mesh and alpha that were measured; for any other state of the object nothing is shown.
+It holds for the positions, keys and modifiers that were measured; for any other state of the object nothing is
+shown. It is of the patient: where the object stands in the scene, and how large, does not matter.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import bpy
 import numpy as np
 
+from ...blender.surface import key_state
 from ...core import Stages, Steps, TriangleMesh
 from ...core.mesh import Measures, ReferenceSurface, SurfaceDistance, measures_steps, surface_distance_steps
 
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
+State = list[Any]
+UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")  # settings that change no mesh
 STAGES = {"Measuring": 2, "Measuring the distance to the full surface": 3}
 
 
@@ -38,28 +43,56 @@ def measurement_steps(mesh: TriangleMesh, full: TriangleMesh | None) -> Steps[Me
     return Measurement(measures, (yield from stages.run(comparing, distance)))
 
 
-def alpha_of(obj: bpy.types.Object) -> float | None:
-    """Where the shape key `alpha` of an object stands; None where its alpha is fixed."""
-    keys = obj.data.shape_keys
-    key = None if keys is None else keys.key_blocks.get("alpha")
-    return None if key is None else float(key.value)
+def mesh_state(obj: bpy.types.Object) -> State:
+    """What tells one state of an object's surface from another: positions, keys and the modifiers that show."""
+    return [*plain_state(obj, None)[:-1], modifiers_text(obj)]
 
 
-def mesh_state(obj: bpy.types.Object, alpha: float | None) -> list[float | None]:
-    """What tells one state of an object's mesh from another, as JSON gives it back."""
-    return [len(obj.data.polygons), len(obj.data.vertices), None if alpha is None else float(np.float32(alpha))]
+def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
+    """`mesh_state` as it would be without modifiers, the key `alpha` at this value; None leaves it where it is."""
+    mesh = obj.data
+    positions, values = key_state(mesh, alpha)
+    # A sum of bit patterns is quick enough for every redraw: 1 ms for a million vertices.
+    sums = [int(part.view(np.uint32).sum(dtype=np.uint64)) for part in positions]
+    return [len(mesh.polygons), len(mesh.vertices), sums, values, ""]
 
 
-def keep(obj: bpy.types.Object, measurement: Measurement, alpha: float | None) -> None:
-    """Note on an object what was measured of its mesh at this alpha; None where alpha is fixed."""
-    obj[PROPERTY] = json.dumps({"state": mesh_state(obj, alpha), **asdict(measurement)})
+def modifiers_text(obj: bpy.types.Object) -> str:
+    """The settings of all modifiers that show in the viewport, in their order."""
+    return json.dumps([settings_text(modifier) for modifier in obj.modifiers if modifier.show_viewport])[1:-1]
+
+
+def settings_text(modifier: bpy.types.Modifier) -> str:
+    """What a modifier does, as text: its settings, and those of its nodes' inputs."""
+    names = [
+        setting.identifier
+        for setting in modifier.bl_rna.properties
+        if setting.type != "COLLECTION" and not setting.is_readonly and not setting.identifier.startswith(UNSEEN)
+    ]
+    inputs = modifier.items() if modifier.type == "NODES" else ()
+    return f"{modifier.type} {[setting_text(modifier, name) for name in names]} {[str(value) for _, value in inputs]}"
+
+
+def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
+    """A setting of a modifier; of another object, its name and where it stands."""
+    value = getattr(modifier, name)
+    if isinstance(value, bpy.types.Object):
+        return f"{value.name} {[list(row) for row in value.matrix_world]}"
+    if isinstance(value, bpy.types.bpy_struct):
+        return str(getattr(value, "name", ""))
+    return str(value if isinstance(value, (str, int, float, set, type(None))) else list(value))
+
+
+def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
+    """Note on an object what was measured of it in this state."""
+    obj[PROPERTY] = json.dumps({"state": state, **asdict(measurement)})
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
     """What was measured of an object as it is now; None where that is not known."""
     try:
         stored = json.loads(obj[PROPERTY])
-        if stored["state"] != mesh_state(obj, alpha_of(obj)):
+        if stored["state"] != mesh_state(obj):
             return None
         distance = stored["distance"]
         return Measurement(Measures(**stored["measures"]), None if distance is None else SurfaceDistance(**distance))

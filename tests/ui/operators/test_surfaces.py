@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
+from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.core.volume import otsu
 from ctmc_addon.readers import read_volume
@@ -255,6 +255,76 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     del thing[measurements.PROPERTY]
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
     assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
+
+
+def test_moving_the_object_is_not_a_deviation(loaded):
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    before = measurements.of(obj)
+    obj.location.x += 0.5
+    obj.rotation_euler.z = 1.0
+    bpy.ops.ctmc.measure()
+    after = measurements.of(obj)
+    assert after.distance.largest == pytest.approx(before.distance.largest, rel=1e-4)
+    assert after.measures.volume == pytest.approx(before.measures.volume, rel=1e-4)
+
+
+def test_the_deviation_maps_message_has_the_largest_distance_that_is_painted(loaded):
+    from ctmc_addon.ui.operators.results import deviation_steps
+
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    obj.data.vertices[7].co.z += 0.05  # 5 mm
+    message = finish(deviation_steps(own_mesh(obj), surfaces.full_of(obj, loaded), obj.session_uid))()
+    painted = np.empty(len(obj.data.vertices), np.float32)
+    obj.data.attributes["deviation_mm"].data.foreach_get("value", painted)
+    assert painted.max() > 2.0
+    assert f"{painted.max():.3g} mm" in message
+
+
+def double_positions(obj):
+    for key in obj.data.shape_keys.key_blocks:
+        co = np.empty(3 * len(key.points), np.float32)
+        key.points.foreach_get("co", co)
+        key.points.foreach_set("co", 2 * co)
+
+
+def move_a_vertex(obj):
+    obj.data.shape_keys.key_blocks["alpha"].points[7].co.z += 1e-3
+
+
+def decimate(obj):
+    obj.modifiers.new("Mine", "DECIMATE").ratio = 0.1
+
+
+def mute_alpha(obj):
+    obj.data.shape_keys.key_blocks["alpha"].mute = True
+
+
+@pytest.mark.parametrize("change", [double_positions, move_a_vertex, decimate, mute_alpha])
+def test_measures_are_those_of_the_surface_as_it_is_or_not_shown(loaded, change):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    assert measurements.of(obj) is not None
+    change(obj)
+    assert measurements.of(obj) is None
+    bpy.ops.ctmc.measure()
+    assert measurements.of(obj) is not None
+
+
+def test_other_settings_of_a_modifier_are_another_surface(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    decimate(obj)
+    bpy.ops.ctmc.measure()
+    faces = measurements.of(obj).measures.faces
+    obj.modifiers["Mine"].ratio = 0.5
+    assert measurements.of(obj) is None
+    obj.modifiers["Mine"].ratio = 0.1
+    obj.modifiers["Mine"].show_expanded = False
+    assert measurements.of(obj).measures.faces == faces
 
 
 def test_results_give_an_open_surface_no_volume(loaded):
