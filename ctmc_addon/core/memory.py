@@ -10,6 +10,8 @@ from pathlib import Path
 
 from .errors import MemoryLimitError
 
+VERSION_2_LIMITS = ("memory.max", "memory.high")  # beyond the second a process is slowed down until it hardly runs
+
 
 def available_bytes() -> int | None:
     """Return the bytes of memory that can be used without swapping; None where the system does not tell."""
@@ -48,36 +50,40 @@ def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None =
 def _meminfo_available(root: Path) -> int | None:
     for line in _lines(root / "proc/meminfo"):
         if line.startswith("MemAvailable:"):
-            return int(line.split()[1]) * 1024
+            return None if (kilobytes := _second_number(line)) is None else kilobytes * 1024
     return None
 
 
 def _cgroups_available(root: Path) -> list[int]:
     """What is left to each control group of this process and to the groups around it; groups without limit left out."""
     left = []
+    groups = root / "sys/fs/cgroup"
     for line in _lines(root / "proc/self/cgroup"):
-        number, controllers, path = line.split(":", 2)
-        if number == "0":  # version 2
-            mount, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        number, _, controllers_and_path = line.partition(":")
+        controllers, _, path = controllers_and_path.partition(":")
+        if number == "0":  # version 2; beside version 1 it is mounted at `unified`
+            mounts, limits, rest = (groups, groups / "unified"), VERSION_2_LIMITS, ("memory.current", "inactive_file")
         elif "memory" in controllers.split(","):
-            mount = root / "sys/fs/cgroup/memory"
-            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            mounts, limits = (groups / "memory",), ("memory.limit_in_bytes",)
+            rest = ("memory.usage_in_bytes", "total_inactive_file")
         else:
             continue
-        # A container sees its own group at the mount, under whatever path the machine knows it by.
-        group = mount / path.lstrip("/")
-        for folder in (group, *group.parents):
-            limit, used = (_number(folder / name) for name in names[:2])
-            if limit is not None and used is not None:
-                left.append(limit - used + _reclaimable(folder / "memory.stat", names[2]))
-            if folder == mount:
-                break
+        for mount in mounts:
+            # A container sees its own group at the mount, under whatever path the machine knows it by.
+            group = mount / path.lstrip("/")
+            for folder in (group, *group.parents):
+                allowed = [limit for limit in (_number(folder / name) for name in limits) if limit is not None]
+                used = _number(folder / rest[0])
+                if allowed and used is not None:
+                    left.append(min(allowed) - used + _reclaimable(folder / "memory.stat", rest[1]))
+                if folder == mount:
+                    break
     return left
 
 
 def _reclaimable(stat: Path, name: str) -> int:
     """Cached file contents that count as used, and that the kernel gives up for a program."""
-    return next((int(line.split()[1]) for line in _lines(stat) if line.split()[0] == name), 0)
+    return next((_second_number(line) or 0 for line in _lines(stat) if line.startswith(f"{name} ")), 0)
 
 
 def _address_space_available(root: Path) -> int | None:
@@ -86,9 +92,10 @@ def _address_space_available(root: Path) -> int | None:
 
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     pages = _lines(root / "proc/self/statm")
-    if limit == resource.RLIM_INFINITY or not pages:
+    used = pages[0].split()[0] if pages and pages[0].split() else ""
+    if limit == resource.RLIM_INFINITY or not used.isdigit():
         return None
-    return limit - int(pages[0].split()[0]) * resource.getpagesize()
+    return limit - int(used) * resource.getpagesize()
 
 
 def _half_of_physical() -> int | None:
@@ -110,6 +117,12 @@ def _number(path: Path) -> int | None:
     """The number in a file; None where there is no file or it says 'max'."""
     text = "".join(_lines(path)).strip()
     return int(text) if text.isdigit() else None
+
+
+def _second_number(line: str) -> int | None:
+    """The number after a name; None where a line has none."""
+    words = line.split()
+    return int(words[1]) if len(words) > 1 and words[1].isdigit() else None
 
 
 def _windows_available() -> int | None:

@@ -58,6 +58,34 @@ def written(root, files):
             },
             8,
         ),
+        (  # above memory.high the kernel slows the process down
+            {
+                "proc/self/cgroup": "0::/\n",
+                "sys/fs/cgroup/memory.max": "max\n",
+                "sys/fs/cgroup/memory.high": f"{5 * GIB}\n",
+                "sys/fs/cgroup/memory.current": f"{2 * GIB}\n",
+            },
+            3,
+        ),
+        (  # both versions, the second at a mount of its own
+            {
+                "proc/self/cgroup": "4:memory:/\n0::/job\n",
+                "sys/fs/cgroup/unified/job/memory.max": f"{4 * GIB}\n",
+                "sys/fs/cgroup/unified/job/memory.current": f"{2 * GIB}\n",
+            },
+            2,
+        ),
+        (  # what no kernel writes
+            {
+                "proc/meminfo": "MemAvailable:\n",
+                "proc/self/cgroup": "odd\n\n0\n0::/\n",
+                "sys/fs/cgroup/memory.max": f"{3 * GIB}\n",
+                "sys/fs/cgroup/memory.current": f"{2 * GIB}\n",
+                "sys/fs/cgroup/memory.stat": "\nanon\ninactive_file x\n",
+                "proc/self/statm": "\n",
+            },
+            1,
+        ),
         (  # more in use than allowed
             {
                 "proc/self/cgroup": "0::/\n",
