@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
-from .memory import require
 from .mesh.components import keep_components_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
-from .simplification.simplify import memory_needed, simplification_steps
+from .simplification.simplify import simplification_steps
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
@@ -261,13 +260,8 @@ def _simplified_steps(
 ) -> Steps[Reconstruction]:
     mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
     if _simplifies(settings):
-        require(
-            memory_needed(full.full_faces, settings.max_error_mm),
-            f"simplifying {full.full_faces} triangles",
-            "use a larger stride or a region",
-            memory_limit,
-        )
-        simplifying = simplification_steps(mesh, settings.reduction, settings.target_faces, settings.max_error_mm)
+        goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
+        simplifying = simplification_steps(mesh, *goals, memory_limit)
         simplification = yield from stages.run("Simplifying", simplifying)
         mesh, removed, surface = simplification.mesh, simplification.removed, None
         if removed.count:

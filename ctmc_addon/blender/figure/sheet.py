@@ -83,6 +83,7 @@ def sheet_steps(
     deviation: bool = False,
     limit_mm: float | None = None,
     threads: int | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[tuple[tuple[int, int], list[Compared]]]:
     """Reconstruct, measure and render every cell; returns the picture's size in pixels and the cells.
 
@@ -106,9 +107,9 @@ def sheet_steps(
         )
     stages = Stages(STAGES)
     bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
-    full = reference_steps(volume, bare, bool(comparison.alphas), threads)
+    full = reference_steps(volume, bare, bool(comparison.alphas), threads, memory_limit)
     reference = yield from stages.run("Reconstructing in full resolution", full)
-    comparing = cells_steps(volume, comparison.variants(settings), reference, deviation, threads)
+    comparing = cells_steps(volume, comparison.variants(settings), reference, deviation, threads, memory_limit)
     compared, maps = yield from stages.run("Comparing", comparing)
     compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
     distances = color_scale(maps, limit_mm) if deviation else None
@@ -124,12 +125,13 @@ def cells_steps(
     reference: ReferenceSurface,
     deviation: bool,
     threads: int | None,
+    memory_limit: int | None,
 ) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
     """Every cell of a sheet, and its map of distances if there is to be one."""
     compared, maps = [], []
     for number, (title, settings) in enumerate(variants):
         stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
-        extracting = stages.run("Reconstructing", timed_steps(volume, settings, threads))
+        extracting = stages.run("Reconstructing", timed_steps(volume, settings, threads, memory_limit))
         result, seconds = yield from equal_part(extracting, number, len(variants))
         measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, threads))
         distance = yield from equal_part(measuring, number, len(variants))
@@ -143,12 +145,12 @@ def cells_steps(
 
 
 def timed_steps(
-    volume: Volume, settings: ReconstructionSettings, threads: int | None
+    volume: Volume, settings: ReconstructionSettings, threads: int | None, memory_limit: int | None
 ) -> Steps[tuple[Reconstruction, float]]:
     """A reconstruction and its seconds, the median of three if one is short."""
     runs: list[float] = []
     while not runs or (len(runs) < 3 and runs[0] < SHORT_SECONDS):
-        result = yield from equal_part(reconstruct_steps(volume, settings, threads), len(runs), 3)
+        result = yield from equal_part(reconstruct_steps(volume, settings, threads, memory_limit), len(runs), 3)
         runs.append(sum(stage.seconds for stage in result.stages))
     return result, statistics.median(runs)
 
@@ -162,11 +164,12 @@ def deviation_figure_steps(
     blend: str | os.PathLike[str] | None = None,
     limit_mm: float | None = None,
     threads: int | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[tuple[int, int]]:
     """A figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
     stages = Stages({"Reconstructing in full resolution": 20, **MEASURING, "Rendering": 50})
-    full = reference_steps(volume, result.settings, False, threads)
+    full = reference_steps(volume, result.settings, False, threads, memory_limit)
     reference = yield from stages.run("Reconstructing in full resolution", full)
     measuring = surface_distance_steps(result.mesh, reference, threads)
     distance = yield from stages.run("Measuring the error", measuring)
@@ -193,7 +196,7 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
 
 
 def reference_steps(
-    volume: Volume, settings: ReconstructionSettings, straight: bool, threads: int | None
+    volume: Volume, settings: ReconstructionSettings, straight: bool, threads: int | None, memory_limit: int | None
 ) -> Steps[ReferenceSurface]:
     """The surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(
@@ -204,7 +207,7 @@ def reference_steps(
         target_faces=None,
         max_error_mm=None,
     )
-    result = yield from reconstruct_steps(volume, full, threads)
+    result = yield from reconstruct_steps(volume, full, threads, memory_limit)
     return ReferenceSurface(result.mesh)
 
 

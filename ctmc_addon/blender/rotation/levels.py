@@ -27,13 +27,16 @@ class Level:
     obj: bpy.types.Object
 
 
-def simplified_steps(mesh: TriangleMesh, percents: Sequence[float]) -> Steps[list[tuple[float, TriangleMesh]]]:
+def simplified_steps(
+    mesh: TriangleMesh, percents: Sequence[float], memory_limit: int | None = None
+) -> Steps[list[tuple[float, TriangleMesh]]]:
     """The surface with these shares of its triangles removed, per cent."""
     simplified = []
     for number, percent in enumerate(percents):
         small = mesh
         if percent:
-            small = yield from equal_part(simplify_steps(mesh, reduction=percent / 100), number, len(percents))
+            simplifying = simplify_steps(mesh, reduction=percent / 100, memory_limit=memory_limit)
+            small = yield from equal_part(simplifying, number, len(percents))
         simplified.append((percent, small))
     return simplified
 

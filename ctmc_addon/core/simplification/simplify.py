@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 from ..errors import SettingsError
+from ..memory import require
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part, finish
 from .component_removal import RemovedComponents
@@ -45,6 +46,7 @@ def simplify(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
+    memory_limit: int | None = None,
 ) -> TriangleMesh:
     """The surface with fewer triangles. Exactly one of the three goals is given.
 
@@ -58,6 +60,8 @@ def simplify(
         Triangles to keep at most.
     max_error : float above 0
         Bound on the distance to the input, both ways, in the mesh's unit.
+    memory_limit : int, optional
+        Bytes the work may take; by default what the machine has available.
 
     Returns
     -------
@@ -69,6 +73,8 @@ def simplify(
     ------
     SettingsError
         Without exactly one goal, or with one outside its limits.
+    MemoryLimitError
+        Before the work, if it would take more memory than that.
 
     Examples
     --------
@@ -78,7 +84,7 @@ def simplify(
     >>> len(simplify(square, reduction=0.5).faces)
     2
     """
-    return finish(simplify_steps(mesh, reduction, target_faces, max_error))
+    return finish(simplify_steps(mesh, reduction, target_faces, max_error, memory_limit))
 
 
 def simplify_steps(
@@ -86,9 +92,10 @@ def simplify_steps(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[TriangleMesh]:
     """`simplify` as steps; the last message says how many triangles there are, and why if that is more than asked."""
-    return (yield from simplification_steps(mesh, reduction, target_faces, max_error)).mesh
+    return (yield from simplification_steps(mesh, reduction, target_faces, max_error, memory_limit)).mesh
 
 
 def simplification_steps(
@@ -96,11 +103,18 @@ def simplification_steps(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
     target = _target(len(mesh.faces), reduction, target_faces, max_error)
     if target >= len(mesh.faces):
         return Simplification(mesh, RemovedComponents())
+    require(
+        memory_needed(len(mesh.faces), max_error),
+        f"simplifying {len(mesh.faces)} triangles",
+        "use a larger stride or a region",
+        memory_limit,
+    )
     collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
     yield from stages.run("Simplifying", _collapse_steps(collapsing, target))

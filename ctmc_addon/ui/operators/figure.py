@@ -216,10 +216,9 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         require_png(target)
         require_engine(panel.engine, panel.sheet_deviation)
         style, blend = style_of(panel), blend_of(panel, target)
+        limits = (machine().threads, machine().memory_limit)
         distances, limit = panel.sheet_deviation, as_written(panel.limit_mm) or None
-        return sheet_steps(
-            volume, settings, comparison, target, page, style, blend, distances, limit, machine().threads
-        )
+        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, *limits)
 
 
 def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
@@ -249,8 +248,9 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         require_engine(panel.engine, distances=True)
         volume = volumes.require_loaded(context.scene).volume
         surface = as_shown(context.view_layer.objects.active, context.scene)
+        limits = (machine().threads, machine().memory_limit)
         style, blend, limit = style_of(panel), blend_of(panel, target), as_written(panel.limit_mm) or None
-        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, machine().threads)
+        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, *limits)
 
 
 class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):

@@ -19,6 +19,7 @@ from ...reporting.parse import parsed_levels
 from ...reporting.rotation_table import RotationTable
 from .. import jobs
 from ..needs import Needs
+from ..properties.preferences import machine
 from ..state import session, surfaces
 from ..translations import translate
 from ..viewport import preview
@@ -72,7 +73,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         mesh = full_mesh(scene, obj)
         view = ViewportDrawing(context.window, viewport_of(context), panel.rotation_kind) if windowed else None
         options = {"rounds": panel.rotation_rounds, "step_degrees": float(panel.rotation_step)}
-        return test_steps(scene, obj, mesh, levels, panel.rotation_kind, options, view)
+        return test_steps(scene, obj, mesh, levels, panel.rotation_kind, options, view, machine().memory_limit)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Begin in this window."""
@@ -106,12 +107,13 @@ def test_steps(
     motion: str,
     options: dict[str, Any],
     view: ViewportDrawing | None,
+    memory_limit: int | None,
 ) -> Steps[jobs.Conclusion]:
     """Make the levels, turn them, and tell the panel."""
     uid, scale = scene.session_uid, placement_of(obj).scale if surfaces.is_surface(obj) else SCALE
     stages = Stages(STAGES)
     simplifying, timing = STAGES
-    simplified = yield from stages.run(simplifying, turntable.simplified_steps(mesh, percents))
+    simplified = yield from stages.run(simplifying, turntable.simplified_steps(mesh, percents, memory_limit))
     faces = tuple(len(small.faces) for _, small in simplified)
     if view is None:
         engine = "BLENDER_WORKBENCH" if can_draw() else "CYCLES"

@@ -5,8 +5,9 @@ import pytest
 from meshes import as_mesh, assert_sound, icosphere, joined, largest_error, sheet, spread, torus
 
 from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
-from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.errors import MemoryLimitError, SettingsError
 from ctmc_addon.core.mesh.face_normals import face_vectors
+from ctmc_addon.core.simplification.simplify import memory_needed
 
 
 def outward(mesh, center=(0.0, 0.0, 0.0)):
@@ -321,3 +322,12 @@ def test_a_maximum_error_below_the_rounding_of_the_positions_leaves_the_surface_
     assert found.closed
     assert np.isclose(found.volume, moved.volume, rtol=1e-6)
     assert len(found.faces) == len(moved.faces)
+
+
+def test_too_much_for_the_memory_is_refused_before_the_work():
+    mesh = icosphere(3)
+    needed = memory_needed(len(mesh.faces), None)
+    assert len(simplify(mesh, reduction=0.5, memory_limit=needed).faces) == len(mesh.faces) // 2
+    with pytest.raises(MemoryLimitError):
+        simplify(mesh, reduction=0.5, memory_limit=needed - 1)
+    assert simplify(mesh, reduction=0.0, memory_limit=0) is mesh

@@ -83,19 +83,25 @@ def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
     assert active().data.shape_keys.key_blocks["alpha"].value == 0.25
 
 
-def test_the_memory_limit_of_the_preferences_is_handed_to_the_simplifier(loaded, monkeypatch):
+def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loaded, monkeypatch, tmp_path):
     from ctmc_addon.core.simplification.simplify import memory_needed
-    from ctmc_addon.ui.operators import reconstruct
+    from ctmc_addon.ui.operators import figure, reconstruct, rotation
     from ctmc_addon.ui.properties.preferences import Machine
 
     bpy.ops.ctmc.reconstruct()
     limit = memory_needed(len(active().data.polygons), None) - 1
-    monkeypatch.setattr(reconstruct, "machine", lambda: Machine(memory_limit=limit))
+    for module in (figure, reconstruct, rotation):
+        monkeypatch.setattr(module, "machine", lambda: Machine(memory_limit=limit))
     bpy.ops.ctmc.reconstruct()  # extraction needs less
     loaded.ctmc.reduction = 0.5
     for operator in (bpy.ops.ctmc.reconstruct, bpy.ops.ctmc.simplify):
         with pytest.raises(RuntimeError, match="GiB of memory"):
             operator()
+    with pytest.raises(RuntimeError, match="GiB of memory"):
+        bpy.ops.ctmc.rotation_test()
+    loaded.ctmc_figure.use_levels = True
+    with pytest.raises(RuntimeError, match="GiB of memory"):
+        bpy.ops.ctmc.figure_sheet(filepath=str(tmp_path / "sheet.png"))
 
 
 def test_a_deleted_target_becomes_a_new_object(loaded):
