@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .errors import MemoryLimitError
 
+VERSION_1_LIMITS: tuple[str, ...] = ("memory.limit_in_bytes",)
 VERSION_2_LIMITS = ("memory.max", "memory.high")  # beyond the second a process is slowed down until it hardly runs
 
 
@@ -62,9 +63,10 @@ def _cgroups_available(root: Path) -> list[int]:
         number, _, controllers_and_path = line.partition(":")
         controllers, _, path = controllers_and_path.partition(":")
         if number == "0":  # version 2; beside version 1 it is mounted at `unified`
-            mounts, limits, rest = (groups, groups / "unified"), VERSION_2_LIMITS, ("memory.current", "inactive_file")
+            mounts: tuple[Path, ...] = (groups, groups / "unified")
+            limits, rest = VERSION_2_LIMITS, ("memory.current", "inactive_file")
         elif "memory" in controllers.split(","):
-            mounts, limits = (groups / "memory",), ("memory.limit_in_bytes",)
+            mounts, limits = (groups / "memory",), VERSION_1_LIMITS
             rest = ("memory.usage_in_bytes", "total_inactive_file")
         else:
             continue
