@@ -191,7 +191,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     counting = count_steps(grid, field.level, cache.threads, settings.topology)
     counts = yield from stages.run("Counting", counting)
     if not counts.faces:
-        check_threshold(field.level, field.values, cache.volume.kind)
+        check_threshold(field.level, grid.window_values, field.kind, field.place)
         raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
     seconds = stages.seconds["Counting"]
     estimate = CostEstimate(

@@ -11,7 +11,10 @@ from pathlib import Path
 from .errors import MemoryLimitError
 
 VERSION_1_LIMITS: tuple[str, ...] = ("memory.limit_in_bytes",)
-VERSION_2_LIMITS = ("memory.max", "memory.high")  # beyond the second a process is slowed down until it hardly runs
+VERSION_2_LIMITS: tuple[str, ...] = (
+    "memory.max",
+    "memory.high",
+)  # beyond the second a process is slowed down until it hardly runs
 
 
 def available_bytes() -> int | None:

@@ -224,7 +224,9 @@ def _full_steps(
     field = yield from stages.run("Preparing values", preparing)
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
     gradient = settings.normals == "gradient"
-    extracting = extract_steps(grid, field.level, gradient, threads, memory_limit, settings.topology)
+    extracting = extract_steps(
+        grid, field.level, gradient, threads, memory_limit, settings.topology, field.kind, field.place
+    )
     surface = yield from stages.run("Extracting the surface", extracting)
     placing = _transform_steps(surface, field.affine(volume))
     surface = yield from stages.run("Placing it in the patient", placing)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import (
+    FieldCache,
     ReconstructionSettings,
     Volume,
+    cost_estimate_steps,
     finish,
     full_steps,
     marching_cubes,
@@ -158,8 +160,13 @@ def test_without_threshold_or_label_otsus_is_used_and_said():
 @pytest.mark.parametrize(
     ("kind", "settings", "error", "words"),
     [
-        ("HU", {"threshold": 3000}, ThresholdError, r"threshold 3000 is above this volume's maximum \d+\.?\d* \(range"),
-        ("grey value", {"threshold": -3000}, ThresholdError, "threshold -3000 is not above this volume's minimum"),
+        (
+            "HU",
+            {"threshold": 3000},
+            ThresholdError,
+            r"threshold 3000 is above the maximum \d+\.?\d* of this volume \(range",
+        ),
+        ("grey value", {"threshold": -3000}, ThresholdError, "threshold -3000 is not above the minimum"),
         ("label", {"label": 9}, LabelError, "label 9 is empty here; the labels are 1, 5"),
         ("label", {"label": 1, "region": (0, 0, 0, 5, 5, 5)}, LabelError, "empty in this region"),
         (
@@ -184,6 +191,29 @@ def test_eight_bit_slices_get_their_hint():
     values = (ball() > 0).astype(np.uint8) * 200
     with pytest.raises(ThresholdError, match="these look like 8 bit slices, not HU"):
         reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(threshold=300))
+
+
+def gray_beside_bright():
+    values = np.zeros((12, 12, 12), np.int16)
+    values[:, :, 2:4], values[:, :, 9] = 100, 3000
+    return values
+
+
+@pytest.mark.parametrize(
+    ("settings", "place"),
+    [
+        ({"region": (0, 0, 0, 5, 11, 11)}, "the region"),
+        ({"region": (0, 0, 0, 5, 11, 11), "smoothing_mm": 0.5, "threshold": 99}, "the region after smoothing"),
+        ({"smoothing_mm": 3, "threshold": 2500}, "this volume after smoothing"),
+    ],
+)
+def test_a_threshold_is_compared_with_what_is_extracted_and_no_8_bit_slices_are_blamed(settings, place):
+    volume = Volume(gray_beside_bright(), np.eye(4))
+    settings = ReconstructionSettings(**{"threshold": 2000, **settings})
+    for refused in (reconstruct, lambda *given: finish(cost_estimate_steps(FieldCache(volume), given[1]))):
+        with pytest.raises(ThresholdError, match=rf"maximum [0-9.]+ of {place} ") as caught:
+            refused(volume, settings)
+        assert "8 bit" not in str(caught.value)
 
 
 def test_work_that_would_not_fit_is_refused_before_it_starts():

@@ -86,6 +86,11 @@ class Grid:
     z: Axis
 
     @property
+    def window_values(self) -> NDArray[Any]:
+        """The values between the outermost samples, (slices, rows, columns); a view."""
+        return self.values[tuple(slice(axis.start, axis.stop) for axis in (self.z, self.y, self.x))]
+
+    @property
     def voxels(self) -> int:
         """Number of voxels between the samples of the volume, active or not."""
         return self.x.voxels * self.y.voxels * self.z.voxels

@@ -32,7 +32,7 @@ from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import map_steps, worker_count
 from ..progress import Stages, Step, Steps, finish
-from ..volume.thresholding import check_threshold
+from ..volume.thresholding import WHOLE_VOLUME, check_threshold
 from .active_voxels import Slab, find_active
 from .classify import inside_bits
 from .faces import fill_faces
@@ -134,11 +134,13 @@ def extract_steps(
     threads: int | None = None,
     memory_limit: int | None = None,
     topology: str = "classic",
+    kind: str = "grey value",
+    place: str = WHOLE_VOLUME,
 ) -> Steps[Surface]:
-    """The surface of a grid with both ends of alpha, in index space, as steps."""
+    """The surface of a grid with both ends of alpha, in index space, as steps; `kind` and `place` are for messages."""
     ends = (0.0, None)
     midpoints, linear = yield from _extract_steps(
-        grid, float(threshold), ends, normals, threads, memory_limit, topology
+        grid, float(threshold), ends, normals, threads, memory_limit, topology, kind, place
     )
     return Surface(midpoints.vertices, linear.vertices, midpoints.faces, midpoints.normals)
 
@@ -223,6 +225,8 @@ def _extract_steps(
     threads: int | None,
     memory_limit: int | None,
     topology: str,
+    kind: str = "grey value",
+    place: str = WHOLE_VOLUME,
 ) -> Steps[tuple[TriangleMesh, ...]]:
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
@@ -231,7 +235,7 @@ def _extract_steps(
     first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
-        check_threshold(threshold, grid.values)
+        check_threshold(threshold, grid.window_values, kind, place)
         raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
     if first_vertex[-1] > np.iinfo(np.int32).max:
         raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")

@@ -34,7 +34,7 @@ from .smoothing import (
     reach_of,
     refined_affine,
 )
-from .thresholding import check_threshold, used_threshold_steps
+from .thresholding import WHOLE_VOLUME, check_threshold, used_threshold_steps
 from .volume import Volume
 
 MOST_LABELS = 20  # listed in a message
@@ -67,6 +67,8 @@ class ScalarField:
         Samples of the label in the window whose values are on the other side of the level; None without a label.
     working_bytes : int
         Memory that making the values took.
+    kind, place : str
+        What the values mean, as in `Volume`, and whose they are, for messages.
     """
 
     values: NDArray[Any]
@@ -80,6 +82,8 @@ class ScalarField:
     first_slice: int = 0
     wrong_side: int | None = None
     working_bytes: int = 0
+    kind: str = "grey value"
+    place: str = WHOLE_VOLUME
 
     def affine(self, volume: Volume) -> NDArray[np.float64]:
         """The affine of the values: index (x, y, z) to RAS+ mm, (4, 4)."""
@@ -110,6 +114,8 @@ def scalar_field_steps(
     box = grown_box(window, [voxels + 1 for voxels in reach], volume.size)
     origin = (box[0][0], box[1][0], box[2][0])
     values = volume.values[box_slices(box)]
+    place = WHOLE_VOLUME if settings.region is None else "the region"
+    kind = volume.kind if settings.label is None else "label"
     notes: tuple[str, ...] = ()
     if settings.label is not None:
         values = values == settings.label
@@ -118,14 +124,15 @@ def scalar_field_steps(
     else:
         yield Step(0.0, value_stage)
         if values.dtype.kind == "f":
-            smoothed = relative_box(grown_box(window, reach, volume.size), origin)
-            values = _finite(values, values[box_slices(smoothed)], settings.nan_as, memory_limit)
+            needed = relative_box(grown_box(window, reach, volume.size), origin)
+            values = _finite(values, values[box_slices(needed)], settings.nan_as, memory_limit)
         if settings.threshold is not None:
-            check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind)
+            check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind, place)
     threshold = yield from stages.run(value_stage, used_threshold_steps(volume, settings))
     if settings.label is None and settings.threshold is None:
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
-    field = ScalarField(values, origin, window, threshold, notes, threshold, relative_box(window, origin))
+    window_in_values = relative_box(window, origin)
+    field = ScalarField(values, origin, window, threshold, notes, threshold, window_in_values, kind=kind, place=place)
     if method == "gaussian":
         require(
             9 * values.size,
@@ -134,7 +141,8 @@ def scalar_field_steps(
             memory_limit,
         )
         smoothing = gaussian_smooth_steps(values, volume.spacing, settings.gaussian_mm, threads)
-        field = replace(field, values=(yield from stages.run("Smoothing", smoothing)))
+        smoothed = yield from stages.run("Smoothing", smoothing)
+        field = replace(field, values=smoothed, place=f"{place} after smoothing")
     elif method == "constrained" and not values.all():
         agreeing = _constrained_steps(field, volume, settings, threads, memory_limit)
         field = yield from stages.run("Smoothing", agreeing)

@@ -19,6 +19,7 @@ from .region import Box, region_box
 from .statistics import Histogram, box_histogram_steps, histogram, is_counted, value_range
 from .volume import Volume
 
+WHOLE_VOLUME = "this volume"
 HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
 QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
 _otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
@@ -128,7 +129,9 @@ def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return counts
 
 
-def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey value") -> None:
+def check_threshold(
+    threshold: float, values: NDArray[Any], kind: str = "grey value", place: str = WHOLE_VOLUME
+) -> None:
     """Raise `ThresholdError` where no value or every value is at or above the threshold.
 
     Parameters
@@ -137,6 +140,8 @@ def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey va
         NaN and infinite values are ignored.
     kind : str
         As in `Volume`: what the values mean.
+    place : str
+        Whose values they are, for the message.
     """
     low, high = value_range(values)
     if low < threshold <= high:
@@ -144,10 +149,10 @@ def check_threshold(threshold: float, values: NDArray[Any], kind: str = "grey va
     if not low <= high:
         raise ThresholdError("no voxel has a finite value, so there is no surface; check the file")
     if threshold > high:
-        beyond = f"above this volume's maximum {high:g}"
+        beyond = f"above the maximum {high:g} of {place}"
     else:
-        beyond = f"not above this volume's minimum {low:g}, so every voxel would be inside"
+        beyond = f"not above the minimum {low:g} of {place}, so every voxel would be inside"
     hint = "choose one inside that range"
-    if kind != "HU" and low >= 0 and high <= 255:
+    if kind == "grey value" and place == WHOLE_VOLUME and low >= 0 and high <= 255:
         hint = f"these look like 8 bit slices, not HU: {hint}"
     raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")

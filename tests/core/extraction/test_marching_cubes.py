@@ -68,7 +68,7 @@ def test_inside_is_at_or_above_the_threshold():
     values = np.zeros((3, 3, 3), np.int16)
     values[1, 1, 1] = 100
     assert len(marching_cubes(values, 100).faces) == 8
-    with pytest.raises(ThresholdError, match=r"threshold 100\.5 is above this volume's maximum 100"):
+    with pytest.raises(ThresholdError, match=r"threshold 100\.5 is above the maximum 100"):
         marching_cubes(values, 100.5)
 
 
@@ -150,8 +150,8 @@ def test_steps_can_be_closed_at_any_moment_and_rise():
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
-        ({"threshold": 300}, ThresholdError, "threshold 300 is above this volume's maximum 254.*8 bit slices, not HU"),
-        ({"threshold": -5}, ThresholdError, "threshold -5 is not above this volume's minimum 0"),
+        ({"threshold": 300}, ThresholdError, "threshold 300 .*maximum 254.*8 bit slices, not HU"),
+        ({"threshold": -5}, ThresholdError, "threshold -5 is not above the minimum 0"),
         ({"threshold": float("nan")}, ThresholdError, "threshold nan"),
         ({"stride": (0, 1, 1)}, SettingsError, "stride 0 along x must be a whole number from 1 to 7"),
         ({"stride": 0}, SettingsError, "stride 0 along x must be a whole number from 1 to 7"),
