@@ -8,13 +8,19 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Surface
+from ...core import MeshError, Surface
 from ...core.mesh import blend
 from . import mesh_data as meshes
 from .placement import Placement
 from .provenance import read_provenance, set_settings
 
 KEY = "alpha"
+ANIMATION_SETTINGS = ("action_blend_type", "action_extrapolation", "action_influence", "use_nla")
+STRIP_SETTINGS = (
+    *("action_frame_start", "action_frame_end", "scale", "repeat", "frame_start_raw", "frame_end_raw"),
+    *("blend_type", "extrapolation", "use_auto_blend", "blend_in", "blend_out", "mute", "use_reverse"),
+    *("use_sync_length", "use_animated_influence", "use_animated_time", "influence", "strip_time"),
+)
 
 
 def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
@@ -52,24 +58,65 @@ def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
 
 
 def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
-    """Carry the key over to a new mesh: its animation, and its value where that is not `old_alpha` of the settings."""
+    """Carry the key over to a new mesh, its value only where that is not `old_alpha` of the settings or is animated."""
     before, animation = old.key_blocks.get(KEY), old.animation_data
-    if before is not None and (before.value != np.float32(old_alpha) or is_animated(old)):
-        new.key_blocks[KEY].value = before.value
+    if before is not None:
+        after = new.key_blocks[KEY]
+        after.slider_min, after.slider_max, after.mute = before.slider_min, before.slider_max, before.mute
+        if before.value != np.float32(old_alpha) or is_animated(old):
+            after.value = before.value
     if animation is None:
         return
     target = new.animation_data_create()
     target.action = animation.action
     if getattr(animation, "action_slot", None) is not None:
         target.action_slot = animation.action_slot
+    copy_settings(animation, target, ANIMATION_SETTINGS)
     for driver in animation.drivers:
         target.drivers.from_existing(src_driver=driver)
+    for track in animation.nla_tracks:
+        copy_track(track, target.nla_tracks.new())
+
+
+def copy_track(old: bpy.types.NlaTrack, new: bpy.types.NlaTrack) -> None:
+    """Give a new NLA track the strips and settings of another; strips without an action cannot be copied."""
+    for strip in old.strips:
+        if strip.action is None:
+            continue
+        copy = new.strips.new(strip.name, int(strip.frame_start), strip.action)
+        if getattr(strip, "action_slot", None) is not None:
+            copy.action_slot = strip.action_slot
+        copy_settings(strip, copy, STRIP_SETTINGS)
+    copy_settings(old, new, ("name", "mute", "lock", "is_solo"))
+
+
+def copy_settings(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, names: tuple[str, ...]) -> None:
+    """Copy settings in this order."""
+    for name in names:
+        setattr(new, name, getattr(old, name))
+
+
+def require_no_other_keys(obj: bpy.types.Object) -> None:
+    """Raise `MeshError` for an object with shape keys of its user's, which another surface would have no place for."""
+    keys = obj.data.shape_keys
+    others = (
+        []
+        if keys is None
+        else [key.name for key in keys.key_blocks if key not in (keys.reference_key, alpha_key(obj.data))]
+    )
+    if others:
+        raise MeshError(
+            f"{obj.name} has the shape key {others[0]}, which another surface cannot take over; "
+            "remove it, or deselect the object for a new one"
+        )
 
 
 def is_animated(keys: bpy.types.Key) -> bool:
-    """Whether an action or a driver moves a mesh's keys."""
+    """Whether an action, a driver or the NLA moves a mesh's keys."""
     animation = keys.animation_data
-    return animation is not None and (animation.action is not None or len(animation.drivers) > 0)
+    if animation is None:
+        return False
+    return animation.action is not None or len(animation.drivers) > 0 or len(animation.nla_tracks) > 0
 
 
 def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:

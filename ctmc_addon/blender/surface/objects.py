@@ -16,7 +16,7 @@ from ...core.volume import transform_normals
 from ..colors import Color, color_of
 from ..materials import surface_material
 from . import mesh_data as meshes
-from .alpha_key import add_alpha, keep_key, mixed_positions
+from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys
 from .evaluate import evaluated_copy, evaluated_object
 from .placement import SCALE, Placement, placed_at_center
 from .provenance import Provenance, provenance_of_result, require_provenance, write_provenance
@@ -85,9 +85,9 @@ def update_reconstruction(
     Raises
     ------
     MeshError
-        If the object was not made here or cannot be changed, or the surface has no triangles.
+        If the object was not made here or cannot be changed, has further shape keys, or the surface has no triangles.
     """
-    require_editable(obj)
+    require_updatable(obj)
     before, placement = require_provenance(obj), placement_of(obj)
     mesh = surface_mesh(result, obj) if mesh is None else mesh
     old, old_keys = obj.data, obj.data.shape_keys
@@ -246,6 +246,12 @@ def require_editable(obj: bpy.types.Object) -> None:
     if obj.library is not None or obj.override_library is not None or obj.data.library is not None:
         raise MeshError(f"{obj.name} is linked from another file; make it local first")
     require_object_mode(obj)
+
+
+def require_updatable(obj: bpy.types.Object) -> None:
+    """Raise `MeshError` with a remedy for an object that cannot take another surface."""
+    require_editable(obj)
+    require_no_other_keys(obj)
 
 
 def require_object_mode(obj: bpy.types.Object) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...blender.surface import add_reconstruction, edges_steps, require_editable, surface_mesh, update_reconstruction
+from ...blender.surface import add_reconstruction, edges_steps, require_updatable, surface_mesh, update_reconstruction
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
 from ..properties.preferences import machine
 from ..state import measurements, session
@@ -65,7 +65,7 @@ def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
             edges = yield from equal_part(finding, number, len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
-                require_editable(obj)
+                require_updatable(obj)
             block = surface_mesh(surface.result, obj, machine().scale, edges)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
         yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
@@ -98,7 +98,7 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
         targets = [session.object_of(surface.request.target) for surface in surfaces]
         for obj in targets:
             if obj is not None:
-                require_editable(obj)  # before any of them is touched
+                require_updatable(obj)  # before any of them is touched
         blocks = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
         objects = []
         for surface, obj, new in zip(surfaces, targets, meshes, strict=True):

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.surface import apply_shape_and_modifiers, require_editable, require_provenance
+from ...blender.surface import apply_shape_and_modifiers, require_provenance, require_updatable
 from ...core import GOALS, CtmcError, MeshError, Steps
 from ...core.mesh import SMALL
 from .. import jobs
@@ -56,7 +56,7 @@ class CTMC_OT_remove_small(jobs.LongOperator, bpy.types.Operator):
 def from_full_steps(context: bpy.types.Context, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
     """Make the active surface anew with other settings, from its full form where that is known."""
     scene, obj = context.scene, context.view_layer.objects.active
-    require_editable(obj)
+    require_updatable(obj)
     provenance = require_provenance(obj)
     settings = replace(provenance.settings, **changes)
     full = surfaces.full_of(obj, scene)

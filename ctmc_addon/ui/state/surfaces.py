@@ -7,7 +7,14 @@ from typing import Any
 
 import bpy
 
-from ...blender.surface import read_back, read_provenance, require_editable, require_provenance, settings_of
+from ...blender.surface import (
+    read_back,
+    read_provenance,
+    require_editable,
+    require_provenance,
+    require_updatable,
+    settings_of,
+)
 from ...core import MeshError, Reconstruction, ReconstructionSettings
 from . import session, volumes
 
@@ -89,5 +96,5 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
         by_label = {settings_of(obj).label: obj for obj in reversed(selected)}
         objects = {run: by_label[run.label] for run in runs if run.label in by_label}
     for obj in objects.values():
-        require_editable(obj)
+        require_updatable(obj)
     return {run: obj.session_uid for run, obj in objects.items()}

@@ -194,6 +194,52 @@ def test_an_animated_key_stays_where_it_is_even_at_the_value_of_the_settings(sce
     assert alpha_key(obj).value == 0.5
 
 
+def test_the_keys_nla_tracks_survive_an_update(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.5), scene)
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        alpha_key(obj).value = value
+        alpha_key(obj).keyframe_insert("value", frame=frame)
+    animation = obj.data.shape_keys.animation_data
+    track = animation.nla_tracks.new()
+    track.name = "rise"
+    strip = track.strips.new("slow", 5, animation.action)
+    strip.scale, strip.extrapolation, strip.blend_type = 2.0, "NOTHING", "REPLACE"
+    strip.name = "slow"
+    animation.action = None
+    values = {}
+    for frame in (5, 10, 15, 25):
+        scene.frame_set(frame)
+        values[frame] = alpha_key(obj).value
+    assert values[5] < values[10] < values[15] < values[25]
+    result = torus(rings=30)
+    update_reconstruction(obj, result)
+    kept = obj.data.shape_keys.animation_data.nla_tracks["rise"].strips["slow"]
+    assert (kept.scale, kept.extrapolation, kept.blend_type) == (2.0, "NOTHING", "REPLACE")
+    for frame, value in values.items():
+        scene.frame_set(frame)
+        assert alpha_key(obj).value == pytest.approx(value, abs=1e-6)
+
+
+def test_a_muted_key_and_its_range_survive_an_update(scene, torus):
+    obj = add_reconstruction(torus(alpha=0.5), scene)
+    key = alpha_key(obj)
+    key.slider_min, key.slider_max, key.mute = -1.0, 2.0, True
+    key.value = 1.5
+    update_reconstruction(obj, torus(rings=30))
+    key = alpha_key(obj)
+    assert (key.slider_min, key.slider_max, key.mute, key.value) == (-1.0, 2.0, True, 1.5)
+
+
+def test_a_further_shape_key_is_not_lost_but_refused(scene, torus):
+    obj = add_reconstruction(torus(), scene)
+    obj.shape_key_add(name="mine", from_mix=False)
+    mesh = obj.data
+    with pytest.raises(MeshError, match="mine"):
+        update_reconstruction(obj, torus(rings=30))
+    assert obj.data == mesh
+    assert [key.name for key in mesh.shape_keys.key_blocks] == ["Basis", "alpha", "mine"]
+
+
 def test_our_decimate_follows_the_settings_unless_moved_by_hand(scene, torus):
     obj = add_reconstruction(torus(simplifier="decimate", reduction=0.5), scene)
     update_reconstruction(obj, torus(simplifier="decimate", reduction=0.9))
