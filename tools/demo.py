@@ -1,6 +1,6 @@
 """What `make demo` runs: a CT with liver tumours of known volume, and their surface the paper's way.
 
-Su and Ma: labels of the tumours, voxel sides of 2 x 2 pixels, alpha, 90 % simplification; beside it voxel sides of
+Su and Ma: labels of the tumours, a stride of 2 x 2 pixels, alpha, 90 % simplification; beside it strides of
 1 and 3 pixels, and every volume against the phantom's truth. Everything lands in out/demo.
 """
 
@@ -104,7 +104,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
     seconds = [{stage.name: f"{stage.seconds:.3f}" for stage in result.stages} for result in results.values()]
     many = list(results.values())
     rows = [
-        ("voxel sides", *(f"{side} x {side} px" for side in results)),
+        ("stride", *(f"{side} x {side} px" for side in results)),
         ("", *(f"{dimensions([round(side * volume.spacing[0], 2)])} mm" for side in results)),
         *((f"{name}, s", *(column.get(name, "-") for column in seconds)) for name in names),
         ("voxels visited", *(str(result.voxels_visited) for result in many)),
@@ -119,7 +119,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
     facts = [
         ("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumours"),
         ("truth", f"{true / 1000:.2f} ml of tumour; its labelled voxels count {against(made, counted):+.1f} %"),
-        ("settings", f"{command_of(SETTINGS)} (voxel sides 1 and 3 beside it)"),
+        ("settings", f"{command_of(SETTINGS)} (strides 1 and 3 beside it)"),
         ("", "the labels are smoothed with every sample on its own side, their volume kept; larger voxels cut corners"),
         ("files", f"{', '.join([*outputs.names, 'report.json'])}, the phantom"),
         ("", f"in {folder.parent.name}/{folder.name}"),

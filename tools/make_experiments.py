@@ -160,7 +160,7 @@ def machine_text(found: Found) -> str:
 
 def voxels_text(found: Found) -> str:
     """Table 1: seconds, and improved efficiency in per cent."""
-    titles = ["voxel sides, px", "paper, 29 slices"]
+    titles = ["stride, px", "paper, 29 slices"]
     titles += [CASES["phantom-29"][0], "paper, 250 slices", CASES["phantom-250"][0], CASES["abdomen"][0]]
     rows = []
     for at, row in enumerate(found["phantom-29"]["voxels"]):
@@ -184,7 +184,7 @@ def cell(seconds: str, percent: str) -> str:
 
 def error_text(found: Found) -> str:
     """What larger voxels cost in accuracy, which the paper has only as pictures."""
-    titles = ["input", "voxel sides, px", "mm", "voxels", "triangles", "volume error", "mean, mm", "max, mm"]
+    titles = ["input", "stride, px", "mm", "voxels", "triangles", "volume error", "mean, mm", "max, mm"]
     titles.append("preparing, s")
     rows = []
     for case, (name, _) in CASES.items():

@@ -30,7 +30,7 @@ EXTRACTION_STAGES = {
     "Preparing values": 20,
     "Extracting the surface": 39,
     "Placing it in the patient": 3,
-    "Keeping parts": 3,
+    "Keeping components": 3,
 }
 SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
 POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
@@ -195,7 +195,9 @@ def without_small_steps(full: Reconstruction, min_part_mm3: float) -> Steps[Reco
 
 
 def _extraction_of(settings: ReconstructionSettings) -> dict[str, int]:
-    return {name: weight for name, weight in EXTRACTION_STAGES.items() if name != "Keeping parts" or _drops(settings)}
+    return {
+        name: weight for name, weight in EXTRACTION_STAGES.items() if name != "Keeping components" or _drops(settings)
+    }
 
 
 def _simplification_of(settings: ReconstructionSettings) -> dict[str, int]:
@@ -233,7 +235,7 @@ def _full_steps(
     mesh = surface.at(settings.alpha)
     if _drops(settings):
         keeping = keep_components_steps(surface, mesh, settings.keep_parts, settings.min_part_mm3)
-        surface = yield from stages.run("Keeping parts", keeping)
+        surface = yield from stages.run("Keeping components", keeping)
         mesh = surface.at(settings.alpha)
     return Reconstruction(
         mesh=mesh,

@@ -7,15 +7,23 @@ from collections.abc import Sequence
 from ..core import ReconstructionSettings
 
 
-def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float, triangles: int, name: str = "") -> str:
+def figure_caption(
+    settings: Sequence[ReconstructionSettings],
+    spacing_mm: Sequence[float],
+    threshold: float,
+    triangles: int,
+    name: str = "",
+) -> str:
     """Return the settings of a figure's surface in a line; of several surfaces, what they have in common.
+
+    `spacing_mm` is empty where surfaces have different ones.
 
     Examples
     --------
-    >>> figure_caption([ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))], 200.0, 1234)
-    'Surface at 200, voxel sides 2 × 2 × 1 px, alpha 1, 1,234 triangles'
-    >>> figure_caption([ReconstructionSettings(label=1), ReconstructionSettings(label=2)], 0.5, 10)
-    'Voxel sides 1 × 1 × 1 px, constrained smoothing, alpha 1, 10 triangles'
+    >>> figure_caption([ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))], (0.7, 0.7, 2), 200.0, 1234)
+    'Surface at 200, stride 2 × 2 × 1 px = 1.4 × 1.4 × 2 mm, alpha 1, 1,234 triangles'
+    >>> figure_caption([ReconstructionSettings(label=1), ReconstructionSettings(label=2)], (), 0.5, 10)
+    'Stride 1 px, constrained smoothing, alpha 1, 10 triangles'
     """
     first, parts = settings[0], []
     if len(settings) == 1 and first.label is not None:
@@ -23,7 +31,7 @@ def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float,
     elif len(settings) == 1:
         parts.append(f"{name or 'Surface'} at {threshold:.4g}")
     if all(surface.stride == first.stride for surface in settings):
-        parts.append("voxel sides " + " × ".join(str(side) for side in first.stride) + " px")
+        parts.append(stride_phrase(first.stride, spacing_mm))
     smoothings = {smoothing_phrase(surface) for surface in settings}
     if len(smoothings) == 1 and "" not in smoothings:
         parts += smoothings
@@ -31,6 +39,21 @@ def figure_caption(settings: Sequence[ReconstructionSettings], threshold: float,
         parts.append(f"alpha {first.alpha:g}")
     text = ", ".join([*parts, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
+
+
+def stride_phrase(stride: Sequence[int], spacing_mm: Sequence[float] = ()) -> str:
+    """Return a stride in pixels and, where the spacing is given, in mm, for a caption.
+
+    Examples
+    --------
+    >>> stride_phrase((2, 2), (0.745, 0.745))
+    'stride 2 px = 1.49 mm'
+    """
+    lengths = [(str(step), f"{step * side:.3g}") for step, side in zip(stride, spacing_mm or stride, strict=True)]
+    if len(set(lengths)) == 1:
+        lengths = lengths[:1]
+    pixels, sides_mm = (" × ".join(column) for column in zip(*lengths, strict=True))
+    return f"stride {pixels} px = {sides_mm} mm" if spacing_mm else f"stride {pixels} px"
 
 
 def smoothing_phrase(settings: ReconstructionSettings) -> str:

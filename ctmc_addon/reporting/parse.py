@@ -46,7 +46,7 @@ def parsed_strides(text: str) -> tuple[tuple[int, int], ...]:
     >>> parsed_strides("1, 2x1 3")
     ((1, 1), (2, 1), (3, 3))
     """
-    return tuple(dict.fromkeys(parsed_stride(word) for word in _words(text, "voxel sides", "1 2 3")))
+    return tuple(dict.fromkeys(parsed_stride(word) for word in _words(text, "strides", "1 2 3")))
 
 
 def parsed_stride(word: str) -> tuple[int, int]:
@@ -59,7 +59,7 @@ def parsed_stride(word: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"(-?\d+)(?:x(\d+))?", word)
     if match is None:
-        raise SettingsError(f"'{word}' is not a voxel side; write 2, or 2x1 for different sides along x and y")
+        raise SettingsError(f"'{word}' is not a stride; write 2, or 2x1 for different strides along x and y")
     x = int(match[1])
     return (x, x if match[2] is None else int(match[2]))
 

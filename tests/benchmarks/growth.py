@@ -82,7 +82,7 @@ def threads_point(session: Session, name: str, values: NDArray[Any], at: float, 
 
 
 def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[str, Any]:
-    """Seconds and peak memory at voxel sides of `stride` x `stride` x 1 pixels."""
+    """Seconds and peak memory at strides of `stride` x `stride` x 1 pixels."""
     sides = (stride, stride, 1)
 
     def call() -> Any:

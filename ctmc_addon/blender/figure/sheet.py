@@ -1,7 +1,7 @@
 """Sheets: one volume reconstructed with several settings, side by side (Su and Ma, figures 6 to 8); and distance maps.
 
 Every cell is a reconstruction of its own, timed as a whole. Errors are distances to the surface of full resolution:
-voxel sides of one pixel, no simplification, and alpha 1 where alphas are compared.
+a stride of one pixel, no simplification, and alpha 1 where alphas are compared.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Compared:
         if self.max_mm > 0:
             error = f"{word} {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.3g}{NO_BREAK}mm"
         title = self.title
-        for unit in (" × ", " px", " %"):
+        for unit in (" × ", " px", " mm", " = ", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
         return (
             f"({self.letter}) {title}",
@@ -109,7 +109,9 @@ def sheet_steps(
     bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
     full = reference_steps(volume, bare, bool(comparison.alphas), threads, memory_limit)
     reference = yield from stages.run("Reconstructing in full resolution", full)
-    comparing = cells_steps(volume, comparison.variants(settings), reference, deviation, threads, memory_limit)
+    comparing = cells_steps(
+        volume, comparison.variants(settings, volume.spacing), reference, deviation, threads, memory_limit
+    )
     compared, maps = yield from stages.run("Comparing", comparing)
     compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
     distances = color_scale(maps, limit_mm) if deviation else None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import ReconstructionSettings, SettingsError
-from ...reporting.captions import smoothing_phrase
+from ...reporting.captions import smoothing_phrase, stride_phrase
 from ..colors import GRAY, INK, RED, YELLOW, Color
 
 MM_PER_INCH = 25.4
@@ -326,8 +326,10 @@ class Comparison:
         """Cells side by side where two are crossed, else None."""
         return self.counts[1] if len(self.counts) == 2 else None
 
-    def variants(self, settings: ReconstructionSettings) -> list[tuple[str, ReconstructionSettings]]:
-        """The title and the settings of every cell."""
+    def variants(
+        self, settings: ReconstructionSettings, spacing_mm: Sequence[float] = ()
+    ) -> list[tuple[str, ReconstructionSettings]]:
+        """The title and the settings of every cell; strides in mm too where the spacing is given."""
         axes: list[list[tuple[str, dict[str, Any]]]] = []
         if self.smoothings:
             axes.append([])
@@ -339,7 +341,7 @@ class Comparison:
                 axes[0].append((smoothing_phrase(replace(settings, **change)) or "not smoothed", change))
         if self.strides:
             z = settings.stride[2]
-            axes.append([(f"voxel sides {x} × {y} px", {"stride": (x, y, z)}) for x, y in self.strides])
+            axes.append([(stride_phrase((x, y), spacing_mm[:2]), {"stride": (x, y, z)}) for x, y in self.strides])
         if self.alphas:
             axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
         if self.levels:

@@ -36,19 +36,19 @@ PREPARING = "Preparing values"
 RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
 HELP = "table 1: larger voxels"
 DESCRIPTION = (
-    "Reconstruct with several voxel sides, in turn, and compare time, triangles and surface with voxels of one pixel."
+    "Reconstruct with several strides, in turn, and compare time, triangles and surface with voxels of one pixel."
 )
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Which voxel sides, and how often."""
+    """Which strides, and how often."""
     parser.add_argument(
         "--strides",
         nargs="+",
         type=sides_of,
         default=[(1, 1), (2, 2), (3, 3)],
         metavar="N",
-        help="voxel sides in x and y, px: 2, or 2x1 for x and y apart; z is that of --stride (default 1 2 3)",
+        help="strides in x and y, px: 2, or 2x1 for different ones; z is that of --stride (default 1 2 3)",
     )
     parser.add_argument("--repeats", type=at_least(1), default=5, metavar="N", help="timed runs of each (default 5)")
 
@@ -91,11 +91,11 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         ("seconds", f"{runs_text(args.repeats)}, after one that is not counted; a run repeats "),
         ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
         ("timed", f"{timed}; neither reading nor writing"),
-        ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the voxel sides: beside it"),
-        ("compared", "time, volume and surface with voxel sides of 1 x 1 pixel in x and y"),
+        ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the stride: beside it"),
+        ("compared", "time, volume and surface with a stride of 1 x 1 pixel in x and y"),
         measuring_fact(),
     ]
-    return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the voxel side")])
+    return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the stride")])
 
 
 def timed_runs_steps(
@@ -106,7 +106,7 @@ def timed_runs_steps(
     for turn in range(repeats):
         for at, settings in enumerate(variants):
             done = (turn * len(variants) + at) / (repeats * len(variants))
-            yield Step(done, f"Timing voxel sides {dimensions(settings.stride[:2])}, run {turn + 1} of {repeats}")
+            yield Step(done, f"Timing a stride of {dimensions(settings.stride[:2])}, run {turn + 1} of {repeats}")
             gc.collect()
             runs[at].append(timed_run(volume, settings, threads))
     return runs
@@ -128,7 +128,7 @@ def rows_of(
     runs: Sequence[Sequence[tuple[float, float]]],
     distances: Sequence[SurfaceDistance],
 ) -> list[Row]:
-    """What table.json says of every voxel side; distances are those of all but the first."""
+    """What table.json says of every stride; distances are those of all but the first."""
     reference = results[0].mesh.enclosed_volume
     rows: list[Row] = []
     for result, pairs, distance in zip(results, runs, (None, *distances), strict=True):
@@ -157,7 +157,7 @@ def rows_of(
 
 
 COLUMNS = (
-    Column("voxel sides", lambda row: f"{dimensions(row['sides_px'][:2])} px"),
+    Column("stride", lambda row: f"{dimensions(row['sides_px'][:2])} px"),
     Column("mm", lambda row: dimensions([round(side, 2) for side in row["sides_mm"][:2]])),
     figures("seconds", "seconds", 4),
     figures("improved, %", "improved_percent", 1),
@@ -172,9 +172,9 @@ COLUMNS = (
 
 
 def panels(rows: Sequence[Row]) -> list[Panel]:
-    """Time and error over the voxel side."""
+    """Time and error over the stride."""
     labels = [dimensions(row["sides_px"][:2]) for row in rows]
-    across = "voxel sides in x and y, px"
+    across = "stride in x and y, px"
     return [
         panel_of("Reconstruction time, s", across, labels, rows, seconds="seconds"),
         panel_of("Distance to voxels of 1 x 1, mm", across, labels, rows, mean="mean_mm", maximum="max_mm"),

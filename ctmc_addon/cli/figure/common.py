@@ -124,7 +124,8 @@ def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> 
     """What is shown, in a line."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
-    return figure_caption([result.settings for result in results], results[0].threshold, triangles, name)
+    first = results[0]
+    return figure_caption([result.settings for result in results], first.spacing_mm, first.threshold, triangles, name)
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:

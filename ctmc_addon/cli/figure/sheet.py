@@ -27,7 +27,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     """The flags of `ctmc figure sheet`."""
     common.add_common(parser, "FILE.png; its folder is made", width_mm=170.0, dpi=300.0)
     group = parser.add_argument_group("what is compared")
-    group.add_argument("--strides", nargs="+", type=sides_of, default=[], metavar="N", help="voxel sides: 2, or 2x1")
+    group.add_argument(
+        "--strides", nargs="+", type=sides_of, default=[], metavar="N", help="strides in x and y, px: 2, or 2x1"
+    )
     group.add_argument("--alphas", nargs="+", type=float, default=[], metavar="A")
     group.add_argument(
         "--levels", nargs="+", type=float, default=[], metavar="PERCENT", help="share of the triangles to remove"

@@ -153,8 +153,10 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     for obj, mesh in zip(objects, meshes, strict=True):
         if not len(mesh.faces):
             raise MeshError(f"{obj.name} has no triangles to show; choose another surface")
+    spacings_mm = {require_provenance(obj).spacing_mm for obj in objects}
     caption = figure_caption(
         [settings_of(obj) for obj in objects],
+        spacings_mm.pop() if len(spacings_mm) == 1 else (),
         require_provenance(objects[0]).threshold,
         sum(len(mesh.faces) for mesh in meshes),
     )

@@ -66,7 +66,7 @@ def from_full_steps(context: bpy.types.Context, changes: Mapping[str, Any]) -> S
     return surfaces_steps(volumes.current(scene), [request], scene.session_uid, full)
 
 
-class CTMC_OT_make_final(Needs, bpy.types.Operator):
+class CTMC_OT_apply_shape(Needs, bpy.types.Operator):
     """Bake alpha and modifiers of the active surface."""
 
     bl_idname = "ctmc.make_final"
@@ -88,4 +88,4 @@ class CTMC_OT_make_final(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_remove_small, CTMC_OT_make_final))
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_remove_small, CTMC_OT_apply_shape))

@@ -29,7 +29,8 @@ class CTMC_OT_auto_threshold(Needs, bpy.types.Operator):
     bl_idname = "ctmc.auto_threshold"
     bl_label = "Otsu"
     bl_description = (
-        "Set the threshold that parts the values of the volume, or of the region, into the two classes farthest apart"
+        "Set the threshold that separates the values of the volume, or of the region, into the two classes farthest "
+        "apart"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

@@ -39,13 +39,13 @@ def sheet(volume, path, settings=SETTINGS, page=None, style=None, **rest):
 def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path):
     _, cells = sheet(volume, tmp_path / "a.png", strides=[(1, 1), (2, 2), (3, 3)])
     assert [one.letter for one in cells] == ["a", "b", "c"]
-    assert [one.title for one in cells] == [f"voxel sides {side} × {side} px" for side in (1, 2, 3)]
+    assert [one.title for one in cells] == [f"stride {side} px = {side} mm" for side in (1, 2, 3)]
     faces = [len(one.result.mesh.faces) for one in cells]
     assert faces[0] > faces[1] > faces[2]
     assert (cells[0].mean_mm, cells[0].max_mm) == (0.0, 0.0)
     assert 0 < cells[1].mean_mm < cells[2].mean_mm < cells[2].max_mm < 2.0
     assert all(one.seconds > 0 for one in cells)
-    assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) voxel sides 2 × 2 px"
+    assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) stride 2 px = 2 mm"
     assert cells[1].lines[1].startswith(f"{faces[1]:,} triangles, ")
     assert cells[1].lines[2].startswith(f"error {cells[1].mean_mm:.3g}\N{NO-BREAK SPACE}mm")
     assert len(bpy.data.scenes) == 1
@@ -58,7 +58,7 @@ def test_crossed_settings_go_down_and_across(volume):
     variants = comparison.variants(SETTINGS)
     assert [one.stride[0] for _, one in variants] == [1, 1, 1, 2, 2, 2]
     assert [one.reduction for _, one in variants] == [None, 0.5, 0.9] * 2
-    assert variants[5][0] == "voxel sides 2 × 1 px, 90 % simplified"
+    assert variants[5][0] == "stride 2 × 1 px, 90 % simplified"
     assert Comparison(alphas=[0, 1]).columns is None
 
 

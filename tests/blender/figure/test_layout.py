@@ -93,7 +93,7 @@ def test_a_scaled_object_gets_a_true_scale_bar(thing):
 @pytest.mark.parametrize("count", [1, 2, 4, 6])
 def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
     page = Page(40.0 + 45.0 * min(count, 3), 72.0)
-    lines = ("(a) voxel sides 2 × 2 px", "12,345 triangles, 0.31 s", "error 0.042 mm, at most 0.51 mm")
+    lines = ("(a) stride 2 × 2 px", "12,345 triangles, 0.31 s", "error 0.042 mm, at most 0.51 mm")
     look = FigureStyle(
         caption="A caption that is long enough to be broken into several lines, or else nothing is tested here."
     )
@@ -123,13 +123,13 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
 
 def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
     figure = compose(
-        [Cell((ShownSurface(thing),), ("(a) voxel sides 2 × 2 px, 50 % simplified",))] * 3,
+        [Cell((ShownSurface(thing),), ("(a) strides of 2 × 2 px, 50 % simplified",))] * 3,
         Page(90.0, 72.0),
         FigureStyle(),
     )
     texts = figure.layout.texts
     figure.remove()
-    assert texts == (("(a) voxel sides 2 × 2", "px, 50 % simplified"),) * 3
+    assert texts == (("(a) strides of 2 × 2", "px, 50 % simplified"),) * 3
 
 
 def test_a_tall_sheet_ends_with_the_page(thing):

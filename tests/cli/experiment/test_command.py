@@ -233,7 +233,7 @@ def test_no_surface_at_these_settings_is_refused_and_leaves_no_folder(refused, s
 def test_a_word_that_is_no_side_is_a_usage_error(ctmc, segmentation, tmp_path):
     outcome = ctmc("experiment", "voxels", segmentation, "-o", tmp_path, "--strides", "2y1")
     assert outcome.code == 2
-    assert "not a voxel side" in outcome.errors[-1]
+    assert "not a stride" in outcome.errors[-1]
 
 
 @pytest.mark.parametrize("most", [1e-6, 0.0037, 0.83, 1.0, 9.99, 4211.0])

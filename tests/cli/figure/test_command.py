@@ -40,8 +40,8 @@ def test_a_sheet_prints_what_its_captions_say(ctmc, ct, tmp_path):
     words = ("--label", 2, "--strides", 1, 2, "--levels", 0, 50, "--dpi", 40, "--soften", 2, "--deviation")
     done = ctmc("figure", "sheet", ct, *words, "-o", tmp_path / "sheet.png")
     assert done.code == 0, done.errors
-    for letter, title in zip("abcd", ["1 × 1", "1 × 1", "2 × 2", "2 × 2"], strict=True):
-        assert f"({letter}) voxel sides {title} px" in done.out
+    for letter, title in zip("abcd", [1, 1, 2, 2], strict=True):
+        assert f"({letter}) stride {title} px = " in done.out
     assert (tmp_path / "sheet.blend").exists()
 
 

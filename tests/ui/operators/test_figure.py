@@ -133,7 +133,7 @@ def test_several_surfaces_stand_in_one_figure_each_in_its_color(loaded, surface,
     loaded.ctmc_figure.write_blend = False
     cell, caption = figure.cell_of(bpy.context)
     faces = [len(thing.data.polygons) for thing in (surface, inner)]
-    assert caption == f"Voxel sides 1 × 1 × 1 px, alpha 1, {sum(faces):,} triangles"
+    assert caption == f"Stride 1 × 1 × 1 px = 1 × 1 × 2 mm, alpha 1, {sum(faces):,} triangles"
     by_name = {shown.name: shown for shown in cell.surfaces}
     assert by_name[surface.name].opacity == 0.3
     assert by_name[inner.name].opacity == 1.0
@@ -262,9 +262,9 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
     chosen.revolutions = 0
     refused("figure_turntable", "revolutions must be from 1 to 100", filepath=str(tmp_path / "a.mp4"))
     chosen.strides = "two"
-    refused("figure_sheet", "'two' is not a voxel side")
+    refused("figure_sheet", "'two' is not a stride")
     chosen.strides = " "
-    refused("figure_sheet", "voxel sides to compare are missing")
+    refused("figure_sheet", "strides to compare are missing")
     chosen.use_strides = False
     refused("figure_sheet", "give one or two")
     chosen.use_levels, chosen.levels = True, "0 120"
