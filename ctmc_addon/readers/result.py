@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -256,8 +256,3 @@ def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -
 def lengths_text(lengths: Iterable[float]) -> str:
     """Three lengths in words: '0.5 x 0.5 x 2'."""
     return " x ".join(f"{length:.4g}" for length in lengths)
-
-
-def with_notes(raw: RawValues, *notes: str) -> RawValues:
-    """The values with more notes, these first."""
-    return replace(raw, notes=(*notes, *raw.notes))

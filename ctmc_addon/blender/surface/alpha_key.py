@@ -28,11 +28,6 @@ def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
     return None if mesh.shape_keys is None else mesh.shape_keys.key_blocks.get(KEY)
 
 
-def has_alpha(obj: bpy.types.Object) -> bool:
-    """Whether a surface's alpha is still open: the built-in simplifier and applying the shape fix it."""
-    return read_provenance(obj) is not None and alpha_key(obj.data) is not None
-
-
 def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: Placement) -> None:
     """Give an object, whose vertices are the midpoints, the key of the linear crossings."""
     obj.shape_key_add(name="Basis", from_mix=False)

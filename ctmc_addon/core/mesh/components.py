@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import MeshError
-from ..progress import PAUSE, Steps, finish
+from ..progress import PAUSE, Steps
 from .cavities import owners_steps
 from .measures import component_volumes_steps
 from .topology import component_numbers_steps
 from .triangle_mesh import Surface, TriangleMesh
 
 
-def component_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """Signed volume of every component, (components,), in the order of `mesh.component_of_face`.
-
-    Negative for a cavity, whose faces point into the hole. Each component is measured about its own middle:
-    for one that is open at the border that is the volume of the cone over its rim, near the truth.
-
-    Examples
-    --------
-    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 6]], np.float32)
-    >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
-    >>> component_volumes(TriangleMesh(corners, faces))
-    array([1.])
-    """
-    return finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face))
-
-
-def keep_components(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_volume: float = 0.0) -> Surface:
+def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, min_volume: float) -> Steps[Surface]:
     """The surface without small components; the walls of a cavity belong to the component around it.
 
     Parameters
@@ -54,11 +37,6 @@ def keep_components(surface: Surface, mesh: TriangleMesh, largest: int = 0, min_
     MeshError
         If nothing would be left.
     """
-    return finish(keep_components_steps(surface, mesh, largest, min_volume))
-
-
-def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, min_volume: float) -> Steps[Surface]:
-    """`keep_components` as steps."""
     if not len(mesh.faces) or (largest == 0 and min_volume <= 0):
         return surface
     component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))

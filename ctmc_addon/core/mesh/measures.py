@@ -102,7 +102,11 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
 def component_volumes_steps(
     vertices: NDArray[np.float32], faces: NDArray[np.int32], component: NDArray[np.int32]
 ) -> Steps[NDArray[np.float64]]:
-    """Signed volume of every component, (components,), from the component of every face, (F,)."""
+    """Signed volume of every component, (components,), from the component of every face, (F,).
+
+    Negative for a cavity, whose faces point into the hole. Each component is measured about its own middle:
+    for one that is open at the border that is the volume of the cone over its rim, near the truth.
+    """
     count = int(component.max()) + 1 if len(component) else 0
     corners_of = np.bincount(component, minlength=count) * 3
     columns = []

@@ -68,7 +68,7 @@ def triangle_shapes(mesh: TriangleMesh) -> NDArray[np.float64]:
     return 2.0 * np.sqrt(3.0) * doubled / np.where(squares > 0, squares, 1.0)
 
 
-def surface_samples(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) -> NDArray[np.float64]:
+def surface_samples_steps(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) -> Steps[NDArray[np.float64]]:
     """Points spread over the surface evenly by area, (count, 3) float64.
 
     The area is cut into `count` equal shares, and each share gets one point at random: the same for the same
@@ -79,11 +79,6 @@ def surface_samples(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) 
     MeshError
         If the surface has no area.
     """
-    return finish(surface_samples_steps(mesh, count, seed))
-
-
-def surface_samples_steps(mesh: TriangleMesh, count: int = SAMPLES, seed: int = SEED) -> Steps[NDArray[np.float64]]:
-    """`surface_samples` as steps."""
     vectors = yield from face_vectors_steps(mesh.vertices, mesh.faces)
     below = np.cumsum(np.sqrt((vectors**2).sum(axis=1)))
     yield PAUSE

@@ -5,7 +5,7 @@ import pytest
 
 from ctmc_addon.core import finish, marching_cubes
 from ctmc_addon.core.mesh.cavities import owners_steps
-from ctmc_addon.core.mesh.components import component_volumes
+from ctmc_addon.core.mesh.measures import component_volumes_steps
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -15,7 +15,10 @@ def test_every_cavity_belongs_to_the_smallest_component_around_it(seed):
     values = np.pad(random.normal(size=(14, 15, 16)), 2, constant_values=-9)
     values[7:9] = -9
     mesh = marching_cubes(values, -1.5, normals=False)
-    component, volumes = mesh.component_of_face, component_volumes(mesh)
+    component, volumes = (
+        mesh.component_of_face,
+        finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face)),
+    )
     owner = finish(owners_steps(mesh, component, volumes))
     bodies, cavities = np.flatnonzero(volumes > 0), np.flatnonzero(volumes < 0)
     assert len(cavities) > 10

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from ctmc_addon.core import finish
 from ctmc_addon.core.errors import MeshError
-from ctmc_addon.core.mesh.components import component_volumes, keep_components
+from ctmc_addon.core.mesh.components import keep_components_steps
+from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.triangle_mesh import Surface
 
 CORNERS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float32)
@@ -26,6 +28,14 @@ def boxes(*walls):
 def cubes(*sides):
     """Boxes beside each other, far from the origin."""
     return boxes(*((1000 + 20 * at, side) for at, side in enumerate(sides)))
+
+
+def component_volumes(mesh):
+    return finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face))
+
+
+def keep_components(surface, mesh, largest=0, min_volume=0.0):
+    return finish(keep_components_steps(surface, mesh, largest, min_volume))
 
 
 def kept_volumes(surface, **limits):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import TriangleMesh
+from ctmc_addon.core import TriangleMesh, finish
 from ctmc_addon.core.errors import MeshError
-from ctmc_addon.core.mesh.quality import neighbors, roughness, surface_samples, triangle_shapes
+from ctmc_addon.core.mesh.quality import neighbors, roughness, surface_samples_steps, triangle_shapes
 
 CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float32)
 QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -54,7 +54,7 @@ def test_the_shape_of_a_right_triangle_is_root_three_over_two_and_that_of_a_line
 
 def test_samples_lie_on_the_surface_and_every_share_of_its_area_has_its_own():
     long = TriangleMesh(CORNERS * np.float32([8, 1, 1]), CUBE.faces)  # sides of 8, 8, 8, 8, 1 and 1: 34 in all
-    points = surface_samples(long, 3400, seed=3)
+    points = finish(surface_samples_steps(long, 3400, seed=3))
     on = np.abs(points / [8, 1, 1] - 0.5).max(axis=1)
     np.testing.assert_allclose(on, 0.5, atol=1e-12)
     per_side = [(np.abs(points[:, axis] - at) < 1e-9).sum() for axis, at in ((0, 0), (0, 8), (1, 0), (1, 1), (2, 0))]
@@ -62,10 +62,12 @@ def test_samples_lie_on_the_surface_and_every_share_of_its_area_has_its_own():
 
 
 def test_samples_are_the_same_for_a_seed_and_others_for_another():
-    np.testing.assert_array_equal(surface_samples(CUBE, 50, 1), surface_samples(CUBE, 50, 1))
-    assert (surface_samples(CUBE, 50, 1) != surface_samples(CUBE, 50, 2)).any()
+    np.testing.assert_array_equal(
+        finish(surface_samples_steps(CUBE, 50, 1)), finish(surface_samples_steps(CUBE, 50, 1))
+    )
+    assert (finish(surface_samples_steps(CUBE, 50, 1)) != finish(surface_samples_steps(CUBE, 50, 2))).any()
 
 
 def test_a_surface_without_area_has_no_samples():
     with pytest.raises(MeshError, match="without area"):
-        surface_samples(TriangleMesh(CORNERS, np.zeros((0, 3), np.int32)))
+        finish(surface_samples_steps(TriangleMesh(CORNERS, np.zeros((0, 3), np.int32))))

@@ -14,7 +14,7 @@ from ctmc_addon.core.mesh import (
     surface_distance_steps,
     vertex_distances_steps,
 )
-from ctmc_addon.core.mesh.quality import surface_samples
+from ctmc_addon.core.mesh.quality import surface_samples_steps
 
 
 def moved(mesh, by):
@@ -56,7 +56,10 @@ def test_balls_of_10_and_11_mm_are_a_millimeter_apart_both_ways():
 
 def test_the_numbers_are_those_of_all_samples_and_vertices():
     mesh, reference = rough(2, stride=2), rough(2)
-    there, back = distances(surface_samples(mesh), reference), distances(surface_samples(reference), mesh)
+    there, back = (
+        distances(finish(surface_samples_steps(mesh)), reference),
+        distances(finish(surface_samples_steps(reference)), mesh),
+    )
     at_vertices = max(distances(mesh.vertices, reference).max(), distances(reference.vertices, mesh).max())
     apart = surface_distance(mesh, reference)
     assert apart.mean == pytest.approx((there.mean() + back.mean()) / 2, rel=1e-12)
