@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
 
 import bpy
 
 from ...core import VERSION, MeshError, Reconstruction, ReconstructionSettings, SettingsError
+from ..stored_values import finite, parsed_json, positive, texts, whole
 from .placement import Placement
 
 PROPERTY = "ctmc"
@@ -88,13 +88,7 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
     stored = obj.get(PROPERTY)
     try:
         x, y, z = stored["origin"]
-        return parsed(
-            stored["settings"],
-            stored["report"],
-            (float(x), float(y), float(z)),
-            float(stored["scale"]),
-            str(stored.get("fingerprint", "")),
-        )
+        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], stored.get("fingerprint", ""))
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         return None  # no property, or another add-on's, of whatever kind
 
@@ -113,26 +107,24 @@ def parsed(
 ) -> Provenance | None:
     """What stands in the property's texts; None if anything is missing or not what it should be."""
     try:
-        reported: dict[str, Any] = json.loads(report)
-        if scale <= 0:
-            return None
-        values = {name: reported[name] for name in REPORTED}
-        x, y, z = values.pop("spacing_mm")
+        reported = parsed_json(report)
+        x, y, z = reported["spacing_mm"]
+        ox, oy, oz = origin
         return Provenance(
-            settings=ReconstructionSettings.from_dict(json.loads(settings)),
-            placement=Placement(origin, scale),
-            spacing_mm=(float(x), float(y), float(z)),
-            notes=tuple(str(note) for note in values.pop("notes")),
-            fingerprint=fingerprint,
-            version=str(values["version"]),
-            name=str(values["name"]),
-            threshold=float(values["threshold"]),
-            faces=int(values["faces"]),
-            vertices=int(values["vertices"]),
-            full_faces=int(values["full_faces"]),
-            voxels_visited=int(values["voxels_visited"]),
+            settings=ReconstructionSettings.from_dict(parsed_json(settings)),
+            placement=Placement((finite(ox), finite(oy), finite(oz)), positive(scale)),
+            version=str(reported["version"]),
+            name=str(reported["name"]),
+            threshold=finite(reported["threshold"]),
+            faces=whole(reported["faces"]),
+            vertices=whole(reported["vertices"]),
+            full_faces=whole(reported["full_faces"]),
+            voxels_visited=whole(reported["voxels_visited"]),
+            spacing_mm=(positive(x), positive(y), positive(z)),
+            notes=texts(reported["notes"]),
+            fingerprint=str(fingerprint),
         )
-    except (TypeError, KeyError, ValueError, SettingsError):
+    except (TypeError, KeyError, ValueError, AttributeError, ArithmeticError, SettingsError):
         return None
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state
 from ...core import Stages, Steps, TriangleMesh
 from ...core.mesh import Measures, ReferenceSurface, SurfaceDistance, measures_steps, surface_distance_steps
@@ -91,10 +92,10 @@ def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
 def of(obj: bpy.types.Object) -> Measurement | None:
     """What was measured of an object as it is now; None where that is not known."""
     try:
-        stored = json.loads(obj[PROPERTY])
+        stored = parsed_json(obj[PROPERTY])
         if stored["state"] != mesh_state(obj):
             return None
-        distance = stored["distance"]
-        return Measurement(Measures(**stored["measures"]), None if distance is None else SurfaceDistance(**distance))
+        measures, distance = from_stored(Measures, stored["measures"]), stored["distance"]
+        return Measurement(measures, None if distance is None else from_stored(SurfaceDistance, distance))
     except (KeyError, TypeError, ValueError):
         return None  # of an older version, or another add-on's property

@@ -76,3 +76,50 @@ def test_what_is_not_a_mesh_is_not_a_surface(scene):
     empty["ctmc"] = {"scale": 0.01}
     assert read_provenance(empty) is None
     assert read_provenance(None) is None
+
+
+BAD_REPORTS = [
+    {"faces": float("inf")},
+    {"faces": -3},
+    {"faces": 10**400},
+    {"faces": "12"},
+    {"vertices": 1.5},
+    {"full_faces": True},
+    {"voxels_visited": None},
+    {"spacing_mm": [float("nan")] * 3},
+    {"spacing_mm": [1.0, 0.0, 1.0]},
+    {"threshold": float("nan")},
+    {"threshold": "100"},
+    {"notes": 5},
+    {"notes": "text"},
+]
+
+
+@pytest.mark.parametrize("bad", BAD_REPORTS)
+def test_numbers_that_cannot_be_are_not_a_surface(obj, bad):
+    report = json.loads(obj["ctmc"]["report"])
+    obj["ctmc"]["report"] = json.dumps(report | bad)
+    assert read_provenance(obj) is None
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"origin": [float("nan")] * 3},
+        {"origin": [0.0, float("inf"), 0.0]},
+        {"scale": float("nan")},
+        {"scale": float("inf")},
+        {"scale": -0.01},
+        {"scale": "0.01"},
+        {"report": "[" * 100_000},
+        {"report": '{"faces": ' + "[" * 100_000},
+        {"report": "[]"},
+        {"report": "null"},
+        {"settings": "[1]"},
+        {"settings": "{" * 100_000},
+        {"settings": '{"stride": ' + '{"a": 1}' + "}"},
+    ],
+)
+def test_parts_that_cannot_be_are_not_a_surface(obj, bad):
+    obj["ctmc"] = obj["ctmc"].to_dict() | bad
+    assert read_provenance(obj) is None

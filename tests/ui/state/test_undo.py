@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -148,3 +149,28 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
         getattr(bpy.ops.ctmc, operator).poll()
     assert not bpy.ops.ctmc.measure.poll()
     scene.ctmc.alpha = 0.5  # the slider moves the selected surfaces
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"measures": {"faces": "x"}},
+        {"measures": {"area": "x"}},
+        {"measures": {"volume": float("nan")}},
+        {"measures": {"closed": 1}},
+        {"measures": {"no such measure": 1}},
+        {"distance": {"mean": "x", "percentile_95": 1.0, "largest": 1.0}},
+        {"distance": 3},
+    ],
+)
+def test_a_measurement_that_cannot_be_breaks_no_panel(loaded, bad):
+    from ctmc_addon.ui.state import measurements
+
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    stored = json.loads(obj[measurements.PROPERTY])
+    bad = {"measures": stored["measures"] | bad["measures"]} if "measures" in bad else bad
+    for text in (json.dumps(stored | bad), "[" * 100_000, "3"):
+        obj[measurements.PROPERTY] = text
+        assert measurements.of(obj) is None
+        assert "Area" not in drawn(results.CTMC_PT_results).texts
