@@ -123,13 +123,13 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
 
 def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
     figure = compose(
-        [Cell((ShownSurface(thing),), ("(a) strides of 2 × 2 px, 50 % simplified",))] * 3,
+        [Cell((ShownSurface(thing),), ("(a) stride of 2 px = 1.49 mm, 50 % simplified",))] * 3,
         Page(90.0, 72.0),
         FigureStyle(),
     )
     texts = figure.layout.texts
     figure.remove()
-    assert texts == (("(a) strides of 2 × 2", "px, 50 % simplified"),) * 3
+    assert texts == (("(a) stride of 2 px =", "1.49 mm, 50 %", "simplified"),) * 3
 
 
 def test_a_tall_sheet_ends_with_the_page(thing):
