@@ -31,9 +31,9 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         row = draw_pair(layout, context)
         row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         row.operator("ctmc.deviation_map", icon="COLOR")
-        row = draw_pair(layout, context)
-        row.operator("ctmc.make_final", icon="CHECKMARK")
-        row.operator("ctmc.adopt_settings", icon="EYEDROPPER")
+        column = layout.column(align=True)  # too many words to stand side by side
+        column.operator("ctmc.make_final", icon="CHECKMARK")
+        column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         for note in provenance.notes:
             draw_text(layout, context, note, "INFO")
 
