@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """CTMC: CT stacks to surfaces by the improved Marching Cubes of Su and Ma, in Blender and outside it.
 
 Importing this package needs no Blender; only `register` does.

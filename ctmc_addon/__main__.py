@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m ctmc_addon ...` is `ctmc ...`."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What holds for every test: the checkout is a folder here, whatever it is called.
 
 Its `__init__.py` is the extension's door for Blender. Left to itself, pytest imports it as a package of the folder's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes with a closed form, and what must hold for every simplified one."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The house plan, held by reading the imports: which room may call which, and what each may need."""
 
 from __future__ import annotations
@@ -141,3 +142,14 @@ def test_core_and_readers_import_with_numpy_alone():
     # A zip for another platform brings no fitting wheels; the extension must still load and say so.
     libraries = {"imageio", "PIL", "tifffile", "pydicom", "pylibjpeg", "libjpeg", "openjpeg", "nibabel", "nrrd"}
     import_without(BLENDER | libraries, "ctmc_addon.core", "ctmc_addon.readers")
+
+
+def test_every_source_file_names_its_license():
+    listed = subprocess.run(
+        ["git", "ls-files", "*.py", ".ci/run"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    files = [ROOT / name for name in listed.stdout.split()] or [*SOURCES, *(ROOT / "tests").rglob("*.py")]
+    unnamed = [
+        str(path) for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in path.read_text("utf-8")
+    ]
+    assert unnamed == []

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The examples in the docstrings of the rooms that need no Blender."""
 
 from __future__ import annotations

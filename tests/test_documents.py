@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the documents show is what happens: their examples are run, their links lead somewhere."""
 
 from __future__ import annotations

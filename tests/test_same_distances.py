@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Panel, figure and experiment print the same distances for the same pair of surfaces."""
 
 from dataclasses import replace

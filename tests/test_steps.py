@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Work in steps runs only when it is drained: every call of a `*_steps` function stands where something drives it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pack the extension: one zip for each platform, with the wheels of the libraries it reads CT with.
 
 Wheels are gathered by pip into wheels/ and stay there between builds. tools/wheels.txt pins them by version and hash;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What `make demo` runs: a CT with liver tumours of known volume, and their surface the paper's way.
 
 Su and Ma: labels of the tumours, a stride of 2 x 2 pixels, alpha, 90 % simplification; beside it strides of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What `make experiments` runs: the paper's experiments on two phantoms and a real CT, into docs/experiments.md.
 
 Every experiment is the command a user types; its tables and pictures stay in out/experiments/CASE/EXPERIMENT. Of the

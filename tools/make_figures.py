@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What `make figures` runs: the pictures of docs/figures.md, each by the command that stands beside it.
 
 The commands run on the phantom in out/figures, and the page gets small copies. `make experiments` does the same for its

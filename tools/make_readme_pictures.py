@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The pictures of README: the phantom cut open, alpha and the threshold moving. `make readme-pictures`, five minutes.
 
 Blender renders them with Cycles on the processor. The phantom is made here from its seed; nothing else is read.

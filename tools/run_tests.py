@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Run pytest so that its exit status is right whatever the interpreter does afterwards.
 
 Blender as a module can hang or crash while Python shuts down. pytest therefore runs in a process of its own that

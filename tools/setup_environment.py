@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make the environment in which this checkout runs: .venv/ with Blender as a Python module, and `ctmc`.
 
 Standard library only, and any Python 3 may start it: it looks for a Python that Blender has a wheel for.

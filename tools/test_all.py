@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Run the tests in every Blender version that the extension is for, each in an environment of its own.
 
 What needs no Blender runs once for each NumPy: 1.24 beside Blender 4.2, 1.26 beside 5.0 and 2 beside 5.2; Blender 4.5

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface in the Blender file, and out of it.
 
 Every function takes the object or the scene it works on; none reads the context. Nothing is imported here:

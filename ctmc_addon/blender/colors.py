@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colors of surfaces, linear RGB; no Blender here."""
 
 from __future__ import annotations

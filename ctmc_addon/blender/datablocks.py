@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Data-blocks that were made for a moment, removed again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface out of Blender, in the patient's millimeters.
 
 STL and PLY are written by `reporting.mesh_files`, the same bytes as without Blender; the others by Blender's own

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Triangles from mesh files, by Blender's own importers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Materials of surfaces, the same in the viewport and in renders."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What only Blender's exporters need of an output file: room before they start, and all of it afterwards.
 
 That a file is written whole or not at all is `reporting.atomic_write`'s.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Values read back from a custom property, which any hand or add-on may have written: checked, or a `ValueError`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Camera, light and background for one surface, in Blender units.
 
 The camera is orthographic, so lengths can be compared across a picture. It looks from the patient's front,

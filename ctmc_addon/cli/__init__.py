@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a script touches: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
 
 from __future__ import annotations

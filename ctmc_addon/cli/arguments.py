@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Flags made from the settings, and the flags that say how INPUT is read."""
 
 from __future__ import annotations

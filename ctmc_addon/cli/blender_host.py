@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender from a command: loaded when it is needed, silent, and not interrupted half-way."""
 
 from __future__ import annotations

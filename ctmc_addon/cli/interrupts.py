@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ctrl-C and SIGTERM: both raise `KeyboardInterrupt`, and neither inside a block that it would break."""
 
 from __future__ import annotations

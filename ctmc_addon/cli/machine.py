@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a measurement depends on: processor, cores, system and versions. The machine's own name is left out."""
 
 from __future__ import annotations

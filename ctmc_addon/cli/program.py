@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The parser of `ctmc`, and the exit code of one command."""
 
 from __future__ import annotations

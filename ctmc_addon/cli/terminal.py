@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a person at a terminal sees: the progress line, tables, numbers; and the folder that is to be empty."""
 
 from __future__ import annotations

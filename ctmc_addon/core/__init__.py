@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps

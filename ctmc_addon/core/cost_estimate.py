@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a surface will cost, before it is made: voxels, triangles, memory, seconds.
 
 Voxels and triangles are counted by extraction's own first passes and are exact before simplification and before

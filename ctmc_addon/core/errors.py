@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Errors that are not defects of this code, each with one sentence for the user.
 
 A message names the value, the limit and the remedy. Callers turn a `CtmcError` into a message;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much memory there is, and whether work would fit, asked before the work starts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Work spread over threads, as steps.
 
 NumPy works without Python's lock, so threads help. They go on working between two steps: waiting for all of them

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From a volume to a finished surface: the only place that orders, weighs and names the stages."""
 
 from __future__ import annotations

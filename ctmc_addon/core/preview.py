@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A coarse surface while a slider moves, and a finer one when the hand is idle.
 
 The volume is subsampled once for each stride (every second, fourth... sample along the axes whose samples lie

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How far long work is: a generator yields `Step`s and returns its result.
 
 Whoever drives the generator decides what a step means: a panel redraws, a command line prints,

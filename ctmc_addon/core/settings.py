@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """All settings of a reconstruction, with default, limits, unit and text, and which of them exclude each other.
 
 The panel, the command line, the checks, the reports and the manual are made from these fields.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files to volumes: one door for every format, chosen by what the path holds.
 
 Knows no Blender. `open_volume` reads headers alone; `read_volume` returns a `Volume` in RAS+ mm whose notes say all

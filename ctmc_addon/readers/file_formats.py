@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Names of files: their natural order, their stem, and the format that suffix and content tell."""
 
 from __future__ import annotations

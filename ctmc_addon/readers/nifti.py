@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """NIfTI-1 and NIfTI-2 in one file, plain or gzip, by nibabel; its values a few planes at a time.
 
 nibabel's affine maps (i, j, k) to RAS+ mm. i is the fastest index in the file, so the values are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One NumPy file of (slices, rows, columns), in the order it was saved; it has neither spacing nor orientation."""
 
 from __future__ import annotations

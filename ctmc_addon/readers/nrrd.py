@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """NRRD with its data inside, in one other file or in many; its header by pynrrd.
 
 The first axis is the fastest, so the values are (third, second, first) in C order. The named spaces

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The readers' libraries, imported when first needed and kept from talking to the user."""
 
 from __future__ import annotations

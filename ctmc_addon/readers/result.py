@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
 Spacing given by the user, mirrored axes and the meaning of the values are the same question in

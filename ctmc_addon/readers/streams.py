@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bytes of a file, plain or compressed, straight into an array, with steps for progress and cancel."""
 
 from __future__ import annotations

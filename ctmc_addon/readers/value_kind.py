@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What all readers ask of gray values: do they fit, what scale have they, what do they mean."""
 
 from __future__ import annotations

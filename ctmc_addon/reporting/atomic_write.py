@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Write a file whole or not at all, and check before the work whether a file can be written.
 
 A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a

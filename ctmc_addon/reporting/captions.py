@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The line of text under a figure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Settings as flags of `ctmc`, to print or copy a command."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers and sentences as a person reads them, in panels and reports."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces as binary STL and PLY, in millimeters: the same bytes from the sidebar, the command line and Python.
 
 A space is named by where its axes run in the patient: in RAS+ x runs to the right, y to the front and z to the head, in

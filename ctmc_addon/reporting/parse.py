@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Lists of numbers as a person types them: separated by blanks, commas or semicolons."""
 
 from __future__ import annotations

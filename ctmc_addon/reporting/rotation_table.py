@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of a rotation test, laid out as table 2 of Su and Ma: rounds, average, saving in per cent."""
 
 from __future__ import annotations

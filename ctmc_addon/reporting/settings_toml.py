@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Settings as a TOML text that explains itself, and back.
 
 The comments are the settings' own texts, so the file is its own manual. What is not set stands as a comment.

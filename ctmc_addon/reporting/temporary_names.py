@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Names of what is not complete yet: they say which process writes there, so that what a dead one left can go.
 
 A process that is killed removes nothing. The next one that writes in the folder sees whose the rest was.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a person touches: properties, operators, panels, and what follows the settings in the viewport."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One driver for every long operator: modal with a timer in a window, all at once in a script.
 
 A job is a generator of steps that returns a function, its conclusion. Nothing is written to the scene before the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What an operator needs before it can be pressed; each need says why not."""
 
 from __future__ import annotations

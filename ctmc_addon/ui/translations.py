@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Our strings in German and Simplified Chinese, through `bpy.app.translations`.
 
 The tables are TOML, English on the left. What is not in them is shown in English, as are sentences of errors and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Print how near the surface comes to the truth; with --write-docs also into docs/development/accuracy.md.
 
 Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumours over stride and alpha.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Measure this project and its peers in one run; print the rows, keep them in out/bench/bench.json.
 
 Run by `make bench`, which makes the environment (environment.py). Every part runs in a process of its own, so

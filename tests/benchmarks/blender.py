@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """In Blender: from a DICOM folder to an object, as a process of its own; and alpha moved on a large surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Simplification to a greatest error in millimeters: whether it holds, and what others need for the same.
 
 The others cannot be asked for an error. So each is asked for a quarter, an eighth... of the triangles, the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Put a run's numbers into docs/development/performance.md, between its markers, and draw the growth of cost.
 
 What stands outside the markers is written by hand and stays.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make .venvs/bench, where Blender and all peers are installed, and run a benchmark in it.
 
 Standard library only; any Python 3 may start it. The module is benchmarks.bench unless the first argument names

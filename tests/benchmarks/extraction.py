@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Extraction against VTK, scikit-image and PyMCubes; strides against stride 1; memory; distance from the limit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How cost grows: time and memory over volume size, triangles, threads and stride, with VTK beside it.
 
 A ball that fills a cube has triangles that grow with the square of the side while the volume grows with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies of closed form, and their labels: what surfaces made from labels are measured against.
 
 A body is a function of points in millimeters, positive inside. Every body has a true surface: a fine mesh of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The peers' ways from a label to a surface, and how far a surface is from the true one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces made from labels against the true bodies, ours and the peers' in one run: `make accuracy`.
 
     tests/benchmarks/environment.py benchmarks.labels blobs tubes     # some: blobs, torus, tubes, vessels, turned,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How the benchmark measures: calls in turn, medians, rows with a target, and what the memory can do.
 
 Everything that is compared runs in one process, one call after the other and round again, so that a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The others, called as their users call them; each import stands where it is needed.
 
 VTK gets the volume as vtkImageData without a copy, scalars off, and is timed for `Update` alone: what its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Reading a DICOM folder of 250 slices, against SimpleITK's series reader. The files are in the system's cache."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The volumes that are measured, (slices, rows, columns), and real CT where it is there.
 
 All of them are made from closed forms or from the phantom's seed: the same bytes everywhere.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies of known area, volume and normals, sampled on grids of any spacing, and what extraction makes of them.
 
 Millimeters about the body's center; the samples lie off its symmetry, so no error cancels by luck.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Quadric error metrics: time and error against VTK, Blender's Decimate, and the fast libraries in C++."""
 
 from __future__ import annotations

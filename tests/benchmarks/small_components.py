@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces with thousands of small components, as noise makes them: error and time against VTK, Blender and others.
 
     make bench ARGS="--only small_components --ct FOLDER"

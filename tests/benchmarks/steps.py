@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How long the panel's jobs go between two steps, which is how long Esc and the window may have to wait for them.
 
 A phantom of 512 x 512 x 250 as DICOM and as NIfTI goes through the very generators that the panel's buttons drive, and

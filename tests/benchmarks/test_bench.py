@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The benchmark's own arithmetic, and that the pages it writes into are ready for it."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Print how often a surface has other parts or another Euler number than the trilinear interpolant's.
 
 Single voxels, and grids of 5 x 5 x 5 samples whose outermost are outside, of random values. The truth is resampled

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces with closed forms, and a fresh Blender file for every test."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files that leave Blender: where their vertices are, what else is in them, and what happens to a full disk."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The drawer of broken files: each gets exit code 1 and one sentence, and leaves nothing behind."""
 
 import gzip

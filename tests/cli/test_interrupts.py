@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ctrl-C and SIGTERM while a command runs: one line, an exit code of their own, and nothing left behind."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Area, volume and normals against closed forms: with which order they converge, and how far off they are."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The cost estimate: counts are exact, memory and remedy hold, values are prepared once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Errors that the project raises on purpose."""
 
 from ctmc_addon.core import CtmcError, errors

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What memory there is: the machine's, the control group's, the process's, whichever is least."""
 
 import pytest

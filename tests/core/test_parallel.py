@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Work over threads: in order, with its own errors, and ended with the steps."""
 
 import threading

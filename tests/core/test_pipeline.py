@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The whole of core: space, labels, regions, softening, parts, simplification, in their order."""
 
 import pickle

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The preview: coarse within a budget, finer later, at the true place, none where there is no surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Steps: finished, weighed and timed as stages, cancelled."""
 
 import time

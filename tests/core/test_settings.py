@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Settings check themselves against the limits that stand beside them."""
 
 import pickle

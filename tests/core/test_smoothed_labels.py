@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Labels through the whole of core, smoothed as constrained: samples, volumes, borders, strides, regions."""
 
 from __future__ import annotations

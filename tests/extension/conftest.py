@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The extension's zip, and a Python that has Blender but none of the libraries that the zip carries."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A user's day with the extension, in a Blender of its own: `live_through_extension.py ZIP` prints what it saw.
 
 Run by test_extension.py with `python -S`, so that the libraries can only come from the zip.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The zip as a user meets it: built, installed into an empty profile, used, switched off and on, taken out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Marching Cubes with three loops: slow and obvious, the oracle for the fast one."""
 
 import numpy as np

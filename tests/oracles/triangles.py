@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What can be asked of a few triangles with any hashable vertices: slow and obvious."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The topology of the trilinear interpolant's surface, by resampling each voxel until nothing can hide.
 
 A voxel is cut along x, y and z into boxes, ever finer where the surface is not yet plain. It is plain in a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The wheel in empty environments without Blender: what `pip install ctmc-addon` gives on a plain Python."""
 
 import importlib.util

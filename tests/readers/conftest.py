@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """DICOM files made for the tests, and the way to the shared real CT."""
 
 from __future__ import annotations

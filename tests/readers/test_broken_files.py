@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A drawer of broken files: whatever is cut or changed in them, one sentence comes out, never a traceback."""
 
 from __future__ import annotations

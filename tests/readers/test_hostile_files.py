@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files made to hurt, and files that would be read as something else: each is one sentence, or a right volume."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """NIfTI against nibabel's own affine and values."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """NRRD against pynrrd's own values, and space directions against closed forms."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How the readers' libraries are imported and kept quiet."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The package's face: what it takes, refuses and promises for every format."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Real CT beside the checkout: HU equal to pydicom's own, corners where the positions say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """STL and PLY as bytes: what is in them, in which axes, and that nothing half-written is left."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Typed lists of numbers: each once, and an error that names what was typed."""
 
 import pytest

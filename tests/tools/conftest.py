@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The tools are scripts beside the package; their tests load them by path."""
 
 from __future__ import annotations

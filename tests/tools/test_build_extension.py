@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The wheels in the extension's zips are pinned by version and hash."""
 
 from __future__ import annotations

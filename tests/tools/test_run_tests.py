@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The runner's status is pytest's, whatever the interpreter does at its end."""
 
 from __future__ import annotations

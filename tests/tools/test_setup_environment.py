@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The set-up's choices and refusals; that it works is seen whenever the tests run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The extension registered in a fresh Blender file, and a ball on disk."""
 
 from __future__ import annotations

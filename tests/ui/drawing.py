@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A layout that writes down what a panel asks for."""
 
 from __future__ import annotations

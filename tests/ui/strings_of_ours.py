@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Every string of ours that a person can read in Blender's interface; run it to list what is not translated.
 
 `PYTHONPATH=tests python -m ui.strings_of_ours`. A string without a translation is shown in English.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The modal driver, driven by hand: timer, Esc, cancel, another file, a window that closes, defects."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """No placeholder and no unit gets lost in a translation; what is not translated is shown in English."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A windowed Blender for each Debian suite, the extension's zip and a phantom, made beforehand."""
 
 from __future__ import annotations

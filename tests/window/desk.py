@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A Blender in a window of its own, with a hand on its mouse and keys and an eye on its screen.
 
 Blender and the X server run inside a folder that `provision.py` made. Screen coordinates are pixels from the top left.

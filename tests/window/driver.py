@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Runs inside Blender, from its timers: does what the test asks between two events, and answers as JSON.
 
 The test writes `ask-N.py` into the folder given after `--`; what it leaves in `answer` is written to `answer-N.json`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A real Blender with a window, in a folder of its own under the user's cache: `provision.py SUITE` prints the folder.
 
 Debian trixie brings Blender 4.3 (Python 3.13), sid brings 5.2 (Python 3.14). Nothing is mounted and nothing is

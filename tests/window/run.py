@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`make test-window`: the tests in windowed Blenders, or one line that says why they cannot run here."""
 
 from __future__ import annotations

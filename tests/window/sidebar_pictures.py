@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`make sidebar-pictures`: the pictures of docs/sidebar.md, of the phantom, taken in a windowed Blender 5.2.
 
 One Blender goes through the page's steps in their order. The whole screens are kept in out/sidebar, their parts that

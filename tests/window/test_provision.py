@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What keeps two checkouts apart, and what makes the window tests stand aside instead of failing; needs no window."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """An afternoon in a real window, in the order of the sidebar: real mouse and keys, and a picture of each step.
 
 The tests of one Blender build on each other. Run by `make test-window`; the pictures are in out/window.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
 
 They are placed in page space (see spec.py) and stand still before the camera, so that the .blend shows what the picture

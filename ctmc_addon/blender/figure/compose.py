@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cells with surfaces, arranged on a page before one camera.
 
 The camera is orthographic, so cells side by side in one scene are seen from the same side and at the same scale. They

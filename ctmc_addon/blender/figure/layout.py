@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where everything stands on the page: rows of cells with their captions, a footer, a caption for the whole."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
 
 Rendered in a scene of its own; the user's scene and settings are left as they are. A large picture is rendered in

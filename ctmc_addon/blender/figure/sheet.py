@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sheets: one volume reconstructed with several settings, side by side (Su and Ma, figures 6 to 8); and distance maps.
 
 Every cell is a reconstruction of its own, timed as a whole. Errors are distances to the surface of full resolution:

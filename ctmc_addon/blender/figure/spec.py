@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a figure is: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
 
 No Blender here: the flags of the command line and the properties of the sidebar are made from this.

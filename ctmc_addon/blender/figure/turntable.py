@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface turning about the patient's vertical axis: pictures, one a frame, and a video made of them.
 
 The loop is seamless: of n frames, frame k stands at k/n of the turn, so the first follows the last as any other does.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Videos from pictures, by the FFmpeg inside Blender."""
 
 from __future__ import annotations

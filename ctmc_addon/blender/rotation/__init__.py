@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rotation test of Su and Ma, 4.3: how long a surface takes to turn once."""
 
 from ..viewport.shaders import can_draw

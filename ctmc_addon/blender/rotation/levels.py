@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Levels of simplification as objects: each a plain mesh, with no modifier and no key."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Triangles drawn on the GPU, or its software stand-in, with nothing of Blender's around them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rotation test: how long a surface takes to turn once around its z axis (Su and Ma, 4.3 and table 2).
 
 Every level of simplification is an object of its own with a plain mesh, no modifier and no key, made before the clock

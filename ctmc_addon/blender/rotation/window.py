@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rotation test drawn in a viewport of a window, which is redrawn as a whole."""
 
 from __future__ import annotations

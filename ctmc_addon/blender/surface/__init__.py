@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface as an object of the Blender file, and read back from it."""
 
 from .alpha_key import key_state, set_alpha

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The shape key `alpha`: linear crossings over midpoints (Su and Ma, eq. 5 to 7), moved with no extraction."""
 
 from __future__ import annotations

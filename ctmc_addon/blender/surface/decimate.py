@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's Decimate modifier on triangles, timed, in a scene of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What Blender makes of an object: keys mixed, modifiers applied."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Arrays to Blender meshes and back, without a Python loop over vertices.
 
 Positions here are in an object's local space; placement.py knows how that lies in the patient.

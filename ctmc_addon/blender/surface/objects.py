@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A reconstruction as an object: added, updated, made plain, removed.
 
 Alpha is the shape key `alpha` over the midpoints (Su and Ma, eq. 5 to 7), Decimate a live modifier after it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How an object was made, kept in its custom property `ctmc`: complete, or None.
 
 JSON inside, as voxel counts outgrow Blender's whole numbers; any Blender shows it without this extension. The name

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface read back from its object, in the patient's millimeters.
 
 The mesh keeps its positions in millimeters beside those in Blender units, so a surface that nobody has changed comes

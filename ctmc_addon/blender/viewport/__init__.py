@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is drawn over a 3D viewport and stored nowhere."""
 
 from .overlay import Picture, draw_letters, draw_lines

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is drawn over a 3D viewport and kept nowhere: a picture at its place, lines, letters.
 
 Places are Blender units in world space. `gpu` and `blf` exist only where Blender draws, so they are imported where

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The live preview as the graphics card draws it: no object, no mesh, nothing to undo, save or clean up.
 
 Positions are Blender units in world space.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The one shader of ours: triangles of one color, lit from the eye, on the graphics card or its software stand-in.
 
 `gpu` exists only where Blender draws, so it is imported where something is drawn.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One case of a batch in a process of its own: `ctmc batch` starts it and hands it a task on standard input.
 
 Standard input stays open while the batch lives. Its end means that the batch is gone, killed perhaps: then this process

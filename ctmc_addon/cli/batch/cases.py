@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the cases of a batch are: folders, files, globs and manifests become paths, names and settings.
 
 Only names and first bytes are looked at; nothing is read yet.

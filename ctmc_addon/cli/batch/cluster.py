@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Send the cases to a dask.distributed cluster, whose workers see the same files.
 
 A worker starts a process for each case, as `ctmc batch` does on one machine. The scheduler gives the cases of a

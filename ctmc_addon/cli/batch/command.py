@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc batch INPUTS... -o DIR`: a surface for each of many cases, one process a case, with a table of them all."""
 
 from __future__ import annotations

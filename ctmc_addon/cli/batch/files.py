@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The files of a batch: what a case leaves behind, and how a later run sees that a case is done.
 
 A case's JSON is written last. It carries a key of the input, the settings and the version, so whoever finds it knows

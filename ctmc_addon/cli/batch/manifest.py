@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A CSV manifest: a line for each case, with its input, its name and settings of its own.
 
 Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, and how

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much memory a case will need, told from its headers before anything is read."""
 
 from __future__ import annotations

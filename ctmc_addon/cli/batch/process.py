@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Start one process for each case, look after it, and say what ended it.
 
 A process that crashes, or is killed for its memory, takes nothing with it but its own case.

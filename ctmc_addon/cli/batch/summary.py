@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of a batch as CSV, JSON and HTML, each written whole whenever a case is over."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc info PATH`: what a CT or label volume is, and what had to be assumed to read it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc reconstruct INPUT -o OUTPUT`: a volume in, a surface file out."""
 
 from __future__ import annotations

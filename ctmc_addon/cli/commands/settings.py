@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc settings > case.toml`: the settings with their texts, to be edited and read back with --settings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the experiments share: flags, reading, and what their tables say of input and settings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small bar charts as PNG: a few panels side by side, the value on every bar."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc experiment rotation`: how much faster a simplified surface turns (Su and Ma, table 2)."""
 
 from __future__ import annotations

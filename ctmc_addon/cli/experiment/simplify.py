@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc experiment simplify`: the built-in simplifier beside Blender's Decimate at the same number of triangles."""
 
 from __future__ import annotations

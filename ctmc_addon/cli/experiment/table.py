@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of an experiment: printed, and as CSV, JSON and Markdown in a folder."""
 
 from __future__ import annotations

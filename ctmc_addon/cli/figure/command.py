@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc figure INPUT -o FILE.png`: one command to a figure for print, and `figure sheet`, `figure turntable`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the figure commands share: flags of the page and of the look, reading, surfaces in a scene of their own."""
 
 from __future__ import annotations

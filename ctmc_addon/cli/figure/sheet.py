@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc figure sheet`: the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
 
 from __future__ import annotations

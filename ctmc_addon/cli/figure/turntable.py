@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc figure turntable`: a surface turning about its vertical axis, as a video or as pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc phantom DIR`: a CT with known truth as files of the usual formats."""
 
 from __future__ import annotations

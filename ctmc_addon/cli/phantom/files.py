@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The phantom as a PNG series, as a DICOM series and as a LiTS pair of NIfTI files.
 
 A slice a file, every file whole or not there at all. Nothing in them names a person, a time or a machine.

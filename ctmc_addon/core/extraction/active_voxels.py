@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Second pass: the active voxels, whose corners are not all inside or all outside, and their cases, 64 at a time.
 
 A voxel is named by its lowest corner and owns the three edges there. The samples are repeated once beyond the last

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a surface can pass through one voxel: 256 cases, derived from the cube alone.
 
 A voxel's corner k lies at x = k & 1, y = k >> 1 & 1, z = k >> 2. Bit k of a case says that corner k is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """First pass: which samples are inside, one bit each, 64 samples a word. The only pass over the whole volume.
 
 Inside is ``value >= threshold``. Example: in a row of 70 samples of which those from 3 to 66 are inside, word 0 has

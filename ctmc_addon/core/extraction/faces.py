@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Third pass: gather the triangles' corners.
 
 Every corner of a triangle is a crossed edge of its voxel. The edge's owner is the voxel whose lowest corner is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Normals from the gray values: central differences, interpolated to the vertex.
 
 Su and Ma, eq. 2 to 4. One departure: under a stride the differences are those of the volume's own

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which values of a volume are the corners of voxels: its samples.
 
 Voxels have sides of `stride` pixels; the last one along an axis is cut short at the border, so a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Marching Cubes on voxels of any stride, with a coefficient alpha between midpoint and linear crossing.
 
 Three passes, each over slabs of sample layers and each spread over threads. Read in this order:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Triangles of a voxel whose ambiguous faces and interior are decided one by one: the table of cases, continued.
 
 case_table.py separates the inside corners of every ambiguous face. Here each ambiguous face may also connect

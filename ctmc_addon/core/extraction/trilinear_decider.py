@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which of a case's surfaces the trilinear interpolant has: faces and interior decided from the gray values.
 
 A face is decided by the sign of its bilinear interpolant at the saddle (the asymptotic decider): of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Third pass: one vertex on every edge that the threshold crosses.
 
 Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 to 7. A slab's vertices stand in the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles of a surface, and what can be measured on them."""
 
 from .components import keep_components_steps

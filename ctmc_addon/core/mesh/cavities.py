@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which component of a surface each cavity belongs to: the smallest one around it.
 
 From a point of every cavity a ray goes along +x. A component is around the point if the ray leaves it once

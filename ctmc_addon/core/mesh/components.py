@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Keep the components of a surface that enclose enough, or the largest of them."""
 
 from __future__ import annotations

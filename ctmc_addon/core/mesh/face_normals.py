@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Normals from the triangles alone: of faces, and averaged to vertices."""
 
 from __future__ import annotations

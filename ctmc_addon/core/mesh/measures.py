@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Area, volume, closedness, Euler number and number of components of a surface.
 
 Lengths in the vertices' unit. `TriangleMesh.measures` gives the same at once.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How good a triangle mesh is: how rough, how well shaped its triangles, and where to measure it.
 
 Positions in any one space; lengths in its unit, angles in degrees.

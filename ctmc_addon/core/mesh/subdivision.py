@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cut triangles in four, so that what is measured at vertices is measured inside large triangles too."""
 
 from __future__ import annotations

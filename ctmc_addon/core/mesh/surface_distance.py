@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How far two surfaces are from each other: the one estimator that panel, figures, experiments and report share.
 
 Exact distances from points to triangles, both ways, between points spread evenly over each surface and, for the

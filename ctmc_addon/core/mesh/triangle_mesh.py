@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The two forms a surface travels in.
 
 `Surface` holds what extraction knows: for every vertex both ends of alpha. `TriangleMesh` is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Exact distance from points to the nearest triangle of a mesh.
 
 The triangles stand in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """An abdominal CT with known truth: body, liver, spine, ribs and irregular tumours, from a seed.
 
 Shapes live in patient millimeters about the middle of the stack: x to the left, y to the back, z to the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Star-shaped bodies of known volume: the phantom's liver and tumours.
 
 A blob is an ellipsoid whose radius rises or falls towards some directions. In the space where the

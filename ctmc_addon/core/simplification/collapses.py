@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The collapses of one round: edges whose triangles do not meet, and the faces round them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Components of a mesh, and the cost of removing one as a whole.
 
 A closed component never has fewer than four triangles, however many edges collapse: its removal is another step, in

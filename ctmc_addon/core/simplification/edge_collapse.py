@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A mesh whose edges collapse in rounds, all edges of a round at once.
 
 A round takes the cheapest share of the edges, picks among them edges whose triangles do not meet, and

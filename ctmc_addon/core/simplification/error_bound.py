@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Keep a simplified surface within a distance of the original, both ways, while edges collapse.
 
 Samples stand for the original: its vertices, and points spread over its edges and faces. Each has an assigned face of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where a simplified surface is farther than a bound from the original, or the original from it: between samples too.
 
 A triangle is convex: a piece whose three corners are near one triangle is near it everywhere. Other pieces are near

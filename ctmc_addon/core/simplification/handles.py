@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cut small handles: loops of three edges that are not a face, where collapses get no further.
 
 Edge collapse keeps every handle, however small, and noise has thousands. The last loop round a handle, or through it,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Quadric errors: how far a point is from the planes of many faces, and where it is least far.
 
 The quadric of a vertex is the sum over its faces of the squared distance to the face's plane times a

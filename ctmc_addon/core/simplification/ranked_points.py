@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The nearest of many points among those of a higher rank."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Revert some of the collapses that made a surface, and those that depend on them.
 
 The history is a list of rounds. To revert collapses, it is replayed without them. What is around a vertex is then no

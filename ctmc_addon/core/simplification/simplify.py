@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Fewer triangles for nearly the same surface: edge collapse by quadric error.
 
 What never changes: closed stays closed and manifold stays manifold (link condition), no triangle turns

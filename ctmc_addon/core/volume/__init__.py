@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
 from .affine import transform_faces, transform_normals, transform_points

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Affines: points, normals and winding between index space and RAS+ millimeters, and the names of the axes.
 
 An affine is a (4, 4) float64 matrix from the index (x, y, z) = (column, row, slice) to RAS+ millimeters.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Boxes in the patient: around a whole volume, and the region that a surface is extracted from.
 
 A region is given as lowest x, y, z and highest x, y, z, in voxel indices or RAS+ millimeters (settings.py); in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The scalar field that a surface is extracted from: region, label, NaN, threshold and smoothing.
 
 Boxes are in voxel indices of the volume, three (start, stop) pairs in the order x, y, z.

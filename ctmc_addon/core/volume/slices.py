@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One slice of a volume as a picture, and its position in the patient.
 
 A slice follows the volume's own grid, so an oblique or sheared stack shows the samples it has: "axial" is the

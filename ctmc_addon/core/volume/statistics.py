@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the values of a volume are: range, histogram, labels, and a fingerprint to recognize the volume by."""
 
 from __future__ import annotations

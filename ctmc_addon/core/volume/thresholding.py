@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which threshold is used: the setting, Otsu's threshold of the region, or half of a label.
 
 Panel, preview, slice tint, cost estimate and reconstruction all ask `used_threshold_steps` or `quick_threshold`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Usual thresholds of tissues in CT, Hounsfield units.
 
 Round numbers between a tissue and what lies around it, in the ranges of Kalender, Computed Tomography (2011), ch. 1;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A CT volume: gray values on a grid, and where that grid lies in the patient.
 
 Values are (slices, rows, columns); the affine maps the index (column, row, slice) = (x, y, z)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Several images at one place: copies of one, time points, or scans between each other's slices.
 
 Taken together they would give slices of one and the other in turn, or half the true gap.

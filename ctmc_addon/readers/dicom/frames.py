@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where each frame of a DICOM file lies and how its values scale.
 
 An enhanced multi-frame file keeps this in functional groups, per frame or shared by all

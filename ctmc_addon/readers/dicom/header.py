@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """DICOM headers: one pass over a file gives all that is needed of it, its pixels passed over.
 
 Only tags about the image and its place are asked for; nothing about the patient is read.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One DICOM frame's pixels: decoded by pydicom with pylibjpeg, then scaled into a slice of the volume.
 
 Rescaling happens in the type of the output (DICOM PS3.3 C.11.1: value = slope * stored + intercept).

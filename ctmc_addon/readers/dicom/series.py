@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A DICOM folder, file or DICOMDIR to values and affine: find the series, stack it, decode it.
 
 What the headers say is read in header.py and frames.py, geometry is stack_geometry.py's, pixels are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where the slices of a stack lie: their order, gaps and tilt, and the affine that carries them.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A folder of image slices, one image each; it has neither spacing nor orientation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One PNG, JPEG or BMP slice to gray values as they stand in the file, decoded by imageio with Pillow.
 
 Color is taken where it is gray, and only then.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """TIFF by tifffile, and by Pillow where a compression asks for a library that is not there."""
 
 from __future__ import annotations

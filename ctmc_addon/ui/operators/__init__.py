@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The operators `ctmc.*`, one subject a file."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Write a surface to a file: the operator `ctmc.export`."""
 
 from __future__ import annotations

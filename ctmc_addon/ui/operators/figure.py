@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures for print from the sidebar: `ctmc.figure`, and with `_sheet`, `_deviation` and `_turntable` after it.
 
 Each is made in a scene of its own, which is gone when the work is done or stopped; the user's scene, its render

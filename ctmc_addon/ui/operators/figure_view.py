@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where the camera of figures stands: the operator `ctmc.figure_view`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Load a CT: the operator `ctmc.load`, its place in File > Import, and drag and drop."""
 
 from __future__ import annotations

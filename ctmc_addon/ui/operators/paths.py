@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files that operators ask for: paths relative to the .blend, and a dialog for a file to write."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Finished surfaces become objects of the scene: new ones, or those that were selected.
 
 Data-blocks are kept by their session_uid while a job runs: undo, deletion and renaming do no harm then.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and the work that Simplify shares with it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Begin a region: the operator `ctmc.fit_region`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What came out: measure, deviation map, settings of an object copied to the panel, the command that makes the same."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The timed turntable in this viewport: `ctmc.rotation_test`, and its table copied or saved."""
 
 from __future__ import annotations

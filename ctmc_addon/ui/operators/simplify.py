@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Fewer triangles or components, and a plain mesh: `ctmc.simplify`, `ctmc.remove_small`, `ctmc.make_final`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Step through the slices, and set their window and level."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Choose the threshold: Otsu at a click, tissues, and the histogram in the panel."""
 
 from __future__ import annotations

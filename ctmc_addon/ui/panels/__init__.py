@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the sidebar draws; the closed panels stand in this order."""
 
 from typing import Any

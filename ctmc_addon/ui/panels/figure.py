@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The closed panel Figure: what is made, on which page, how it looks, and the button."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What several panels draw: a setting with its switch, sentences in lines, a job's progress."""
 
 from __future__ import annotations

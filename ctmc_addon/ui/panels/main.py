@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The tab CTMC in the 3D viewport's sidebar: load, surface, voxels and alpha, simplify, reconstruct."""
 
 from __future__ import annotations

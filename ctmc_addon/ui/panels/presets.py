@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Presets of settings, shipped and a user's own, as everywhere in Blender."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The closed panel Region: the numbers of the box that a surface is sought in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The closed panel Results: what is known of the active surface, and what can be done with it."""
 
 from __future__ import annotations

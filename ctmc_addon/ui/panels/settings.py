@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closed panels of settings alone: components, normals, and what is seldom changed."""
 
 from __future__ import annotations

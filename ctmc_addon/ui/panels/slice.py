@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The closed panel Slice: which slice stands in the viewport, and how its gray values are shown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The block of the main panel that says where the surface is sought: threshold with histogram, or labels."""
 
 from __future__ import annotations

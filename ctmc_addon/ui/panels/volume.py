@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The top of the main panel: Load, what went wrong, what the file knows of its CT, and the CT itself."""
 
 from __future__ import annotations

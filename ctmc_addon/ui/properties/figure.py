@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What figures are made with: `scene.ctmc_figure`; its limits and defaults are those of blender.figure.spec.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.

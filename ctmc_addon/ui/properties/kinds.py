@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's properties with name, description and our translation context.
 
 As in all modules of properties, `bpy` itself must not stand here: see settings.py.

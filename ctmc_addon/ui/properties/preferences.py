@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The settings as Blender properties, generated from core.settings: label, text, unit, limits and choices.
 
 `scene.ctmc` carries the settings' own names. A setting that may be absent has a switch `use_<name>` beside it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Who hears of a change of a setting. Knows no Blender, so that properties may import it."""
 
 from __future__ import annotations

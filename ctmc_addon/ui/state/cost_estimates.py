@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the settings of the panel will cost, all surfaces together; finished surfaces make the next estimate better."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What was measured of a surface, kept with its object: it comes back with undo and with the file.
 
 It holds for the positions, keys and modifiers that were measured; for any other state of the object nothing is

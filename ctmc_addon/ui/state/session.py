@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is known of a scene in this session and never stored in the file: messages, cost estimate, full surfaces.
 
 Data-blocks are kept by their session_uid: undo makes every reference to one invalid.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which objects of the scene are surfaces of ours, which are selected, and which CT they are of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The volumes that have been read in this session. The .blend holds their path and fingerprint, never their values.
 
 Undo may bring back a scene that refers to an earlier volume, so those stay while there is memory for them.

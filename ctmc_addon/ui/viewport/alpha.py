@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The slider of alpha moves the selected surfaces at once, through their shape keys."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What follows the settings while nobody has pressed a button: preview, cost estimate, the surface's own alpha.
 
 A property's update only marks. A timer of `bpy.app.timers`, there only while there is something to do, first shows a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The slice, the region's box and the patient's sides, drawn over every 3D viewport; nothing of it is stored.
 
 The draw handlers exist only where there is a window. They read the scene, keep the last picture on the graphics card

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The coarse surface in the viewport that follows the settings; nothing of it is written to the file."""
 
 from __future__ import annotations

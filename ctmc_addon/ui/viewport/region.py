@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The region that a surface is sought in, as a box with handles in the viewport.
 
 The handles write `scene.ctmc.region` and nothing else: an arrow on each side of the box moves that side, the one in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sheets and maps of distances: what is compared, measured and colored."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures on a page: their size in millimeters, what is written on them, and what is left of them in the file."""
 
 from __future__ import annotations

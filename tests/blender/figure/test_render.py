@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's figure: red triangles with yellow borders, framed, and nothing about the machine in the file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Turntables: a seamless loop of whole pictures that can be gone on with, and films of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The shading of the evaluated surface against the gradient, which is radial on a ball."""
 
 from __future__ import annotations

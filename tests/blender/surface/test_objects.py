@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Objects made from reconstructions, updated, and made final."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How an object was made: complete, or None."""
 
 from __future__ import annotations

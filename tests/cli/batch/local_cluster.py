@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A dask.distributed LocalCluster of two processes: prints its address, and kills a worker that is busy when told to.
 
 A process of its own, run by test_batch_cluster.py: the cluster's threads and warnings stay out of the tests'.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`ctmc figure`, `figure sheet` and `figure turntable` as a user runs them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The active voxels and their cases, against every voxel in turn."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of 256 cases is derived from the cube; these tests prove what it must have."""
 
 from collections import Counter

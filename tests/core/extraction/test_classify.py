@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One bit for every sample: inside is at or above the threshold."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles' corners across the borders of bytes, words, rows and slabs."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Normals from the gray values, against closed forms."""
 
 import numpy as np

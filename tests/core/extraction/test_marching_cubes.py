@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Extraction against a slow oracle, closed forms, invariants and scikit-image."""
 
 import numpy as np

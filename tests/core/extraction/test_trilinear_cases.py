@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Every surface that a voxel can have, against what a surface must be."""
 
 from collections import Counter

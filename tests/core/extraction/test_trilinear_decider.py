@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The trilinear topology against an oracle that resamples, and the tables against what a surface must be."""
 
 import zlib

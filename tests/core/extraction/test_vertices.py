@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where the vertices on edges lie: Su and Ma, eq. 5 to 7."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which component a cavity belongs to, against winding numbers."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Normals of triangles, and their means at vertices."""
 
 import numpy as np

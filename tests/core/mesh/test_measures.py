@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Measures against closed forms, whatever the size of a block."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The one estimator of distances between surfaces, against closed forms and every triangle in turn."""
 
 import itertools

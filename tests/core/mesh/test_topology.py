@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Edges and components against slow, obvious answers."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is measured on meshes, against closed forms and SciPy-free obvious answers."""
 
 import numpy as np

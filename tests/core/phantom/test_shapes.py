@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Star-shaped bodies: their volume, slices and limits."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small handles that are cut: which, how many, and what never changes."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Quadrics against sums written out plane by plane."""
 
 import numpy as np

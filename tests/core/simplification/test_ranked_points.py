@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The nearest point of a higher rank, as the slow way finds it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Collapses taken back: what remains is sound, and nothing changes where nothing is taken back."""
 
 import numpy as np

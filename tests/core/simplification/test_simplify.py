@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Simplification: counts, invariants, closed forms, and peers where they are installed."""
 
 import numpy as np

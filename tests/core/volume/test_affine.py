@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Affines carry points, normals and winding exactly, and name the axes right."""
 
 import numpy as np

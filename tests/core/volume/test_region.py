@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The region's box: where it lies, and how its sides move."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The scalar field: a label in its box, NaN replaced or refused where it matters, values shared where they can be."""
 
 import numpy as np

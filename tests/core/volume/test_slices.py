@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A slice's samples, its place in the patient, and its colors."""
 
 from __future__ import annotations

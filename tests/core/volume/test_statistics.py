@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Statistics of a volume: range, histogram, labels, fingerprint."""
 
 import numpy as np

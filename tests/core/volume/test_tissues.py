@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Tissues: thresholds in HU that CT can have."""
 
 from ctmc_addon.core.volume import TISSUES

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Volumes: read-only views at their position; broken geometry is refused."""
 
 import pickle

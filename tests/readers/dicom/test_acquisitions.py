@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Series that hold several scans of one place."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Enhanced multi-frame CT: geometry and slopes of every frame from its functional groups."""
 
 from __future__ import annotations

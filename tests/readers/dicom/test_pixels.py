@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """DICOM pixels and places: HU against pydicom's own, corners against the positions themselves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which files of a DICOM folder make the volume, what is left out and said, and what is refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Order, gaps and tilt of slices, from positions alone."""
 
 from __future__ import annotations

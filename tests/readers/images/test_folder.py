@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Stacks without orientation: image folders, multi-page TIFF, NumPy files."""
 
 from __future__ import annotations

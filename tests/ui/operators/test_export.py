@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The panel writes the bytes that the command line writes, and takes nothing for a surface that is not one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures from the sidebar: what is written, and that the user's file is as it was, whatever happens."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Load, Reconstruct Surface and Export as a script calls them, and what register leaves behind."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces after the first: updated, several labels at once, simplified again, alpha, measured, mapped, turned."""
 
 from __future__ import annotations

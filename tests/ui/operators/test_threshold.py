@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The threshold that panel, slice tint and Otsu's button show is that of the reconstruction."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the panels draw, onto a layout that writes down what it is asked for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The shipped presets: each sets every value it is to set, and no other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`scene.ctmc`: the settings as Blender keeps them."""
 
 from __future__ import annotations

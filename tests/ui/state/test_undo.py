@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Undo, redo, Save As and reopening: the panel never shows what the file does not hold."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Preview and cost estimate follow the settings without writing to the file, and leave nothing behind."""
 
 from __future__ import annotations

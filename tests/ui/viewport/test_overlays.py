@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The slice's and the region's properties, and what their handles read and write. The drawing is tested in a window."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Smoothing before extraction: a Gaussian, or the smoothest field that agrees with a label at every sample.
 
 Read `constrained` in this order: `bricks` (where the work is done), `signed_distance` (the start), `bounds` (what is

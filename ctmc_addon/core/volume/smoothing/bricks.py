@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The part of a grid near a label's surface, as a list of bricks: 8 samples beside one another along x.
 
 Everything that smooths works on arrays of (bricks, 8). A neighbor along y or z is another brick, fetched 32 bytes

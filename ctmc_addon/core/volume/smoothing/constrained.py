@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From a label to the smoothest scalar field that agrees with it, in millimeters.
 
 The label's grid is refined between slices where they are far apart; the label's own slices are every

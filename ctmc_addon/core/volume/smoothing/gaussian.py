@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Smooth a volume by a Gaussian in millimeters, slab by slab, before extraction.
 
 Values are (slices, rows, columns); sigma is given in mm and differs along the axes in voxels. Only

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The field of least curvature within bounds: accelerated projected gradient descent.
 
 Minimized is the sum of squares of the Laplacian over the active bricks, with second differences over squared

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Distance from every sample near a label's surface to the nearest sample on the other side, in millimeters.
 
 Exact within a box of `reach` samples to either side, axis by axis (Felzenszwalb and Huttenlocher 2012, by brute

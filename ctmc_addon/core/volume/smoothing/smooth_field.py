@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The result of the smoothing: a field on a grid with slices between the label's."""
 
 from __future__ import annotations

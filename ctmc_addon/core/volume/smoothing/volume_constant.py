@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The constant that gives a smooth field the label's volume.
 
 It is added wherever the bounds allow. The volume is that of the triangles Marching Cubes makes: measured, since a

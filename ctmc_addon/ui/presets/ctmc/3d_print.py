@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bone as one closed body, true to a tenth of a millimeter."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bone at 200 HU, fine, without small components."""
 
 import bpy

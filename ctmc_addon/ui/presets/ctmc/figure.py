@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Coarse voxels, midway alpha, flat triangles: what the paper's figures show."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Label 2 of a LiTS segmentation, smoothed, as the paper's tumours."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The body's surface, closed at the borders of the stack."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The smoothest field that agrees with a label: signs, components, volume, borders, threads."""
 
 from __future__ import annotations

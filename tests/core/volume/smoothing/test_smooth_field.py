@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where the refined slices lie, and how far outside a closed border is."""
 
 import numpy as np
