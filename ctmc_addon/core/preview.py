@@ -62,13 +62,19 @@ class Preview:
         self.threshold: float | None = None  # of the last surface
 
     def interactive(self, settings: ReconstructionSettings) -> PreviewResult | None:
-        """Return the finest surface that stays within the budget; None where the settings give none."""
+        """Return the finest surface that stays within the budget; None where the settings give none.
+
+        None too where Otsu's threshold of many samples is needed and none is known of another region: counting them
+        takes longer than a slider may wait, and `refine_steps` does it.
+        """
         try:
             threshold = quick_threshold(self.volume, settings)
         except CtmcError:
             return None
         if threshold is None:
             threshold = self.threshold  # of another region, until Otsu's of this one is known
+        if threshold is None:
+            return None
         return finish(self.refine_steps(settings, self.budget * SAFETY_FACTOR, threshold))
 
     def refine_steps(

@@ -155,9 +155,14 @@ def harmless(context: bpy.types.Context, event: Any) -> bool:
     )
 
 
+def sentence_of(error: Exception) -> str:
+    """What an error says to the user; Python's own `MemoryError` says nothing."""
+    return translate(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
+
+
 def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
     """Say what went wrong, at the bottom and in the panel, where it stays."""
-    sentence = translate(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
+    sentence = sentence_of(error)
     still_there = session.scene_of(scene)
     if still_there is not None:
         setattr(session.of(still_there), getattr(operator, "message_field", "message"), sentence)

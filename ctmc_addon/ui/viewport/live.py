@@ -95,8 +95,8 @@ def tick() -> float | None:
         return None
     try:
         return advance(scene, loaded)
-    except CtmcError as error:
-        session.of(scene).cost = CostEstimates((), error=str(error))
+    except (CtmcError, MemoryError) as error:
+        session.of(scene).cost = CostEstimates((), error=jobs.sentence_of(error))
         live.stop_work()
         session.redraw_panels()
         live.changed = None
@@ -150,6 +150,7 @@ def clear(*_: Any) -> None:
     live.stop_work()
     live.changed = live.fields = None
     preview.state.shown = preview.state.maker = None
+    preview.state.wanted = False
 
 
 def before_undo(*_: Any) -> None:
@@ -161,7 +162,7 @@ def after_undo(*_: Any) -> None:
     """Undo may have changed any setting."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
-        start(scene, stale=preview.state.shown is not None)
+        start(scene, stale=preview.state.wanted)
 
 
 HANDLERS = {

@@ -16,11 +16,18 @@ from ..state import session, volumes
 
 @dataclass
 class State:
-    """What is shown, of which scene, and what makes it."""
+    """What is shown, of which scene, and what makes it.
+
+    Parameters
+    ----------
+    wanted : bool
+        Whether a surface is to be shown as soon as one is known: `shown` is None while its threshold is counted.
+    """
 
     scene: int = 0
     maker: Preview | None = None
     shown: PreviewSurface | None = None
+    wanted: bool = False
     color: tuple[float, float, float] = BONE
 
 
@@ -30,7 +37,7 @@ state = State()
 def prepare(loaded: volumes.Loaded) -> None:
     """Get ready for another volume."""
     limits = machine()
-    state.shown = None
+    state.shown, state.wanted = None, False
     state.maker = Preview(loaded.volume, limits.preview_seconds, limits.threads, limits.memory_limit)
 
 
@@ -48,6 +55,7 @@ def follow(scene: bpy.types.Scene) -> None:
     if settings is None or state.maker is None:
         hide()
         return
+    state.wanted = True
     state.maker.budget = machine().preview_seconds
     show(scene, state.maker.interactive(settings))
 
@@ -58,7 +66,7 @@ def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Ste
         return
     surface = yield from state.maker.refine_steps(settings)
     scene = session.scene_of(scene_uid)
-    if surface is not None and state.shown is not None and scene is not None:
+    if surface is not None and state.wanted and scene is not None:
         show(scene, surface)
 
 
@@ -82,6 +90,7 @@ def move(alpha: float) -> None:
 
 def hide() -> None:
     """Show nothing."""
+    state.wanted = False
     if state.shown is not None:
         state.shown = None
         session.redraw_viewports()

@@ -144,6 +144,15 @@ def test_a_large_region_is_looked_through_once_and_not_while_a_slider_moves(two_
     assert preview.threshold == quick_threshold(two_scales, settings) == 50.0
 
 
+def test_a_slider_does_not_wait_for_the_first_count_of_a_large_region(two_scales, monkeypatch):
+    monkeypatch.setattr(thresholding, "QUICK_VALUES", 1)
+    preview = Preview(two_scales, 10.0)
+    assert preview.interactive(ReconstructionSettings(region=REGION)) is None
+    assert finish(preview.refine_steps(ReconstructionSettings(region=REGION))) is not None
+    assert preview.threshold == 50.0
+    assert preview.interactive(ReconstructionSettings(region=REGION)) is not None
+
+
 def test_the_threshold_of_a_whole_volume_is_known_with_its_statistics(two_scales, monkeypatch):
     monkeypatch.setattr(thresholding, "QUICK_VALUES", 1)
     assert quick_threshold(two_scales, ReconstructionSettings()) is None

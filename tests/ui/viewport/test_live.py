@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from weakref import WeakKeyDictionary
 
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.core.volume import thresholding
+from ctmc_addon.ui import jobs
 from ctmc_addon.ui.properties import preferences
 from ctmc_addon.ui.state import cost_estimates, session, volumes
 from ctmc_addon.ui.state.cost_estimates import CostEstimates
@@ -156,6 +159,34 @@ def test_what_does_not_fit_cannot_be_started(loaded, rested, monkeypatch):
     loaded.ctmc.stride = (4, 4, 2)  # another setting has another cost
     monkeypatch.setattr(live, "machine", preferences.machine)
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+
+
+def test_too_little_memory_is_said_and_the_next_change_is_followed(loaded, rested, monkeypatch):
+    def no_memory_steps(*_):
+        raise MemoryError
+        yield
+
+    with monkeypatch.context() as patched:
+        patched.setattr(live, "estimate_steps", no_memory_steps)
+        loaded.ctmc.threshold = 100.0
+        rested()
+    assert session.of(loaded).cost.refusal == jobs.NO_MEMORY
+    assert live.live.changed is None
+    assert not live.live.work
+    loaded.ctmc.threshold = 110.0
+    rested()
+    assert session.of(loaded).cost.faces > 0
+
+
+def test_a_surface_whose_threshold_is_counted_first_is_shown_then(loaded, rested, monkeypatch):
+    monkeypatch.setattr(thresholding, "QUICK_VALUES", 1)
+    monkeypatch.setattr(thresholding, "is_counted", lambda *_: False)
+    monkeypatch.setattr(thresholding, "_otsu", WeakKeyDictionary())
+    loaded.ctmc.use_threshold = False
+    live.tick()
+    assert preview.state.shown is None
+    rested()
+    assert preview.state.shown is not None
 
 
 def test_another_file_ends_it_all(loaded, rested):
