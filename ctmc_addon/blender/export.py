@@ -97,13 +97,13 @@ def write_obj(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Sc
             export_materials=False,
             export_triangulated_mesh=True,
         )
-    whole, written = False, 0
+    line_ended, written = False, 0
     renamed = path.with_name(f"{path.stem}-named{path.suffix}")
     try:
         with path.open("rb") as file, renamed.open("wb") as out:
             for line in file:
-                whole = line.endswith(b"\n")
-                written += line.startswith(b"f ") and whole
+                line_ended = line.endswith(b"\n")
+                written += line.startswith(b"f ") and line_ended
                 out.write(f"o {obj.name.replace(' ', '_')}\n".encode() if line.startswith(b"o ") else line)
         renamed.replace(path)
     finally:
@@ -148,8 +148,12 @@ def named_glb(content: bytes, name: str) -> bytes:
         node["name"] = name
     text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
-    rest = content[20 + length :]
-    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
+    other_chunks = content[20 + length :]
+    return (
+        struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(other_chunks), len(text), b"JSON")
+        + text
+        + other_chunks
+    )
 
 
 def write_blend(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:

@@ -96,11 +96,11 @@ def silence() -> Iterator[None]:
         undo.enter_context(redirect_stderr(nowhere))
         for stream in (1, 2):
             try:
-                kept = os.dup(stream)
+                duplicate = os.dup(stream)
             except OSError:  # a process without one, such as a windowed program
                 continue
-            undo.callback(os.close, kept)
-            undo.callback(os.dup2, kept, stream)
+            undo.callback(os.close, duplicate)
+            undo.callback(os.dup2, duplicate, stream)
             os.dup2(nowhere.fileno(), stream)
         undo.callback(flush_c_streams)
         yield

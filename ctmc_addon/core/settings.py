@@ -74,9 +74,9 @@ class Setting:
         return f"from {self.low:g} to {self.high:g}"
 
 
-def setting(default: Any, text: str, **rest: Any) -> Any:
-    """Return a dataclass field with its `Setting`, of which `rest` are the fields."""
-    return dataclasses.field(default=default, metadata={"setting": Setting(text, **rest)})
+def setting(default: Any, text: str, **fields: Any) -> Any:
+    """Return a dataclass field with its `Setting`, of which `fields` are the other fields."""
+    return dataclasses.field(default=default, metadata={"setting": Setting(text, **fields)})
 
 
 @dataclass(frozen=True)

@@ -49,19 +49,19 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(path)
     # A short name of its own: the target's may already be as long as the disk allows.
-    beside = _linked(target).with_name(temporary_name() + target.suffix)
+    temporary_path = _linked(target).with_name(temporary_name() + target.suffix)
     with _refusing(target):
         try:
-            beside.open("xb").close()
-            _copy_mode(target, beside)  # nobody reads it before, either
-            yield beside
-            _copy_mode(target, beside)  # Blender writes a new file
-            _sync(beside)
-            beside.replace(_linked(target))
-            _sync_folder(beside.parent)
+            temporary_path.open("xb").close()
+            _copy_mode(target, temporary_path)  # nobody reads it before, either
+            yield temporary_path
+            _copy_mode(target, temporary_path)  # Blender writes a new file
+            _sync(temporary_path)
+            temporary_path.replace(_linked(target))
+            _sync_folder(temporary_path.parent)
         finally:
             with suppress(OSError):  # the folder may not exist
-                beside.unlink(missing_ok=True)
+                temporary_path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -77,17 +77,17 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
         As of `whole_file`.
     """
     hidden = temporary_name()
-    places = {path: _linked(path).parent / hidden / path.name for path in paths}
+    temporary_paths = {path: _linked(path).parent / hidden / path.name for path in paths}
     try:
-        for path, place in places.items():
+        for path, temporary_path in temporary_paths.items():
             with _refusing(path):
-                place.parent.mkdir(0o700, exist_ok=True)
-        yield places
-        _replace_all(places)
+                temporary_path.parent.mkdir(0o700, exist_ok=True)
+        yield temporary_paths
+        _replace_all(temporary_paths)
     except OutputError as error:
         raise OutputError(str(error).replace(hidden + os.sep, "")) from error
     finally:
-        for folder in {place.parent for place in places.values()}:
+        for folder in {temporary_path.parent for temporary_path in temporary_paths.values()}:
             shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -64,8 +64,8 @@ def figure_steps(
         with ExitStack() as files:
             if blend is not None:
                 write_scene(figure, files.enter_context(whole_file(Path(blend))))
-            beside = files.enter_context(whole_file(target))
-            yield from png_steps(figure, beside, target.name, page.dpi)
+            temporary_path = files.enter_context(whole_file(target))
+            yield from png_steps(figure, temporary_path, target.name, page.dpi)
         yield Step(1.0, f"{target.name} written")
         return figure.size
     finally:

@@ -121,9 +121,9 @@ def rotation_test_steps(
             show_only(levels, levels[0])
             blocks = prepare_scene(scene, levels[0].obj, size)
             frame_turning(scene, levels[0], size)
-            whole = RenderDrawing(scene, levels, engine)
+            frame_drawing = RenderDrawing(scene, levels, engine)
             rounds_of = yield from stages.run(
-                "Timing whole frames", rotation_steps(levels, whole, rounds, step_degrees)
+                "Timing whole frames", rotation_steps(levels, frame_drawing, rounds, step_degrees)
             )
             drawn: list[list[float]] = [[] for _ in levels]
             if engine == "BLENDER_WORKBENCH":

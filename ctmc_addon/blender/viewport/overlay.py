@@ -106,8 +106,8 @@ def draw_letters(
     blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
     blf.shadow_offset(FONT, 1, -1)
     blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
-    for letter, place in letters.items():
-        at = location_3d_to_region_2d(region, view, Vector(place))
+    for letter, position in letters.items():
+        at = location_3d_to_region_2d(region, view, Vector(position))
         if at is None or (center is not None and (at - center).length < NEAREST_LETTER):
             continue
         width, height = blf.dimensions(FONT, letter)

@@ -12,7 +12,7 @@ from ... import readers
 from ...core import Stages, Volume
 from ...core.volume import slabs, value_range
 from ...reporting.atomic_write import json_text
-from ...reporting.formatting import SIDES
+from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
 
@@ -86,7 +86,7 @@ def text_of(facts: dict[str, Any]) -> str:
     """The facts for a person."""
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
-    values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"
+    values += f", {kind_text(facts['kind'])}{'s' if facts['kind'] != 'HU' else ''}"
     if facts["not_finite"]:
         values += f"; {facts['not_finite']} are NaN or infinite, --nan-as gives them a value"
     labels = [

@@ -81,8 +81,8 @@ def _compare(
         return
     # Memory is read fastest in one run: a few rows too many cost less than leaving them out.
     skip = y.stride > ROWS_WORTH_READING
-    near = layers[:, rows, x.start : x.stop] if skip else layers[:, rows[0] : rows[-1] + 1, x.start : x.stop]
-    inside = near >= lowest
+    samples = layers[:, rows, x.start : x.stop] if skip else layers[:, rows[0] : rows[-1] + 1, x.start : x.stop]
+    inside = samples >= lowest
     step = 1 if skip else y.stride
     regular = _subsampled(x.stride, inside[:, ::step])
     count = regular.shape[1:]

@@ -100,12 +100,12 @@ def _slots_of_neighbors(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
         for step, ranks in zip((bytes_in_row, bytes_in_layer, bytes_in_layer + bytes_in_row), first_slot, strict=True):
             ranks[begin:end] = rank_of.take(local + step, mode="clip")
     first_slot *= BYTE
-    rank, place = slab.slot >> 3, (slab.slot & 7).astype(np.int32)
+    rank, place_in_byte = slab.slot >> 3, (slab.slot & 7).astype(np.int32)
     slots = np.empty((4, len(slab.slot)), np.int32)
     slots[0] = slab.slot
     for neighbor, first in zip(slots[1:], first_slot, strict=True):
         np.take(first, rank, out=neighbor, mode="clip")
-        neighbor += place
+        neighbor += place_in_byte
     return slots
 
 
@@ -121,15 +121,15 @@ def _vertex_numbers(slab: Slab, following: Slab | None, top: NDArray[np.intp], f
         vertex += len(owners)
     first_interior = np.cumsum(interior, dtype=np.int32) - interior + np.int32(vertex)
     for number in range(len(numbers) - 3):
-        has = interior > number
-        numbers[3 + number][slab.slot.take(slab.with_interior[has])] = first_interior[has] + number
+        has_vertex = interior > number
+        numbers[3 + number][slab.slot.take(slab.with_interior[has_vertex])] = first_interior[has_vertex] + number
     if following is not None:
         vertex = first_vertex + slab.vertex_count
         voxels = np.searchsorted(following.slot, len(top) * BYTE)
         for axis in range(2):
             owners = following.edge_owners[axis]
             of_top = owners[: np.searchsorted(owners, voxels)]
-            at = following.slot.take(of_top) + slots
-            numbers[axis][at] = np.arange(vertex, vertex + len(of_top), dtype=np.int32)
+            slot = following.slot.take(of_top) + slots
+            numbers[axis][slot] = np.arange(vertex, vertex + len(of_top), dtype=np.int32)
             vertex += len(owners)
     return numbers

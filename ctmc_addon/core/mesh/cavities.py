@@ -108,10 +108,10 @@ def _faces_near_rays_steps(
     near_ray[last] = near_ray[last - 1] = True
     bins, faces = [], []
     for start, low in zip(chunks, lows, strict=True):
-        place = bin_of(low)
-        near = np.flatnonzero(near_ray[place])
-        bins.append(place[near])
-        faces.append(near + start)
+        bin_number = bin_of(low)
+        face = np.flatnonzero(near_ray[bin_number])
+        bins.append(bin_number[face])
+        faces.append(face + start)
         yield PAUSE
     sorted_bins, near_faces = np.concatenate(bins), np.concatenate(faces)
     order = np.argsort(sorted_bins, kind="stable")

@@ -86,8 +86,8 @@ def surface_samples_steps(mesh: TriangleMesh, count: int = SAMPLES, seed: int = 
     if not len(below) or below[-1] == 0:
         raise MeshError("a surface without area has no points to measure at; lower the threshold or reduction")
     chance = np.random.default_rng(seed).random((3, count))
-    place = (np.arange(count) + chance[0]) * (below[-1] / count)
-    face = np.minimum(np.searchsorted(below, place, side="right"), len(below) - 1)
+    area_position = (np.arange(count) + chance[0]) * (below[-1] / count)
+    face = np.minimum(np.searchsorted(below, area_position, side="right"), len(below) - 1)
     a, b, c = (mesh.vertices[mesh.faces[face, corner]].astype(np.float64) for corner in range(3))
     # Uniform in a triangle: the root keeps points from crowding at the corner a (Osada et al. 2002, eq. 1).
     root, along = np.sqrt(chance[1])[:, None], chance[2][:, None]

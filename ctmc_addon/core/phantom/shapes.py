@@ -83,8 +83,8 @@ class Blob:
         w = (z - self.center[2]) / self.half_axes[2]
         square = u * u + v * v + w * w
         inside[square < self.limits[0] ** 2] = True
-        near = (square >= self.limits[0] ** 2) & (square < self.limits[1] ** 2)
-        inside[near] = self.contains(u[near], v[near], np.full(int(near.sum()), w))
+        undecided = (square >= self.limits[0] ** 2) & (square < self.limits[1] ** 2)
+        inside[undecided] = self.contains(u[undecided], v[undecided], np.full(int(undecided.sum()), w))
         return inside
 
     def contains(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.bool_]:

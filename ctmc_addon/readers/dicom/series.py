@@ -276,7 +276,7 @@ def meaning(slices: Sequence[Slice]) -> list[str]:
     """What the user has to know of the values."""
     modality = slices[0].image.modality
     if modality != "CT":
-        return [f"the series is {modality or 'of unknown modality'}, not CT: its gray values are no HU"]
+        return [f"the series is {modality or 'of unknown modality'}, not CT: its gray values are not HU"]
     return (
         [] if all(ct_slice.image.hounsfield for ct_slice in slices) else ["the CT's values are not in HU (RescaleType)"]
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...reporting.formatting import count, directions
+from ...reporting.formatting import count, directions, kind_text
 from .. import jobs
 from ..state import session, volumes
 from ..translations import translate
@@ -66,7 +66,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         (
             translate("Values"),
             translate("{low} to {high} {kind}").format(
-                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(volume.kind)
+                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(kind_text(volume.kind))
             ),
         ),
     ]

@@ -74,11 +74,11 @@ def number_bricks(active: NDArray[np.bool_], inside: NDArray[np.bool_]) -> Brick
     inside : (slices, rows, bricks) bool
         Where a brick that is neither active nor a neighbor lies.
     """
-    beside = active.copy()
+    neighbors = active.copy()
     for axis in range(3):
-        beside |= widened(active, 1, axis)
-    beside &= ~active
-    first, second = np.flatnonzero(active), np.flatnonzero(beside)
+        neighbors |= widened(active, 1, axis)
+    neighbors &= ~active
+    first, second = np.flatnonzero(active), np.flatnonzero(neighbors)
     place = np.concatenate([first, second])
     number = np.ascontiguousarray(np.where(inside, np.int32(len(place)), np.int32(len(place) + 1)))
     number.ravel()[place] = np.arange(len(place), dtype=np.int32)

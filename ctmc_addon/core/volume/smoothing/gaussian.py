@@ -91,16 +91,16 @@ def convolved(values: NDArray[np.float32], kernel: list[np.float32], axis: int) 
     if not reach:
         return values
     count = values.shape[axis]
-    rest = list(values.shape)
+    shape = list(values.shape)
 
     def window(array: NDArray[np.float32], start: int, stop: int) -> NDArray[np.float32]:
         return array[(slice(None),) * axis + (slice(start, stop),)]
 
-    rest[axis] = count + 2 * reach
-    padded = np.empty(rest, np.float32)
+    shape[axis] = count + 2 * reach
+    padded = np.empty(shape, np.float32)
     window(padded, reach, reach + count)[...] = values
     window(padded, 0, reach)[...] = window(values, 0, 1)
-    window(padded, reach + count, rest[axis])[...] = window(values, count - 1, count)
+    window(padded, reach + count, shape[axis])[...] = window(values, count - 1, count)
 
     total = np.zeros(values.shape, np.float32)
     pair = np.empty(values.shape, np.float32)
