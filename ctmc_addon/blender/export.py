@@ -61,10 +61,9 @@ def export(
     """
     target = Path(path)
     suffix = target.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise OutputError(
-            f"{target.name or 'an empty name'} has no known suffix; the formats are {', '.join(SUFFIXES)}"
-        )
+    if suffix not in mesh_files.SURFACE_SUFFIXES:
+        formats = ", ".join(mesh_files.SURFACE_SUFFIXES)
+        raise OutputError(f"{target.name or 'an empty name'} has no known suffix; the formats are {formats}")
     require_object_mode(obj)
     if suffix in mesh_files.SUFFIXES:
         mesh_files.write_mesh(evaluated_triangles(obj, scene), target, space)
@@ -213,5 +212,6 @@ def mesh_in_context(
         remove_blocks(own_scene, copy, mesh)
 
 
-WRITERS: dict[str, Callable[..., tuple[int, int]]] = {".obj": write_obj, ".glb": write_glb, ".blend": write_blend}
-SUFFIXES = (*mesh_files.SUFFIXES, *WRITERS)
+WRITERS: dict[str, Callable[..., tuple[int, int]]] = dict(
+    zip(mesh_files.BLENDER_SUFFIXES, (write_obj, write_glb, write_blend), strict=True)
+)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, SettingsError, Stages, Steps, finish, worker_count
-from ..core.volume import Volume
+from ..core.volume import Volume, spacing_of
 from .file_formats import stem
 from .value_kind import kind_steps
 
@@ -247,7 +247,7 @@ def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDAr
 
 def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
     """The affine with columns of the lengths `spacing`, and words about those it had."""
-    lengths = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    lengths = spacing_of(affine)
     scaled = affine.copy()
     # An axis without length is left alone: Volume refuses it as singular.
     scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)

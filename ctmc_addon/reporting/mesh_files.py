@@ -18,7 +18,11 @@ from ..core import OutputError, TriangleMesh
 from ..core.mesh import vertex_normals
 from .atomic_write import whole_file
 
-SPACES = ("ras", "lps")
+SPACES = {  # and where their axes run
+    "ras": "x to the patient's right, y to the front, z to the head",
+    "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
+}
+BLENDER_SUFFIXES = (".obj", ".glb", ".blend")  # of files that Blender writes, in blender/export.py
 ROWS_AT_ONCE = 1 << 16
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
@@ -90,3 +94,4 @@ def write_ply(mesh: TriangleMesh, file: BinaryIO) -> None:
 
 WRITERS: dict[str, Callable[[TriangleMesh, BinaryIO], None]] = {".stl": write_stl, ".ply": write_ply}
 SUFFIXES = tuple(WRITERS)
+SURFACE_SUFFIXES = (*SUFFIXES, *BLENDER_SUFFIXES)

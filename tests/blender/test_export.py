@@ -15,7 +15,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.export import SUFFIXES, export
+from ctmc_addon.blender.export import export
 from ctmc_addon.blender.surface import (
     add_reconstruction,
     apply_shape_and_modifiers,
@@ -25,6 +25,7 @@ from ctmc_addon.blender.surface import (
 from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.core.errors import MeshError, OutputError
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+from ctmc_addon.reporting.mesh_files import SURFACE_SUFFIXES as SUFFIXES
 from ctmc_addon.reporting.mesh_files import write_mesh
 
 MESHES = (".stl", ".ply", ".obj", ".glb")

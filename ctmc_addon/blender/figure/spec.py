@@ -42,16 +42,19 @@ VIDEO_FORMATS = {
 
 @dataclass(frozen=True)
 class Engine:
-    """A render engine: its name in the panel, and what it is good for."""
+    """A render engine: Blender's name for it, its name in the panel, and what it is good for."""
 
+    identifier: str
     label: str
     text: str
 
 
 ENGINES = {
-    "cycles": Engine("Cycles", "On the processor, which works on any machine"),
-    "eevee": Engine("EEVEE", "Needs a graphics card, or time"),
-    "workbench": Engine("Workbench", "The viewport's solid look, quickly; shows no map of distances"),
+    "cycles": Engine("CYCLES", "Cycles", "On the processor, which works on any machine"),
+    "eevee": Engine("BLENDER_EEVEE", "EEVEE", "Needs a graphics card, or time"),
+    "workbench": Engine(
+        "BLENDER_WORKBENCH", "Workbench", "The viewport's solid look, quickly; shows no map of distances"
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from ..materials import edged_material, material_color, mixed, surface_input, su
 from ..surface import mesh_data as meshes
 from ..viewport.shaders import can_draw
 from .distance_map import DISTANCE, distance_material
-from .spec import STYLES, FigureStyle, ShownSurface
+from .spec import ENGINES, STYLES, FigureStyle, ShownSurface
 
 NAME = "CTMC Figure"
 TRANSPARENT_SAMPLES = 36  # a ray that passes or stays by chance needs more of them
@@ -41,11 +41,11 @@ def require_engine(engine: str, distances: bool = False) -> None:
 def set_engine(scene: bpy.types.Scene, engine: str, samples: int, transparent: bool) -> None:
     """Give a figure's scene its engine; Cycles is already set up."""
     if engine == "eevee":
-        scene.render.engine = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+        scene.render.engine = ENGINES[engine].identifier if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
         scene.eevee.taa_render_samples = 16
         scene.eevee.use_shadows = False
     elif engine == "workbench":
-        scene.render.engine = "BLENDER_WORKBENCH"
+        scene.render.engine = ENGINES[engine].identifier
         shading = scene.display.shading
         shading.light, shading.color_type, shading.show_specular_highlight = "STUDIO", "MATERIAL", False
         shading.show_object_outline = False

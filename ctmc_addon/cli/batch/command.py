@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from ...core import VERSION, CtmcError, Step, Steps
 from ...reporting.atomic_write import made_folder, require_writable
-from ...reporting.mesh_files import SPACES
+from ...reporting.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
-from ..commands.reconstruct import SUFFIXES, Outputs, source_of
+from ..commands.reconstruct import Outputs, source_of
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect
 from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
@@ -27,7 +27,7 @@ from .summary import SummaryRow, counts, numbers, row_of, write_summary
 if TYPE_CHECKING:
     from .cluster import Cluster
 
-FORMATS = tuple(suffix.lstrip(".") for suffix in SUFFIXES)
+FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
 GIB = 1 << 30
 
 

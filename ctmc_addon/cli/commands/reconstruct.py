@@ -32,7 +32,6 @@ from ..arguments import add_input, add_settings, add_work, command_of, reading_o
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..terminal import Progress, dimensions, listing, table, titled
 
-SUFFIXES = (*mesh_files.SUFFIXES, ".obj", ".glb", ".blend")  # of which Blender writes those at the end
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
 
 
@@ -74,7 +73,11 @@ def add_parser(commands: Any) -> None:
     )
     add_input(parser)
     parser.add_argument(
-        "-o", "--output", required=True, metavar="OUTPUT", help=f"{', '.join(SUFFIXES)}; its folder must exist"
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUTPUT",
+        help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)}; its folder must exist",
     )
     add_settings(parser)
     group = parser.add_argument_group("output")
@@ -91,7 +94,7 @@ def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
     settings = settings_from(args)
     outputs = Outputs(
-        (require_writable(args.output, SUFFIXES),),
+        (require_writable(args.output, mesh_files.SURFACE_SUFFIXES),),
         require_writable(args.report, (".json",)) if args.report else None,
         require_writable(args.figure, (".png",)) if args.figure else None,
         args.space,

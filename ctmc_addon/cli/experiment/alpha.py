@@ -50,12 +50,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
     """The table; its pictures are written to `folder`."""
+    if args.pictures:
+        require_blender("rendering pictures")
     settings = bare_settings_from(args)
     require_alpha(settings)
     with flags_checked():
         variants = [replace(settings, alpha=alpha) for alpha in unique(args.alphas)]
-    if args.pictures:
-        require_blender("rendering pictures")
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ...blender.figure.spec import ENGINES
 from ...core import CtmcError, Stages, TriangleMesh, described, reconstruct_steps
 from ..arguments import UsageError, at_least, flag_of, given_settings
 from ..blender_host import blender_at_work, quiet_steps, require_blender
@@ -20,7 +21,7 @@ from .plot import Panel, panel_of, write_plot
 from .table import TRIANGLES, Column, Row, Table, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 2, "Rotating": 6}
-ENGINES = {"workbench": "BLENDER_WORKBENCH", "cycles": "CYCLES"}
+TIMED_ENGINES = ("workbench", "cycles")
 TIMES = ("first", "second", "third", "fourth", "fifth")
 HELP = "table 2: rotation"
 DESCRIPTION = (
@@ -44,7 +45,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--resolution", nargs=2, type=int, metavar=("W", "H"), help="px (default 640 480; with Cycles 160 120)"
     )
     parser.add_argument(
-        "--engine", choices=tuple(ENGINES), help="default: Workbench where Blender can draw, else Cycles"
+        "--engine", choices=TIMED_ENGINES, help="default: Workbench where Blender can draw, else Cycles"
     )
 
 
@@ -65,7 +66,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         turned = progress.finish(stages.run("Rotating", quiet_steps(test)))
     frames = timing.frames_of(args.step)
     turn = turn_text(frames, args.step)
-    name = "Workbench" if engine == ENGINES["workbench"] else "Cycles"
+    name = next(known.label for known in ENGINES.values() if known.identifier == engine)
     rows = rows_of(turned, name, size, frames)
     facts += [
         ("engine", f"{name}, off screen, {dimensions(size)} px{reason}"),
@@ -105,10 +106,10 @@ def engine_of(name: str | None) -> tuple[str, str]:
     from ...blender.rotation import can_draw
 
     if can_draw():
-        return ENGINES[name or "workbench"], ""
+        return ENGINES[name or "workbench"].identifier, ""
     if name == "workbench":
         raise CtmcError("Workbench needs EGL, which this machine lacks; install libegl1, or leave --engine out")
-    return ENGINES["cycles"], ", as this machine has no EGL to draw with"
+    return ENGINES["cycles"].identifier, ", as this machine has no EGL to draw with"
 
 
 def surface_of(

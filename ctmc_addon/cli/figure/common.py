@@ -68,7 +68,7 @@ def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dp
     group.add_argument(
         "--engine",
         choices=tuple(ENGINES),
-        default="cycles",
+        default=FigureStyle().engine,
         help="cycles works on any machine; the others need EGL on Linux",
     )
 

@@ -34,6 +34,7 @@ from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import map_steps, worker_count
 from ..progress import Stages, Step, Steps, finish
 from ..volume.thresholding import WHOLE_VOLUME, check_threshold
+from ..volume.volume import require_gray_type
 from .active_voxels import Slab, find_active
 from .classify import inside_bits
 from .faces import fill_faces
@@ -163,8 +164,7 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     values = np.asarray(values)
     if values.ndim != 3 or min(values.shape) < 2:
         raise VolumeError(f"values must be (slices, rows, columns) with at least 2 of each, not {values.shape}")
-    if values.dtype.kind not in "buif" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-        raise VolumeError(f"values of type {values.dtype} are not gray values; convert them to int16 or float32")
+    require_gray_type(values.dtype)
     return values
 
 

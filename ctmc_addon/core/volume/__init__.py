@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import transform_faces, transform_normals, transform_points
+from .affine import spacing_of, transform_faces, transform_normals, transform_points
 from .region import (
     EDGES,
     moved_region,
@@ -49,6 +49,7 @@ __all__ = [
     "slice_corners",
     "slice_position_text",
     "slice_values",
+    "spacing_of",
     "stepped_position",
     "transform_faces",
     "transform_normals",

@@ -23,7 +23,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
         raise VolumeError("the affine holds NaN or infinite numbers; the file's geometry is broken")
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise VolumeError(f"the last row of an affine is 0 0 0 1, not {matrix[3]}")
-    lengths = np.sqrt((matrix[:3, :3] ** 2).sum(axis=0))
+    lengths = spacing_of(matrix)
     if (lengths == 0).any() or abs(determinant(matrix)) < 1e-6 * lengths.prod():
         raise VolumeError(
             "the affine is singular: its axes lie in one plane or have no length; "
@@ -31,6 +31,17 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
         )
     matrix.flags.writeable = False
     return matrix
+
+
+def spacing_of(affine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance between neighboring samples along (x, y, z), (3,) millimeters.
+
+    Examples
+    --------
+    >>> spacing_of(np.diag([-0.5, 0.5, 2.0, 1.0])).tolist()
+    [0.5, 0.5, 2.0]
+    """
+    return np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
 
 
 def determinant(affine: NDArray[np.float64]) -> float:
@@ -111,7 +122,7 @@ def axis_codes(affine: NDArray[np.float64]) -> str:
     >>> axis_codes(np.diag([-1.0, -1.0, 2.0, 1.0]))
     'LPS'
     """
-    directions = affine[:3, :3] / np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    directions = affine[:3, :3] / spacing_of(affine)
     codes = ["?", "?", "?"]
     for side, axis in sorted(np.ndindex(3, 3), key=lambda at: -abs(directions[at])):
         letter = ("LR", "PA", "IS")[side][int(directions[side, axis] > 0)]

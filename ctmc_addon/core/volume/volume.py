@@ -15,9 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VolumeError
-from .affine import axis_codes, checked_affine, with_origin
+from .affine import axis_codes, checked_affine, spacing_of, with_origin
 
 KINDS = ("HU", "grey value", "label")
+
+
+def require_gray_type(dtype: np.dtype[Any]) -> None:
+    """Raise a `VolumeError` for values of another type than bool, integers, float32 and float64."""
+    if dtype.kind not in "buif" or dtype.itemsize > 8 or dtype == np.float16:
+        raise VolumeError(f"values of type {dtype} are not gray values; convert them to int16 or float32")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +70,7 @@ class Volume:
                 f"a surface needs at least 2 samples along every axis, and this volume has {values.shape} "
                 "(slices, rows, columns); read the whole stack"
             )
-        if values.dtype.kind not in "buif" or values.dtype.itemsize > 8 or values.dtype == np.float16:
-            raise VolumeError(f"values of type {values.dtype} are not gray values; convert them to int16 or float32")
+        require_gray_type(values.dtype)
         if self.kind not in KINDS:
             raise VolumeError(f"kind is one of {', '.join(KINDS)}, not {self.kind!r}")
         view = values.view()
@@ -77,8 +82,8 @@ class Volume:
     @property
     def spacing(self) -> tuple[float, float, float]:
         """Distance between neighboring samples along (x, y, z), millimeters."""
-        columns = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
-        return (float(columns[0]), float(columns[1]), float(columns[2]))
+        x, y, z = spacing_of(self.affine).tolist()
+        return (x, y, z)
 
     @property
     def orientation(self) -> str:

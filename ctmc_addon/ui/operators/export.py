@@ -8,8 +8,11 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ...blender.export import SUFFIXES, export
+from ...blender.export import export
+from ...reporting.mesh_files import SPACES, SURFACE_SUFFIXES
 from .paths import SaveDialog
+
+FORMATS = ", ".join(SURFACE_SUFFIXES)
 
 
 class CTMC_OT_export(SaveDialog, bpy.types.Operator):
@@ -17,20 +20,15 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     bl_idname = "ctmc.export"
     bl_label = "Export Surface"
-    bl_description = (
-        f"Write the active surface in millimeters; the suffix chooses the format, else STL: {', '.join(SUFFIXES)}"
-    )
+    bl_description = f"Write the active surface in millimeters; the suffix chooses the format, else STL: {FORMATS}"
 
-    suffix = SUFFIXES[0]
+    suffix = SURFACE_SUFFIXES[0]
 
-    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SURFACE_SUFFIXES), options={"HIDDEN"})
     space: EnumProperty(
         name="Space",
         description="Axes of STL, PLY and OBJ",
-        items=[
-            ("ras", "RAS", "x to the patient's right, y to the front, z to the head"),
-            ("lps", "LPS", "x to the patient's left, y to the back, z to the head, as in DICOM"),
-        ],
+        items=[(space, space.upper(), axes) for space, axes in SPACES.items()],
     )
 
     @classmethod

@@ -17,7 +17,6 @@ from ctmc_addon import core, readers
 from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
-from ctmc_addon.cli.batch.command import FORMATS
 from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.cli.batch.process import run_here
 from ctmc_addon.reporting.temporary_names import temporary_name
@@ -360,12 +359,6 @@ def test_verify_looks_at_the_content_and_not_at_the_time(ctmc, cases, tmp_path):
     assert "1 done before" not in ctmc(*words, "--resume").out  # another time: made again, and its content not kept
     assert "1 done before" in ctmc(*words, "--resume").out
     assert "1 done before" not in ctmc(*words, "--resume", "--verify").out
-
-
-def test_the_formats_are_those_that_blender_writes(scene):
-    from ctmc_addon.blender.export import SUFFIXES
-
-    assert {f".{end}" for end in FORMATS} == set(SUFFIXES)
 
 
 @pytest.mark.parametrize(

@@ -334,6 +334,7 @@ def without_blender(*words):
         ["reconstruct", "in", "-o", "x.stl", "--figure", "x.png"],
         ["reconstruct", "in", "-o", "x.stl", "--simplifier", "decimate"],
         ["figure", "in", "-o", "x.png"],
+        ["experiment", "alpha", "in", "-o", "x"],  # and not first that the threshold is missing
         ["figure", "sheet", "in", "-o", "x.png", "--levels", "0"],
         ["figure", "turntable", "in", "-o", "x.mp4"],
         ["experiment", "rotation", "in", "-o", "out"],
