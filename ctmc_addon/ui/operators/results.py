@@ -25,7 +25,8 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.measure"
     bl_label = "Measure"
     bl_description = (
-        "Measure volume, area and components of the active surface as it is now, alpha and modifiers included"
+        "Measure volume, area and components of the active surface as it is now, alpha and modifiers included. "
+        "Moving, turning or scaling the object changes nothing: it is measured in the patient's millimeters"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

@@ -82,7 +82,9 @@ def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
         return f"{value.name} {[list(row) for row in value.matrix_world]}"
     if isinstance(value, bpy.types.bpy_struct):
         return str(getattr(value, "name", ""))
-    return str(value if isinstance(value, (str, int, float, set, type(None))) else list(value))
+    if isinstance(value, (str, int, float, type(None))):
+        return str(value)
+    return str(sorted(value) if isinstance(value, set) else list(value))  # the order of a set changes with every start
 
 
 def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:

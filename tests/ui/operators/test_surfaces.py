@@ -334,6 +334,17 @@ def test_other_settings_of_a_modifier_are_another_surface(loaded):
     assert measurements.of(obj).measures.faces == faces
 
 
+def test_every_modifier_of_blender_has_a_text_of_its_settings(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    kinds = [item.identifier for item in bpy.types.Modifier.bl_rna.properties["type"].enum_items]
+    for kind in kinds:
+        modifier = obj.modifiers.new(kind, kind)
+        if modifier is not None:  # some are not for meshes
+            assert measurements.settings_text(modifier).startswith(kind)
+    assert len(obj.modifiers) > 40
+
+
 def test_results_give_an_open_surface_no_volume(loaded):
     from ctmc_addon.ui.panels.results import facts_of
 
