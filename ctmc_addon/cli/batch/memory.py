@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much memory a case will need, told from its headers before anything is read."""
+"""How much memory a case will need, predicted from its headers before anything is read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def needed_bytes(case: Case) -> int:
 
 
 def voxels_of(case: Case) -> int:
-    """Voxels in the file that will be read, 0 where that cannot be told."""
+    """Voxels in the file that will be read, 0 where that is unknown."""
     path = source_of(case.path, case.outputs[0].settings.label)
     try:
         return readers.estimate_voxels(path)

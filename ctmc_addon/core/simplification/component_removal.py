@@ -210,10 +210,10 @@ def _volumes_and_areas_steps(
     # About a corner of its own, or far from the origin the terms would cancel badly.
     first = np.empty(count, np.int64)
     first[component[::-1]] = faces[0, ::-1]
-    about = np.take(positions, first[component], axis=1)
+    own_corner = np.take(positions, first[component], axis=1)
     normal = cross(b - a, c - a)
     yield PAUSE
-    volume = np.bincount(component, dot(a - about, normal).astype(np.float64), count) / 6.0
+    volume = np.bincount(component, dot(a - own_corner, normal).astype(np.float64), count) / 6.0
     yield PAUSE
     return volume, np.bincount(component, np.sqrt(dot(normal, normal)).astype(np.float64), count) / 2.0
 

@@ -308,12 +308,12 @@ class CollapsingMesh:
         for row in range(3):  # one row at a time: several times faster in NumPy than all at once
             self.faces[row, left], self.face_edges[row, left] = corners[row], around[row]
             self.faces[row, gone] = self.dummy
-        beside = np.zeros(len(self.cost), bool)
-        beside[around] = True
-        beside = np.flatnonzero(beside)
-        ends = np.take(self.vertex_becomes, np.take(self.edges, beside, axis=1))
+        incident_edges = np.zeros(len(self.cost), bool)
+        incident_edges[around] = True
+        incident_edges = np.flatnonzero(incident_edges)
+        ends = np.take(self.vertex_becomes, np.take(self.edges, incident_edges, axis=1))
         for row, end in zip(self.edges, ends, strict=True):
-            row[beside] = end
+            row[incident_edges] = end
             row[collapses.edges] = row[lost] = self.dummy
         yield PAUSE
         for dead in (collapses.edges, lost):
@@ -330,7 +330,7 @@ class CollapsingMesh:
         else:
             moved = np.zeros(len(self.vertex_becomes), bool)
             moved[keep] = True
-            yield from self.update_costs_steps(beside[moved[ends].any(axis=0)])
+            yield from self.update_costs_steps(incident_edges[moved[ends].any(axis=0)])
 
     def move_steps(self, collapses: Collapses) -> Steps[None]:
         """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""

@@ -111,7 +111,7 @@ def keep_volume_steps(
 def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.float32) -> None:
     """Keep the field from going below zero and back between a sample inside and the next one outside.
 
-    Specks would stand between the slices, components that the label does not have. `between` has the places of the
+    Small components would stand between the slices that the label does not have. `between` has the places of the
     bricks one step above a slice of the label, two steps and so on; `layer` is the number of bricks in a slice.
     """
     steps = len(between) + 1
