@@ -274,7 +274,7 @@ def test_a_file_saved_during_a_rotation_test_has_none_of_its_levels(context, bal
 
     mesh = rotation_test.full_mesh(context.scene, thing)
     options = {"rounds": 1, "step_degrees": 90.0}
-    steps = rotation_test.test_steps(context.scene, thing, mesh, (0.0, 50.0), "rotate", options, Window())
+    steps = rotation_test.test_steps(context.scene, thing, mesh, (0.0, 50.0), "rotate", options, Window(), None)
     operator = Operator(steps)
     operator.locks = rotation_test.CTMC_OT_rotation_test.locks
     operator.invoke(context, MOUSE)
