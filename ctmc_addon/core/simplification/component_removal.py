@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.measures import component_volumes_steps
 from ..mesh.topology import component_numbers_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
@@ -87,7 +88,8 @@ class Components:
         self.removed = RemovedComponents()
         if count == 1:
             return of_vertex
-        self.volume, self.area = yield from _volumes_and_areas_steps(positions, faces, component, count)
+        self.volume = yield from component_volumes_steps(positions.T, faces.T, component)
+        self.area = yield from _areas_steps(positions, faces, component, count)
         open_ = of_vertex[border]
         self.volume[open_] = np.abs(self.volume[open_])  # neither a cavity nor a body
         used = np.flatnonzero(of_vertex >= 0)
@@ -201,21 +203,13 @@ class Components:
         self.removed = RemovedComponents(self.removed.count + len(volumes), largest)
 
 
-def _volumes_and_areas_steps(
-    positions: Floats, faces: Ints, component: Ints, count: int
-) -> Steps[tuple[Doubles, Doubles]]:
-    """Signed volume and area of every component, (count,) each; negative for a cavity."""
+def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) -> Steps[Doubles]:
+    """Area of every component, (count,)."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
     yield PAUSE
-    # About a corner of its own, or far from the origin the terms would cancel badly.
-    first = np.empty(count, np.int64)
-    first[component[::-1]] = faces[0, ::-1]
-    own_corner = np.take(positions, first[component], axis=1)
     normal = cross(b - a, c - a)
     yield PAUSE
-    volume = np.bincount(component, dot(a - own_corner, normal).astype(np.float64), count) / 6.0
-    yield PAUSE
-    return volume, np.bincount(component, np.sqrt(dot(normal, normal)).astype(np.float64), count) / 2.0
+    return np.bincount(component, np.sqrt(dot(normal, normal)).astype(np.float64), count) / 2.0
 
 
 def without_components_steps(components: Components, history: History, check: ErrorCheck) -> Steps[Ints]:
