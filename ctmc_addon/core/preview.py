@@ -4,11 +4,13 @@
 The volume is subsampled once for each stride (every second, fourth... sample along the axes whose samples lie
 closest), and only this small copy is extracted from while a slider moves. How fine it may be follows from the time of
 the last surface. Surfaces are in RAS+ mm; the last, partial voxel of a stride is left out, as this is only a preview.
+The finest surface of a label that is smoothed as constrained is the reconstruction's own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from .pipeline import full_steps
 from .progress import Steps, finish, timed_steps
 from .settings import ReconstructionSettings
 from .volume.region import Box, region_box
+from .volume.scalar_field import refinement_of
 from .volume.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Volume
 
@@ -29,6 +32,14 @@ GROWTH = 0.75  # the time grows with the number of voxels to about this power: b
 SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
 FEWEST_SAMPLES = 8  # samples along an axis
 Stride = tuple[int, int, int]
+
+
+class Rung(NamedTuple):
+    """How coarse a surface is: every so many samples, and steps from slice to slice; or as the settings have it."""
+
+    stride: Stride
+    slice_steps: int
+    as_set: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +94,8 @@ class Preview:
         """Return the finest surface within `seconds` (by default `REFINED` budgets), at the settings' threshold."""
         limit = self.budget * REFINED if seconds is None else seconds
         box = region_box(self.volume, settings)
-        ladder = strides(self.volume, settings.stride, box_size(box))
-        fitting = (at for at, stride in enumerate(ladder) if self.expected(settings, stride, box) <= limit)
+        ladder = rungs(self.volume, settings, box_size(box))
+        fitting = (at for at, rung in enumerate(ladder) if self.expected(settings, rung, box) <= limit)
         rung = next(fitting, len(ladder) - 1)
         while True:
             try:
@@ -98,25 +109,20 @@ class Preview:
             except CtmcError:
                 return None
 
-    def expected(self, settings: ReconstructionSettings, stride: Stride, box: Box) -> float:
-        """Return the seconds that a surface at this stride will take, from the last one."""
-        voxels = voxel_count(stride, box)
+    def expected(self, settings: ReconstructionSettings, rung: Rung, box: Box) -> float:
+        """Return the seconds that a surface will take, from the last one."""
+        voxels = voxel_count(rung, box)
         if settings.smoothing_method not in self.last:
             return voxels * FIRST_SECONDS[settings.smoothing_method]
         before, seconds = self.last[settings.smoothing_method]
         return float(seconds * (voxels / before) ** GROWTH)
 
     def _surface_steps(
-        self, settings: ReconstructionSettings, threshold: float, stride: Stride, box: Box
+        self, settings: ReconstructionSettings, threshold: float, rung: Rung, box: Box
     ) -> Steps[PreviewResult]:
-        key = (stride, box)
-        if key not in self.subsampled:
-            self.subsampled = {key: subsample(self.volume, stride, box)} | dict(list(self.subsampled.items())[:2])
+        volume = self.volume
         plain = replace(
             settings,
-            stride=(1, 1, 1),
-            slice_steps=0,
-            region=None,
             simplifier="none",
             reduction=None,
             target_faces=None,
@@ -124,11 +130,18 @@ class Preview:
             topology="classic",
             threshold=threshold if settings.label is None else None,
         )
-        work = full_steps(self.subsampled[key], plain, self.threads, self.memory_limit)
+        if not rung.as_set:
+            key = (rung.stride, box)
+            if key not in self.subsampled:
+                small = subsample(volume, rung.stride, box)
+                self.subsampled = {key: small} | dict(list(self.subsampled.items())[:2])
+            volume = self.subsampled[key]
+            plain = replace(plain, stride=(1, 1, 1), slice_steps=rung.slice_steps, region=None)
+        work = full_steps(volume, plain, self.threads, self.memory_limit)
         result, seconds = yield from timed_steps(work)
-        self.last[settings.smoothing_method], self.threshold = (voxel_count(stride, box), seconds), threshold
+        self.last[settings.smoothing_method], self.threshold = (voxel_count(rung, box), seconds), threshold
         assert result.surface is not None, "nothing has been simplified"
-        return PreviewResult(result.surface, stride, seconds)
+        return PreviewResult(result.surface, rung.stride, seconds)
 
 
 def box_size(box: Box) -> tuple[int, ...]:
@@ -136,9 +149,37 @@ def box_size(box: Box) -> tuple[int, ...]:
     return tuple(stop - start for start, stop in box)
 
 
-def voxel_count(stride: Stride, box: Box) -> int:
-    """Return how many samples of a box a stride takes."""
-    return int(np.prod([-(-size // step) for size, step in zip(box_size(box), stride, strict=True)]))
+def voxel_count(rung: Rung, box: Box) -> int:
+    """Return how many samples of a box are worked on, those between slices among them."""
+    stride = (1, 1, 1) if rung.as_set else rung.stride
+    return rung.slice_steps * int(np.prod([-(-size // step) for size, step in zip(box_size(box), stride, strict=True)]))
+
+
+def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...]) -> list[Rung]:
+    """Return how coarse a surface may be, the finest first.
+
+    A label that is smoothed as constrained is first the reconstruction's own, then gets fewer steps between its
+    slices, of which stride z counts, and only then fewer samples.
+
+    Examples
+    --------
+    >>> thick = Volume(np.zeros((20, 40, 40), np.uint8), np.diag([1.0, 1.0, 8.0, 1.0]))
+    >>> ladder = rungs(thick, ReconstructionSettings(label=1), (40, 40, 20))
+    >>> [(rung.stride, rung.slice_steps) for rung in ladder[:4]]
+    [((1, 1, 1), 4), ((1, 1, 1), 2), ((1, 1, 1), 1), ((2, 1, 1), 1)]
+    """
+    if settings.smoothing_method != "constrained":
+        return [Rung(stride, 1) for stride in strides(volume, settings.stride, size)]
+    most = refinement_of(volume.spacing, settings)
+    x, y, z = settings.stride
+    ladder = [Rung(settings.stride, most, as_set=True)]
+    coarser = strides(volume, (x, y, max(1, z // most)), size)
+    steps = max(1, most // z)
+    while steps:
+        if (coarser[0], steps) != ((1, 1, 1), most):
+            ladder.append(Rung(coarser[0], steps))
+        steps //= 2
+    return ladder + [Rung(stride, 1) for stride in coarser[1:]]
 
 
 def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Stride]:

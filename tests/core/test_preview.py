@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview, reconstruct
 from ctmc_addon.core.preview import Preview, strides, subsample
 
 
@@ -90,3 +90,27 @@ def test_a_subsampled_volume_has_its_samples_at_their_places(ball):
     assert small.values[5, 7, 9] == ball[0].values[3 + 10, 6 + 21, 4 + 18]
     place = transform_points(small.affine, np.array([[9, 7, 5]]))
     assert place == pytest.approx(transform_points(ball[0].affine, np.array([[22, 27, 13]])))
+
+
+@pytest.mark.parametrize(
+    ("stride", "slice_steps", "region"),
+    [((1, 1, 1), 0, None), ((1, 1, 1), 1, None), ((1, 1, 2), 4, None), ((2, 1, 2), 0, (5, 5, 3, 20, 30, 9))],
+)
+def test_the_finest_preview_of_a_constrained_label_is_the_reconstruction(stride, slice_steps, region):
+    z, y, x = np.indices((14, 40, 40)).astype(float)
+    inside = ((z - 6.5) * 5 / 24) ** 2 + ((y - 19.2) * 0.9 / 14) ** 2 + ((x - 20.3) * 0.9 / 12) ** 2 < 1
+    volume = Volume(inside.astype(np.uint8), np.diag([0.9, 0.9, 5.0, 1.0]), kind="label")
+    settings = ReconstructionSettings(label=1, stride=stride, slice_steps=slice_steps, region=region)
+    surface = finish(Preview(volume, 10.0).refine_steps(settings)).surface
+    mesh = reconstruct(volume, settings).mesh
+    assert np.array_equal(surface.faces, mesh.faces)
+    assert np.array_equal(surface.at(1.0).vertices, mesh.vertices)
+
+
+def test_steps_between_slices_are_given_up_before_samples(ball):
+    settings = ReconstructionSettings(label=3, slice_steps=8, stride=(2, 1, 2))
+    ladder = preview.rungs(ball[1], settings, (70, 70, 40))
+    assert [tuple(rung)[:2] for rung in ladder[:4]] == [((2, 1, 2), 8), ((2, 1, 1), 4), ((2, 1, 1), 2), ((2, 1, 1), 1)]
+    assert all(rung.slice_steps == 1 for rung in ladder[4:])
+    counts = [preview.voxel_count(rung, ((0, 70), (0, 70), (0, 40))) for rung in ladder]
+    assert counts == sorted(counts, reverse=True)
