@@ -33,7 +33,7 @@ from .collapses import (
 )
 from .component_removal import Components, RemovedComponents, without_components_steps
 from .error_bound import ErrorBound
-from .handles import handle_cuts_steps, longest_loop_edge
+from .handles import handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
 from .rollback import History, roll_back_steps
 
@@ -240,14 +240,17 @@ class CollapsingMesh:
         self.vertex_becomes = np.arange(len(vertices), dtype=np.int32)
         self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
         yield PAUSE
-        changed = np.zeros(len(vertices), bool)
-        changed[cuts.loops] = changed[vertex_count:] = True
-        faces = self.faces[:, np.take(changed, self.faces).any(axis=0)]
-        rows = np.flatnonzero(changed)
+        yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops)
+        moved = np.zeros(len(vertices), bool)
+        moved[cuts.loops] = moved[vertex_count:] = True
+        around = np.zeros(len(vertices), bool)
+        around[self.faces[:, np.take(moved, self.faces).any(axis=0)]] = True
+        faces = self.faces[:, np.take(around, self.faces).any(axis=0)]
+        rows = np.flatnonzero(around)
         for row, share in zip(self.quadrics, face_quadrics(self.positions, faces), strict=True):
             row[rows] = np.bincount(faces.ravel(), np.tile(share, 3), len(vertices))[rows]
             yield PAUSE
-        yield from self.update_costs_steps(np.flatnonzero(np.take(changed, self.edges).any(axis=0)))
+        yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
 
     def cheapest(self, count: int) -> Indices:
         """The `count` cheapest edges and those that cost the same as the last of them."""

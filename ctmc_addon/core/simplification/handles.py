@@ -5,7 +5,8 @@ Edge collapse keeps every handle, however small, and noise has thousands. The la
 has three edges, none of which may collapse (link condition). There the surface is cut: the loop becomes two, and each
 is capped with a triangle. The surface stays closed, manifold and oriented, its Euler number grows by two, and with as
 many vertices as before it has four triangles fewer. A loop that would separate a component is a neck, not a handle,
-and stays.
+and stays. Each of the two loops is then pulled a little toward its own side, because a file that stores triangles by
+position, such as STL, would join two loops at the same place again.
 
 A cut moves the surface by no more than the loop is long, on an area of its square: its cost is the cube of the longest
 edge, shared by the four triangles it saves, in the unit in which collapses and removals of components are compared. So
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.topology import component_roots_steps
-from ..mesh.vectors import dot
+from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 
 Ints = NDArray[np.int32]
@@ -30,6 +31,8 @@ Flags = NDArray[np.bool_]
 
 SAVED = 4  # triangles fewer for every cut
 MOST_FACES = 64  # at a vertex, on one side of a loop
+PULL = np.float32(0.1)  # share of the way to its neighbors by which each of the two loops is moved
+HALVINGS = 8  # of that share, at most, where a triangle would turn over
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,53 @@ def handle_cuts_steps(positions: Floats, faces: Ints, edges: Ints, locked: Flags
         return None
     handle = yield from _handles_steps(cuts, right, faces, len(locked))
     return cuts.select(handle) if handle.any() else None
+
+
+def pull_apart_steps(positions: Floats, faces: Ints, edges: Ints, loops: Ints) -> Steps[None]:
+    """Move loops (n, 3) that were cut and their copies, the last `3 * n` vertices, each toward its own side.
+
+    A vertex moves toward the mean of its neighbors that are not in its loop, by a share of the loop's longest edge at
+    most. Where a triangle would turn over, its vertices move less. The positions given, (3, V), are written to.
+    """
+    vertex_count, count = positions.shape[1], len(loops)
+    vertices = np.append(loops, np.arange(vertex_count - 3 * count, vertex_count))
+    loop = np.full(vertex_count, -1)
+    loop[vertices] = np.tile(np.repeat(np.arange(count), 3), 2)
+    first, second = edges
+    leaving = np.take(loop, first) != np.take(loop, second)
+    first, second = first[leaving], second[leaving]
+    inner, outer = np.concatenate([first, second]), np.concatenate([second, first])
+    neighbors = np.bincount(inner, minlength=vertex_count)[vertices]
+    yield PAUSE
+    way = np.empty((3, len(vertices)), np.float32)
+    for row, along in zip(way, positions, strict=True):
+        row[:] = np.bincount(inner, along[outer] - along[inner], vertex_count)[vertices] / np.maximum(neighbors, 1)
+    corners = positions[:, loops]  # (3, n, 3)
+    sides = corners - corners[:, :, [1, 2, 0]]
+    longest = np.sqrt(dot(sides, sides)).max(axis=1)[loop[vertices]]
+    length = np.sqrt(dot(way, way))
+    way *= longest / np.maximum(np.maximum(length, longest), np.finfo(np.float32).tiny)
+    yield PAUSE
+    around = faces[:, (np.take(loop, faces) >= 0).any(axis=0)]
+    before = _normals(positions, around)
+    start = positions[:, vertices]
+    share = np.full(vertex_count, PULL)
+    for _ in range(HALVINGS):
+        positions[:, vertices] = start + share[vertices] * way
+        after = _normals(positions, around)
+        turned = (dot(before, after) <= 0) & (dot(before, before) > 0)
+        if not turned.any():
+            return
+        halved = np.zeros(vertex_count, bool)
+        halved[around[:, turned]] = True
+        share[halved] /= 2
+        yield PAUSE
+
+
+def _normals(positions: Floats, faces: Ints) -> Floats:
+    """Normals of faces (3, f), (3, f), as long as twice their areas."""
+    a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
+    return cross(b - a, c - a)
 
 
 def _loops_steps(

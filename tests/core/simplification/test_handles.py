@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from meshes import as_mesh, assert_sound, icosphere, torus
 
-from ctmc_addon.core import distances, finish
-from ctmc_addon.core.mesh.face_normals import vertex_normals
+from ctmc_addon.core import distances, finish, marching_cubes
+from ctmc_addon.core.mesh.face_normals import face_vectors, vertex_normals
 from ctmc_addon.core.mesh.topology import edges_steps
-from ctmc_addon.core.simplification.handles import handle_cuts_steps
+from ctmc_addon.core.simplification.handles import handle_cuts_steps, pull_apart_steps
 from ctmc_addon.core.simplification.simplify import simplification_steps
 
 RINGS = np.linspace(0, 1, 6)[1:-1]  # on the way of a tube
@@ -144,6 +144,45 @@ def test_where_handles_can_go_the_rest_is_nearer():
     radius = np.linalg.norm(found.mesh.vertices[np.unique(found.mesh.faces)], axis=1)
     assert abs(np.median(radius) - 10) < 0.2
     assert distances(icosphere(5, 10.0).vertices, found.mesh).mean() < 0.15
+
+
+@pytest.fixture(scope="module")
+def sponge():
+    """Smoothed noise at a threshold: hundreds of small handles, closed, no two vertices at the same place."""
+    noise = np.random.default_rng(1).normal(size=(40, 40, 40))
+    noise = sum(np.roll(noise, shift, axis) for axis in range(3) for shift in (-1, 0, 1))
+    samples = np.pad(noise / noise.std(), 1, constant_values=-3.0).astype(np.float32)
+    mesh = marching_cubes(samples, 0.5)
+    assert mesh.closed
+    assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
+    return mesh
+
+
+@pytest.mark.parametrize("reduction", [0.3, 0.5, 0.8, 0.9, 0.95])
+def test_the_two_sides_of_a_cut_are_not_at_the_same_place(sponge, reduction):
+    found, _ = simplification(sponge, reduction=reduction)
+    assert found.handles_cut > 20
+    places, number = np.unique(found.mesh.vertices, axis=0, return_inverse=True)
+    assert len(places) == len(found.mesh.vertices)
+    # As a file that stores triangles by position reads it back.
+    welded = as_mesh(places, number.reshape(-1)[found.mesh.faces])
+    assert_sound(welded)
+    assert welded.closed
+
+
+def test_no_triangle_turns_over_where_a_cut_is_pulled_apart():
+    mesh = noisy_sphere(60)
+    cuts, *arrays = cuts_of(mesh, longest=1.0)
+    count = len(mesh.vertices)
+    faces, _, edges = cuts.apply(*arrays, count)
+    before = np.concatenate([mesh.vertices, mesh.vertices[cuts.loops.ravel()]])
+    after = before.T.copy()
+    finish(pull_apart_steps(after, faces, edges, cuts.loops))
+    moved = np.linalg.norm(after.T - before, axis=1)
+    assert (np.flatnonzero(moved) == np.union1d(cuts.loops, np.arange(count, len(before)))).all()
+    assert moved.max() <= 0.1 * 1.001
+    assert (after[:, cuts.loops.ravel()] != after[:, count:]).any(axis=0).all()
+    assert (face_vectors(before, faces.T) * face_vectors(after.T, faces.T)).sum(axis=1).min() >= 0
 
 
 def test_within_a_maximum_error_every_handle_stays():
