@@ -13,7 +13,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..errors import SettingsError
+import numpy as np
+
+from ..errors import MeshError, SettingsError
 from ..memory import require
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part, finish
@@ -67,13 +69,16 @@ def simplify(
     Returns
     -------
     TriangleMesh
-        No more triangles than asked, and at most one fewer, unless collapsing more edges would break
-        what is promised above (the last step's message gives the reason).
+        No more triangles than asked, and at most one fewer, or three fewer where only whole components are left
+        to go; more only if collapsing more edges would break what is promised above (the last step's message
+        gives the reason).
 
     Raises
     ------
     SettingsError
         Without exactly one goal, or with one outside its limits.
+    MeshError
+        If a vertex is not finite.
     MemoryLimitError
         Before the work, if it would take more memory than that.
 
@@ -108,6 +113,7 @@ def simplification_steps(
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
     target = _target(len(mesh.faces), reduction, target_faces, max_error)
+    _require_finite(mesh)
     if target >= len(mesh.faces):
         return Simplification(mesh, RemovedComponents())
     require(
@@ -161,6 +167,14 @@ def _round_steps(collapsing: CollapsingMesh, excess: int) -> Steps[bool]:
 def memory_needed(face_count: int, max_error: float | None) -> int:
     """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumors and bone, rounded up."""
     return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
+
+
+def _require_finite(mesh: TriangleMesh) -> None:
+    finite = np.isfinite(mesh.vertices).all(axis=1)
+    if not finite.all():
+        vertex = int(np.argmin(finite))
+        x, y, z = mesh.vertices[vertex].tolist()
+        raise MeshError(f"vertex {vertex} is at ({x:g}, {y:g}, {z:g}), which is not finite; move or delete it first")
 
 
 def _target(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:

@@ -6,7 +6,7 @@ import pytest
 from meshes import as_mesh, assert_sound, icosphere, joined, largest_error, sheet, spread, torus
 
 from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
-from ctmc_addon.core.errors import MemoryLimitError, SettingsError
+from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh.face_normals import face_vectors
 from ctmc_addon.core.simplification.simplify import memory_needed
 
@@ -43,6 +43,21 @@ def test_many_closed_components_end_as_tetrahedra():
     assert small.closed
     assert len(small.faces) in (19, 20)
     assert small.volume > 0
+
+
+def test_where_only_whole_components_are_left_there_are_three_fewer_at_most():
+    tetrahedra = joined(*(simplify(icosphere(1, 1.0, (4 * i, 0, 0)), target_faces=4) for i in range(12)))
+    assert len(tetrahedra.faces) == 48
+    assert [len(simplify(tetrahedra, target_faces=target).faces) for target in (47, 46, 45, 44)] == [44] * 4
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("goal", [{"reduction": 0.5}, {"target_faces": 10}, {"max_error": 0.1}])
+def test_a_vertex_that_is_not_finite_is_refused(value, goal):
+    mesh = icosphere(2)
+    mesh.vertices[7, 1] = value
+    with pytest.raises(MeshError, match=rf"\b7\b.*{value:g}"):
+        simplify(mesh, **goal)
 
 
 def test_what_cannot_be_reached_is_said_in_the_last_step():
