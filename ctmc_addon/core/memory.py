@@ -47,9 +47,13 @@ def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None =
     limit = available_bytes() if limit_bytes is None else limit_bytes
     if limit is not None and needed_bytes > limit:
         raise MemoryLimitError(
-            f"{what} needs about {needed_bytes / 2**30:.1f} GiB of memory "
-            f"and {limit / 2**30:.1f} GiB are available; {remedy}"
+            f"{what} needs about {_amount(needed_bytes)} of memory and {_amount(limit)} are available; {remedy}"
         )
+
+
+def _amount(number: int) -> str:
+    """Return bytes in GiB, below 0.1 GiB in MiB."""
+    return f"{number / 2**30:.1f} GiB" if number >= 0.1 * 2**30 else f"{number / 2**20:.3g} MiB"
 
 
 def _meminfo_available(root: Path) -> int | None:

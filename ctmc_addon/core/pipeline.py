@@ -23,7 +23,7 @@ from .simplification.simplify import simplification_steps
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
-from .volume.scalar_field import scalar_field_steps
+from .volume.scalar_field import refinement_of, scalar_field_steps
 from .volume.volume import Volume
 
 # What report.json and a user read, and the usual share of the time.
@@ -222,7 +222,9 @@ def _full_steps(
     memory_limit: int | None,
 ) -> Steps[Reconstruction]:
     region = region_box(volume, settings)
-    check_stride(settings.stride, region)  # before any value is prepared
+    steps = refinement_of(volume.spacing, settings)
+    first, last = region[2][0] * steps, (region[2][1] - 1) * steps
+    check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
     preparing = scalar_field_steps(volume, settings, threads, memory_limit)
     field = yield from stages.run("Preparing values", preparing)
     grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)

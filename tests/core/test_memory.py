@@ -114,3 +114,8 @@ def test_work_beyond_the_limit_is_refused_with_both_numbers():
     with pytest.raises(MemoryLimitError, match=r"3\.0 GiB.*2\.0 GiB"):
         require(3 * GIB, "a surface", "use a larger stride", 2 * GIB)
     assert (available_bytes() or 1) > 0
+
+
+def test_memory_below_a_tenth_of_a_gib_is_given_in_mib():
+    with pytest.raises(MemoryLimitError, match=r"about 50 MiB of memory and 20 MiB"):
+        require(50 << 20, "smoothing", "choose a region", 20 << 20)

@@ -175,3 +175,66 @@ def test_constrained_is_for_labels():
         reconstruct(Volume(np.eye(4)[None].repeat(3, 0), THICK), ReconstructionSettings(smoothing="constrained"))
     with pytest.raises(LabelError):
         made(np.zeros((4, 5, 6), bool))
+
+
+@pytest.mark.parametrize("smoothing", ["none", "gaussian", "constrained"])
+def test_a_label_that_fills_the_volume_or_region_needs_a_closed_border(smoothing):
+    full = np.ones((5, 8, 8), bool)
+    with pytest.raises(LabelError, match=r"volume is label 2; use close_border$"):
+        made(full, smoothing=smoothing)
+    with pytest.raises(LabelError, match="region is label 2; use close_border or a larger region"):
+        made(full, smoothing=smoothing, region=(2, 2, 1, 5, 5, 3))
+    part = np.pad(full, 30)
+    if smoothing != "gaussian":
+        with pytest.raises(LabelError, match="region is label 2"):
+            made(part, smoothing=smoothing, region=(32, 32, 31, 35, 35, 33))
+    assert made(part, smoothing=smoothing, region=(32, 32, 31, 35, 35, 33), close_border=True).mesh.closed
+
+
+def test_the_volumes_in_a_note_are_left_out_where_a_region_cuts_the_label():
+    mask = ellipsoid((13, 60, 60), (3.6, 24, 24))
+    voxels = mask.sum() * 0.75 * 0.75 * 5
+    for region in (None, (0, 0, 0, 59, 59, 12), (4, 4, 1, 55, 55, 11)):
+        assert f"the samples {voxels:.6g} mm3" in made(mask, region=region).notes[0]
+        assert "at alpha 1 and stride 1" in made(mask, region=region, alpha=0.5).notes[0]
+    for region in ((0, 0, 0, 59, 30, 12), (0, 0, 6, 59, 59, 12)):
+        assert "mm3" not in made(mask, region=region).notes[0]
+
+
+def test_slices_that_a_wide_stride_leaves_unrefined_are_noted():
+    mask = ellipsoid((13, 60, 60), (3.6, 24, 24))
+    notes = {stride: made(mask, stride=(1, 1, stride)).notes for stride in (1, 2)}
+    assert (len(notes[1]), len(notes[2])) == (1, 2)
+    assert "stride of 2" in notes[2][1]
+    assert len(made(mask, stride=(1, 1, 2), slice_steps=4).notes) == 1
+    assert len(made(mask, np.eye(4), stride=(1, 1, 2)).notes) == 1
+
+
+@pytest.mark.parametrize(("stride", "steps"), [(14, 8), (12, 4), (7, 4), (6, 2)])
+def test_stride_along_z_may_be_wider_than_the_slices(stride, steps):
+    mask = ellipsoid((9, 40, 40), (2.6, 14, 14))
+    whole = made(mask, stride=(1, 1, stride), slice_steps=steps, close_border=True)
+    assert whole.mesh.closed
+    every = np.pad(mask, ((0, 0), (30, 30), (30, 30)))  # another box, the same slices
+    assert len(made(every, stride=(1, 1, stride), slice_steps=steps).mesh.faces) == len(whole.mesh.faces)
+    with pytest.raises(SettingsError, match="from 1 to 8"):
+        made(mask, stride=(1, 1, 9), slice_steps=1)
+
+
+def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for():
+    import tracemalloc
+
+    from ctmc_addon.core import finish
+    from ctmc_addon.core.volume.scalar_field import scalar_field_steps
+
+    box = np.zeros((12, 80, 80), bool)
+    box[2:10, 30:50, 30:50] = box[0, 0, 0] = box[-1, -1, -1] = True
+    noise = np.random.default_rng(3).random((12, 40, 40)) < 0.3
+    for mask in (box, noise):
+        volume = Volume(mask.astype(np.uint8), np.diag([0.7, 0.7, 5.0, 1.0]), kind="label")
+        settings = ReconstructionSettings(label=1, close_border=True, slice_steps=8)
+        tracemalloc.start()
+        field = finish(scalar_field_steps(volume, settings, 1))
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 0.4 < peak / field.working_bytes < 1.05

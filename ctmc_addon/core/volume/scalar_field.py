@@ -120,6 +120,7 @@ def scalar_field_steps(
     notes: tuple[str, ...] = ()
     if settings.label is not None:
         values = values == settings.label
+        _check_not_filled(values, values[box_slices(relative_box(window, origin))], settings)
         if method == "none":
             notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
     else:
@@ -161,7 +162,7 @@ def _constrained_steps(
     mask, spacing = field.values, volume.spacing
     slice_steps = refinement_of(spacing, settings)
     yield PAUSE
-    needed = constrained_bytes(mask, spacing, slice_steps)
+    needed = constrained_bytes(mask, spacing, slice_steps, settings.close_border)
     slices, rows, columns = mask.shape
     require(
         needed,
@@ -169,13 +170,21 @@ def _constrained_steps(
         "choose a region, fewer slice_steps or smoothing none",
         memory_limit,
     )
-    smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, threads)
+    smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, threads, memory_limit)
     steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
-    volumes = f"encloses {smooth.volume_mm3:.6g} mm3 at stride 1, the samples {smooth.label_mm3:.6g} mm3"
+    volumes = ""
+    if settings.region is None or not _is_cut(field, volume):  # the volume is that of the label in the field's box
+        volumes = (
+            f"; the surface encloses {smooth.volume_mm3:.6g} mm3 at alpha 1 and stride 1, "
+            f"the samples {smooth.label_mm3:.6g} mm3"
+        )
+    notes = [f"The label is smoothed with every sample on its own side{steps}{volumes}."]
+    if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
+        notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")
     return replace(
         field,
         values=smooth.values,
-        notes=(f"The label is smoothed with every sample on its own side{steps}; the surface {volumes}.",),
+        notes=tuple(notes),
         level=0.0,
         window_in_values=_refined_window(field, volume, smooth, settings.close_border),
         slice_steps=slice_steps,
@@ -185,10 +194,30 @@ def _constrained_steps(
 
 
 def refinement_of(spacing_mm: tuple[float, float, float], settings: ReconstructionSettings) -> int:
-    """Return the steps from slice to slice that settings give a label which is smoothed as constrained."""
+    """Return the steps from slice to slice that settings give; 1 unless a label is smoothed as constrained."""
+    if settings.smoothing_method != "constrained":
+        return 1
     if settings.slice_steps == 0 and settings.stride[2] > 1:
         return 1
     return settings.slice_steps or automatic_refinement(spacing_mm)
+
+
+def _check_not_filled(mask: NDArray[np.bool_], in_window: NDArray[np.bool_], settings: ReconstructionSettings) -> None:
+    """Raise `LabelError` where a label fills what is extracted, so that only a closed border gives a surface."""
+    # A Gaussian brings what lies beyond the window into it.
+    filled = mask.all() if settings.smoothing_method == "gaussian" else in_window.all()
+    if filled and not settings.close_border:
+        place, remedy = ("volume", "") if settings.region is None else ("region", " or a larger region")
+        raise LabelError(f"every sample of this {place} is label {settings.label}; use close_border{remedy}")
+
+
+def _is_cut(field: ScalarField, volume: Volume) -> bool:
+    """Return whether a label reaches the border of its window where the volume goes on."""
+    window = [
+        (start + (start > 0), stop - (stop < n)) for (start, stop), n in zip(field.window, volume.size, strict=True)
+    ]
+    inner = relative_box((window[0], window[1], window[2]), field.origin)
+    return np.count_nonzero(field.values[box_slices(inner)]) < np.count_nonzero(field.values)
 
 
 def _refined_window(field: ScalarField, volume: Volume, smooth: SmoothField, close_border: bool) -> Box:
@@ -251,9 +280,11 @@ def _label_box_steps(volume: Volume, settings: ReconstructionSettings, window: B
     extent = (np.flatnonzero(columns), np.flatnonzero(rows), np.array(filled))
     box = []
     for axis, (start, stop) in enumerate(window):
-        stride = settings.stride[axis]
+        steps = refinement_of(volume.spacing, settings) if axis == 2 else 1
+        samples = math.ceil(settings.stride[axis] / steps)
+        stride = settings.stride[axis] // math.gcd(settings.stride[axis], steps)  # to where a sample is one of the grid
         low = max(0, int(extent[axis][0]) - margin[axis]) // stride * stride
-        low = min(low, (stop - start - 1 - stride) // stride * stride)  # a whole voxel before a last, partial one
+        low = min(low, (stop - start - 1 - samples) // stride * stride)  # a whole voxel before a last, partial one
         high = -(-(int(extent[axis][-1]) + margin[axis]) // stride) * stride
         box.append((start + low, min(stop, start + high + 1)))
     return (box[0], box[1], box[2])

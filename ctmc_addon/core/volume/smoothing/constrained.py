@@ -30,6 +30,7 @@ COARSE_ROUNDS = (40, 100)  # on every other pixel, where slices are refined at m
 FINE_ROUNDS = (30, 30)
 MOST_STEPS = 8
 BYTES_A_BRICK = 300
+BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
 STAGES = {"Finding the surface": 5, "Measuring distances": 15, "Smoothing": 50, "Keeping the volume": 30}
 WORKING_BYTES = 1 << 23
 
@@ -63,6 +64,7 @@ def constrained_steps(
     slice_steps: int = 0,
     close_border: bool = False,
     threads: int | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[SmoothField]:
     """The smoothest field whose sign is the label's at every sample, its volume kept.
 
@@ -80,11 +82,15 @@ def constrained_steps(
         are added, so that Marching Cubes with a closed border closes it half a slice gap outside.
     threads : int, optional
         By default one for each processor. The result does not depend on it.
+    memory_limit : int, optional
+        Bytes that a surface may take whose volume is measured; by default what the machine has available.
 
     Raises
     ------
     LabelError
         If no sample, or every sample, is inside.
+    MemoryLimitError
+        If a surface would take more than the limit.
     SettingsError
         If the steps are not from 0 to 8.
     """
@@ -108,7 +114,7 @@ def constrained_steps(
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
         volume_steps = keep_volume_steps(
-            mask, spacing_mm, steps, bricks, start, inside, far, close_border, threads, pool
+            mask, spacing_mm, steps, bricks, start, inside, far, close_border, threads, memory_limit, pool
         )
         return (yield from stages.run(keeping, volume_steps))
     finally:
@@ -203,7 +209,9 @@ def _coarser(near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[
     return ahead[:, :, ::2] | ahead[:, :, 1::2], deep[:, row, ::2]
 
 
-def constrained_bytes(mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], slice_steps: int = 0) -> int:
+def constrained_bytes(
+    mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], slice_steps: int = 0, close_border: bool = False
+) -> int:
     """Memory that `constrained_steps` takes at most beside the mask, bytes, its result among them.
 
     Counts the bricks near the surface, which takes a fiftieth of the time of the smoothing itself.
@@ -212,4 +220,7 @@ def constrained_bytes(mask: NDArray[np.bool_], spacing_mm: tuple[float, float, f
     reach = reach_of(spacing_mm)
     padded = _padded(mask, reach)[0]
     near = int(np.count_nonzero(near_surface(packed(padded), reach)))
-    return padded.size * (4 * steps + 2) + near * steps * BYTES_A_BRICK + WORKING_BYTES
+    closed = 4 * steps * mask.size if close_border and steps > 1 and (mask[0].any() or mask[-1].any()) else 0
+    along_x, along_y, along_z = (int(np.count_nonzero(np.diff(mask, axis=axis))) for axis in (2, 1, 0))
+    surface = (steps * (along_x + along_y) + along_z) * BYTES_A_VERTEX
+    return padded.size * (4 * steps + 2) + near * steps * BYTES_A_BRICK + WORKING_BYTES + closed + surface

@@ -36,6 +36,7 @@ def keep_volume_steps(
     far: float,
     close_border: bool,
     threads: int | None,
+    memory_limit: int | None,
     pool: ThreadPoolExecutor | None,
 ) -> Steps[SmoothField]:
     """The whole grid's values, with the constant at which the surface encloses the label's volume.
@@ -91,9 +92,11 @@ def keep_volume_steps(
     for trial in range(MOST_TRIALS):
         put(constant)
         closed = with_closed_ends(values, slice_steps)[0] if ends else values
-        extracting = extract_steps(make_grid(closed, close_border=True), 0.0, normals=False, threads=threads)
+        extracting = extract_steps(make_grid(closed, close_border=True), 0.0, False, threads, memory_limit)
         surface = yield from equal_part(extracting, trial, MOST_TRIALS)
+        del closed  # before the next
         volume, area = yield from equal_part(_measured_steps(surface, sides), trial, MOST_TRIALS)
+        del surface
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
             break
