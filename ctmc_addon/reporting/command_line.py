@@ -24,17 +24,21 @@ def flag_of(name: str, about: Setting) -> str:
 
 
 def command_of(settings: ReconstructionSettings) -> str:
-    """Return the flags that give these settings, without those at their default.
+    """Return the flags that give these settings, without those at their default and steps that no smoothing takes.
 
     Examples
     --------
     >>> command_of(ReconstructionSettings(label=2, stride=(2, 2, 1), close_border=True))
     '--label 2 --stride 2 2 1 --close-border'
+    >>> command_of(ReconstructionSettings(threshold=200, slice_steps=4))
+    '--threshold 200'
     """
     words = []
     for name, about in described().items():
         value = getattr(settings, name)
         if value == getattr(ReconstructionSettings, name):
+            continue
+        if name == "slice_steps" and settings.smoothing_method != "constrained":
             continue
         items = value if isinstance(value, tuple) else (value,)
         words.append(flag_of(name, about))

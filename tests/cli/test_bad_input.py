@@ -174,7 +174,7 @@ def test_magnetic_resonance_is_read_and_said(ctmc, phantom_folder, tmp_path):
 def test_a_volume_that_would_not_fit_is_said_before_it_is_read(refused, phantom_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "available_bytes", lambda: 50_000)
     sentence = refused("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "x.stl")
-    assert "GiB of memory" in sentence
+    assert "MiB of memory" in sentence
     assert "reading" in sentence
 
 

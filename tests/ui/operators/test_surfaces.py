@@ -96,12 +96,12 @@ def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loade
     bpy.ops.ctmc.reconstruct()  # extraction needs less
     loaded.ctmc.reduction = 0.5
     for operator in (bpy.ops.ctmc.reconstruct, bpy.ops.ctmc.simplify):
-        with pytest.raises(RuntimeError, match="GiB of memory"):
+        with pytest.raises(RuntimeError, match="MiB of memory"):
             operator()
-    with pytest.raises(RuntimeError, match="GiB of memory"):
+    with pytest.raises(RuntimeError, match="MiB of memory"):
         bpy.ops.ctmc.rotation_test()
     loaded.ctmc_figure.use_levels = True
-    with pytest.raises(RuntimeError, match="GiB of memory"):
+    with pytest.raises(RuntimeError, match="MiB of memory"):
         bpy.ops.ctmc.figure_sheet(filepath=str(tmp_path / "sheet.png"))
 
 
