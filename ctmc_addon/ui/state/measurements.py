@@ -71,8 +71,17 @@ def settings_text(modifier: bpy.types.Modifier) -> str:
         for setting in modifier.bl_rna.properties
         if setting.type != "COLLECTION" and not setting.is_readonly and not setting.identifier.startswith(UNSEEN)
     ]
-    inputs = modifier.items() if modifier.type == "NODES" else ()
-    return f"{modifier.type} {[setting_text(modifier, name) for name in names]} {[str(value) for _, value in inputs]}"
+    return f"{modifier.type} {[setting_text(modifier, name) for name in names]} {inputs_of_nodes(modifier)}"
+
+
+def inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
+    """What a Geometry Nodes modifier is given, as text; Blender 5.2 keeps a group for each input."""
+    if modifier.type != "NODES":
+        return []
+    if not hasattr(modifier, "properties"):
+        return [str(value) for _, value in modifier.items()]
+    inputs = getattr(modifier.properties, "inputs", None)
+    return [] if inputs is None else [str(group.to_dict()) for _, group in inputs.items()]
 
 
 def setting_text(modifier: bpy.types.Modifier, name: str) -> str:

@@ -345,6 +345,21 @@ def test_every_modifier_of_blender_has_a_text_of_its_settings(loaded):
     assert len(obj.modifiers) > 40
 
 
+def test_an_input_of_geometry_nodes_is_in_the_text_of_its_modifier(loaded):
+    bpy.ops.ctmc.reconstruct()
+    modifier = active().modifiers.new("nodes", "NODES")
+    modifier.node_group = bpy.data.node_groups.new("group", "GeometryNodeTree")
+    socket = modifier.node_group.interface.new_socket("Size", in_out="INPUT", socket_type="NodeSocketFloat")
+    texts = []
+    for size in (1.25, 2.5, 1.25):
+        if hasattr(modifier, "properties"):
+            getattr(modifier.properties.inputs, socket.identifier).value = size
+        else:
+            modifier[socket.identifier] = size
+        texts.append(measurements.settings_text(modifier))
+    assert texts[0] == texts[2] != texts[1]
+
+
 def test_results_give_an_open_surface_no_volume(loaded):
     from ctmc_addon.ui.panels.results import facts_of
 
