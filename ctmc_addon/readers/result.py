@@ -79,6 +79,8 @@ class RawValues:
         As in `Volume`, or empty where only name and values can tell.
     label_names : mapping of int to str
         Where the file has them.
+    label_colors : mapping of int to (red, green, blue) int
+        sRGB, 0 to 255, where the file has them.
     own_spacing : str
         Words about the file's spacing, where the affine already holds what was asked for.
     """
@@ -88,6 +90,7 @@ class RawValues:
     notes: tuple[str, ...] = ()
     kind: str = ""
     label_names: Mapping[int, str] = field(default_factory=dict)
+    label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
 
 
@@ -190,7 +193,7 @@ class VolumeSource(ABC):
         kind = raw.kind
         if not kind:
             kind = yield from kind_steps(raw.values, self.name, bool(raw.label_names), raw.affine is not None)
-        return Volume(raw.values, affine, tuple(notes), self.name, kind, raw.label_names)
+        return Volume(raw.values, affine, tuple(notes), self.name, kind, raw.label_names, raw.label_colors)
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:

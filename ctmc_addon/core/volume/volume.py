@@ -8,7 +8,7 @@ to RAS+ millimeters.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,8 @@ class Volume:
         What the values mean.
     label_names : mapping of int to str
         Names of label values, where the file has them.
+    label_colors : mapping of int to (red, green, blue) int
+        sRGB colors of label values, 0 to 255, where the file has them.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class Volume:
     name: str = "volume"
     kind: str = "grey value"
     label_names: Mapping[int, str] = field(default_factory=dict)
+    label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values)
@@ -100,7 +103,8 @@ class Volume:
         """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; a view, not a copy."""
         window = tuple(slice(start, stop) for start, stop in zip(low[::-1], high[::-1], strict=True))
         affine = with_origin(self.affine, low)
-        return Volume(self.values[window], affine, self.notes, self.name, self.kind, self.label_names)
+        return replace(self, values=self.values[window], affine=affine)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (Volume, (self.values, self.affine, self.notes, self.name, self.kind, dict(self.label_names)))
+        words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
+        return (Volume, (self.values, self.affine, *words))

@@ -38,16 +38,18 @@ def test_values_are_seen_not_copied_and_cannot_be_written():
 def test_a_crop_stays_in_its_place():
     affine = random_affine(1)
     values = np.arange(4 * 5 * 6).reshape(4, 5, 6)
-    part = Volume(values, affine).cropped((1, 2, 1), (5, 5, 4))
+    part = Volume(values, affine, label_colors={3: (1, 2, 3)}).cropped((1, 2, 1), (5, 5, 4))
+    assert part.label_colors == {3: (1, 2, 3)}
     assert part.values.shape == (3, 3, 4)
     assert part.values[0, 0, 0] == values[1, 2, 1]
     np.testing.assert_allclose(part.affine[:3, 3], affine[:3, :3] @ [1, 2, 1] + affine[:3, 3])
 
 
 def test_a_volume_can_be_pickled():
-    volume = Volume(np.arange(8).reshape(2, 2, 2), random_affine(0), ("a note",), "case 1", "label", {1: "liver"})
+    words = (("a note",), "case 1", "label", {1: "liver"}, {1: (255, 0, 128)})
+    volume = Volume(np.arange(8).reshape(2, 2, 2), random_affine(0), *words)
     copy = pickle.loads(pickle.dumps(volume))
-    assert (copy.notes, copy.name, copy.kind, copy.label_names) == (("a note",), "case 1", "label", {1: "liver"})
+    assert (copy.notes, copy.name, copy.kind, copy.label_names, copy.label_colors) == words
     assert copy.values.tobytes() == volume.values.tobytes()
     assert not copy.values.flags.writeable
 
