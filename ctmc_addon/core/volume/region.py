@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..settings import ReconstructionSettings
 from .affine import to_index, transform_points
-from .volume import Volume
+from .volume import Placed
 
 EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
 SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
@@ -52,25 +52,25 @@ def relative_box(box: Box, origin: tuple[int, int, int]) -> Box:
     return x, y, z
 
 
-def volume_box(volume: Volume) -> NDArray[np.float64]:
+def volume_box(volume: Placed) -> NDArray[np.float64]:
     """Return the eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
     x, y, z = volume.size
     return region_corners(volume, (0.0, 0.0, 0.0, x - 1.0, y - 1.0, z - 1.0), "voxel")
 
 
-def region_corners(volume: Volume, region: Region, unit: str) -> NDArray[np.float64]:
+def region_corners(volume: Placed, region: Region, unit: str) -> NDArray[np.float64]:
     """Return the eight corners of a region, (8, 3) RAS+ mm."""
     ends = np.array(region, np.float64).reshape(2, 3)
     corners = np.array([[ends[corner >> axis & 1, axis] for axis in range(3)] for corner in range(8)])
     return corners if unit == "mm" else transform_points(volume.affine, corners)
 
 
-def region_axes(volume: Volume, unit: str) -> NDArray[np.float64]:
+def region_axes(volume: Placed, unit: str) -> NDArray[np.float64]:
     """Return one unit along each of a region's axes, (3, 3) RAS+ mm, a row for each axis."""
     return np.eye(3) if unit == "mm" else volume.affine[:3, :3].T.copy()
 
 
-def region_shift(volume: Volume, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def region_shift(volume: Placed, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far a shift of (3,) RAS+ mm moves a region along each of its axes, (3,) in its unit.
 
     Examples
@@ -85,7 +85,7 @@ def region_shift(volume: Volume, unit: str, shift_mm: NDArray[np.float64]) -> ND
     return at[1] - at[0]
 
 
-def region_limits(volume: Volume, unit: str) -> Region:
+def region_limits(volume: Placed, unit: str) -> Region:
     """Return the region that holds the whole volume: lowest x, y, z, then highest.
 
     Examples
@@ -146,20 +146,24 @@ def side_positions(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str,
     return {letter: (low + high) / 2 + np.array(side) * reach for letter, side in SIDES.items()}
 
 
-def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
-    """Return the voxels inside the region of the settings; a region in mm takes every voxel that it touches.
+def region_box(volume: Placed, settings: ReconstructionSettings) -> Box:
+    """Return the voxels inside the region of the settings, or all voxels; errors are those of `box_of`."""
+    return box_of(volume, settings.region, settings.region_unit)
+
+
+def box_of(volume: Placed, region: Region | None, unit: str) -> Box:
+    """Return the voxels inside a region, or all voxels; a region in mm takes every voxel that it touches.
 
     Raises
     ------
     SettingsError
         If fewer than two samples of the volume along an axis lie in the region.
     """
-    region = settings.region
     if region is None:
         x, y, z = volume.size
         return (0, x), (0, y), (0, z)
     low, high = np.array(region[:3]), np.array(region[3:])
-    if settings.region_unit == "mm":
+    if unit == "mm":
         corners = np.array(list(product(*zip(low, high, strict=True))))  # (8, 3)
         at = to_index(volume.affine, corners)
         low, high = at.min(axis=0), at.max(axis=0)
@@ -169,7 +173,7 @@ def region_box(volume: Volume, settings: ReconstructionSettings) -> Box:
         start, stop = max(0, math.floor(low[axis] + 1e-6)), min(size, math.ceil(high[axis] - 1e-6) + 1)
         if stop - start < 2:
             raise SettingsError(
-                f"region {region} ({settings.region_unit}) leaves less than 2 of the volume's {size} samples along "
+                f"region {region} ({unit}) leaves less than 2 of the volume's {size} samples along "
                 f"{'xyz'[axis]}; choose one inside the volume"
             )
         box.append((start, stop))

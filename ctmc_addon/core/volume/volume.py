@@ -7,6 +7,7 @@ to RAS+ millimeters.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -26,8 +27,31 @@ def require_gray_type(dtype: np.dtype[Any]) -> None:
         raise VolumeError(f"values of type {dtype} are not gray values; convert them to int16 or float32")
 
 
+class Placed(ABC):
+    """A grid of samples in patient space: what a volume is, wherever its values are."""
+
+    affine: NDArray[np.float64]
+    """(4, 4) float64, index (x, y, z) = (column, row, slice) to RAS+ millimeters."""
+
+    @property
+    @abstractmethod
+    def size(self) -> tuple[int, int, int]:
+        """Number of samples along (x, y, z)."""
+
+    @property
+    def spacing(self) -> tuple[float, float, float]:
+        """Distance between neighboring samples along (x, y, z), millimeters."""
+        x, y, z = spacing_of(self.affine).tolist()
+        return (x, y, z)
+
+    @property
+    def orientation(self) -> str:
+        """The patient's side that each axis (x, y, z) runs towards, such as 'LPS'."""
+        return axis_codes(self.affine)
+
+
 @dataclass(frozen=True, eq=False)
-class Volume:
+class Volume(Placed):
     """Gray values or labels on a grid in patient space.
 
     Parameters
@@ -81,17 +105,6 @@ class Volume:
         object.__setattr__(self, "values", view)
         object.__setattr__(self, "affine", checked_affine(self.affine))
         object.__setattr__(self, "notes", tuple(self.notes))
-
-    @property
-    def spacing(self) -> tuple[float, float, float]:
-        """Distance between neighboring samples along (x, y, z), millimeters."""
-        x, y, z = spacing_of(self.affine).tolist()
-        return (x, y, z)
-
-    @property
-    def orientation(self) -> str:
-        """The patient's side that each axis (x, y, z) runs towards, such as 'LPS'."""
-        return axis_codes(self.affine)
 
     @property
     def size(self) -> tuple[int, int, int]:
