@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, SettingsError, Stages, Steps, finish, worker_count
-from ..core.volume import Volume, spacing_of
+from ..core.volume import SlabVolume, Volume, box_of, spacing_of
 from .file_formats import stem
 from .value_kind import kind_steps
 
@@ -150,8 +150,35 @@ class VolumeSource(ABC):
         strict: bool = False,
         flip: str = "",
         threads: int | None = None,
+        region: Sequence[float] | None = None,
+        region_unit: str = "voxel",
+        stride: Sequence[int] = (1, 1, 1),
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
+        volume = yield from self._whole_steps(spacing, series, strict, flip, threads)
+        x, y, z = box_of(volume, None if region is None else tuple(region), region_unit)
+        low, high = (x[0], y[0], z[0]), (x[1], y[1], z[1])
+        return strided(volume.cropped(low, high), checked_stride(stride))
+
+    def slabs_steps(
+        self,
+        spacing: float | Sequence[float] | None = None,
+        series: str | int | None = None,
+        strict: bool = False,
+        flip: str = "",
+        threads: int | None = None,
+    ) -> Steps[SlabVolume]:
+        """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit."""
+        return SlabVolume.of((yield from self._whole_steps(spacing, series, strict, flip, threads)))
+
+    def _whole_steps(
+        self,
+        spacing: float | Sequence[float] | None,
+        series: str | int | None,
+        strict: bool,
+        flip: str,
+        threads: int | None,
+    ) -> Steps[Volume]:
         spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
         requested_series = "" if series is None else str(series).strip()
         if requested_series and self.format != "DICOM":
@@ -237,6 +264,29 @@ def checked_flip(flip: str | None) -> str:
     if set(letters) - set("xyz") or len(set(letters)) != len(letters):
         raise SettingsError(f"flip takes the axes x, y and z, each at most once, such as 'xz', not {flip!r}")
     return "".join(sorted(letters))
+
+
+def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
+    """`stride` as (x, y, z) samples, or a `SettingsError`."""
+    sides = tuple(stride)
+    if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
+        raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
+    return (int(sides[0]), int(sides[1]), int(sides[2]))
+
+
+def strided(volume: Volume, stride: tuple[int, int, int]) -> Volume:
+    """Every so many samples along x, y and z, from the first; the affine as much longer."""
+    x, y, z = stride
+    if stride == (1, 1, 1):
+        return volume
+    for axis, size, side in zip("xyz", volume.size, stride, strict=True):
+        if side >= size:
+            raise SettingsError(
+                f"stride {side} along {axis} leaves less than 2 of {size} samples; choose a smaller one"
+            )
+    affine = volume.affine.copy()
+    affine[:3, :3] *= stride
+    return replace(volume, values=np.ascontiguousarray(volume.values[::z, ::y, ::x]), affine=affine)
 
 
 def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:

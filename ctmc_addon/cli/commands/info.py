@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import readers
 from ...core import Stages, Volume
-from ...core.volume import slabs, value_range
+from ...core.volume import slabs_of, value_range
 from ...reporting.atomic_write import json_text
 from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
@@ -47,7 +47,7 @@ def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
     finite = np.isfinite(extremes := value_range(volume.values)).all()
     broken = 0
     if volume.values.dtype.kind == "f":
-        broken = sum(int(slab.size - np.isfinite(slab).sum()) for slab in slabs(volume.values))
+        broken = sum(int(slab.size - np.isfinite(slab).sum()) for slab in slabs_of(volume.values))
     sibling = readers.segmentation_sibling(source.path)
     return {
         "name": volume.name,
@@ -73,7 +73,7 @@ def labels_of(volume: Volume) -> list[dict[str, Any]]:
     if volume.kind != "label":
         return []
     counts: dict[float, int] = {}
-    for slab in slabs(volume.values):
+    for slab in slabs_of(volume.values):
         for value, count in zip(*(part.tolist() for part in np.unique(slab, return_counts=True)), strict=True):
             counts[value] = counts.get(value, 0) + count
     return [

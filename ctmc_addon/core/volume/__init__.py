@@ -4,6 +4,8 @@
 from .affine import spacing_of, transform_faces, transform_normals, transform_points
 from .region import (
     EDGES,
+    Box,
+    box_of,
     moved_region,
     region_axes,
     region_box,
@@ -14,6 +16,7 @@ from .region import (
     volume_box,
     with_moved_face,
 )
+from .slabs import SlabVolume, SliceReader, ValuesInMemory
 from .slices import (
     default_window,
     slice_at,
@@ -23,7 +26,7 @@ from .slices import (
     stepped_position,
     windowed,
 )
-from .statistics import VolumeStatistics, histogram_picture, slabs, value_range, volume_statistics_steps
+from .statistics import VolumeStatistics, histogram_picture, slabs_of, value_range, volume_statistics_steps
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES
 from .volume import Volume
@@ -31,8 +34,13 @@ from .volume import Volume
 __all__ = [
     "EDGES",
     "TISSUES",
+    "Box",
+    "SlabVolume",
+    "SliceReader",
+    "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "box_of",
     "default_window",
     "histogram_picture",
     "moved_region",
@@ -44,7 +52,7 @@ __all__ = [
     "region_limits",
     "region_shift",
     "side_positions",
-    "slabs",
+    "slabs_of",
     "slice_at",
     "slice_corners",
     "slice_position_text",

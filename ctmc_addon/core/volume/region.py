@@ -75,6 +75,7 @@ def region_shift(volume: Placed, unit: str, shift_mm: NDArray[np.float64]) -> ND
 
     Examples
     --------
+    >>> from ctmc_addon.core import Volume
     >>> region_shift(Volume(np.zeros((2, 2, 2)), np.diag([-1.0, 1.0, 5.0, 1.0])), "voxel", np.ones(3)).tolist()
     [-1.0, 1.0, 0.2]
     """
@@ -90,6 +91,7 @@ def region_limits(volume: Placed, unit: str) -> Region:
 
     Examples
     --------
+    >>> from ctmc_addon.core import Volume
     >>> region_limits(Volume(np.zeros((2, 3, 4)), np.diag([-1.0, 1.0, 5.0, 1.0])), "mm")
     (-3.0, 0.0, 0.0, 0.0, 2.0, 5.0)
     """
@@ -137,6 +139,7 @@ def side_positions(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str,
 
     Examples
     --------
+    >>> from ctmc_addon.core import Volume
     >>> ball = Volume(np.zeros((11, 11, 11)), np.eye(4))
     >>> side_positions(volume_box(ball), gap=0.1)["L"].tolist()
     [-1.0, 5.0, 5.0]

@@ -22,7 +22,7 @@ MOST_INTEGERS = 2**17
 SLAB_VALUES = 2**20
 
 
-def slabs(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+def slabs_of(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Yield runs of slices, about a million values each, as views."""
     step = max(1, SLAB_VALUES // max(1, values[0].size))
     for start in range(0, len(values), step):
@@ -38,7 +38,7 @@ def value_range(values: NDArray[Any]) -> tuple[float, float]:
     (-1.0, 2.0)
     """
     lows, highs = [], []
-    for slab in slabs(values):
+    for slab in slabs_of(values):
         finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
         if finite.size:
             lows.append(finite.min())
@@ -70,7 +70,7 @@ def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
     width = 1.0 if whole else (high - low) / BINS or 1.0
     counts = np.zeros(bins, np.int64)
     done = 0
-    for slab in slabs(values):
+    for slab in slabs_of(values):
         yield Step(done / len(values), "Counting the values")
         done += len(slab)
         if whole:
@@ -185,7 +185,7 @@ def label_counts_steps(values: NDArray[Any], histogram: Histogram) -> Steps[tupl
         first = int(start + 0.5)
         return tuple((first + int(bin), int(counts[bin])) for bin in np.flatnonzero(counts) if first + bin)
     voxels: dict[int, int] = {}
-    for number, slab in enumerate(slabs(values)):
+    for number, slab in enumerate(slabs_of(values)):
         yield Step(number / len(values))
         for value, count in zip(*(column.tolist() for column in np.unique(slab, return_counts=True)), strict=True):
             if value and value == value // 1:

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A volume whose values are fetched some slices at a time: a file's, or those of a volume in memory."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .affine import checked_affine, with_origin
+from .region import Box
+from .volume import Placed, Volume
+
+
+class SliceReader(ABC):
+    """Fetches values; runs of slices in rising order are the fastest, as a packed file cannot go back."""
+
+    shape: tuple[int, int, int]
+    """(slices, rows, columns)."""
+    dtype: np.dtype[Any]
+    """Of the values, in the machine's byte order."""
+
+    @abstractmethod
+    def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        """Return values (slices, rows, columns) in C order; the ranges rise and lie within the shape."""
+
+
+class ValuesInMemory(SliceReader):
+    """Takes slices from an array."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self.values = values
+        self.shape = (values.shape[0], values.shape[1], values.shape[2])
+        self.dtype = values.dtype.newbyteorder("=")
+
+    def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        """A view where the array allows it, else a copy."""
+        part = self.values[as_slice(slices), as_slice(rows), as_slice(columns)]
+        return np.ascontiguousarray(part, self.dtype)
+
+
+def as_slice(numbers: range) -> slice:
+    """The slice that takes the numbers of a rising range."""
+    return slice(numbers.start, numbers.stop, numbers.step)
+
+
+@dataclass(frozen=True, eq=False)
+class SlabVolume(Placed):
+    """A volume as `Volume` is one, its values fetched when they are asked for.
+
+    Not for two threads at once. Values are those of the full volume, bit for bit and in its type.
+
+    Parameters
+    ----------
+    reader : SliceReader
+    box : ((x, stop), (y, stop), (z, stop))
+        The part of what the reader has that is this volume.
+    affine, notes, name, kind, label_names, label_colors
+        As in `Volume`.
+    """
+
+    reader: SliceReader
+    box: Box
+    affine: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
+    name: str = "volume"
+    kind: str = "grey value"
+    label_names: Mapping[int, str] = field(default_factory=dict)
+    label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "affine", checked_affine(self.affine))
+        object.__setattr__(self, "notes", tuple(self.notes))
+
+    @classmethod
+    def of(cls, volume: Volume) -> SlabVolume:
+        """A volume in memory."""
+        x, y, z = volume.size
+        about = (volume.affine, volume.notes, volume.name, volume.kind, volume.label_names, volume.label_colors)
+        return cls(ValuesInMemory(volume.values), ((0, x), (0, y), (0, z)), *about)
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Number of samples along (x, y, z)."""
+        x, y, z = (stop - start for start, stop in self.box)
+        return (x, y, z)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(slices, rows, columns)."""
+        x, y, z = self.size
+        return (z, y, x)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the values."""
+        return self.reader.dtype
+
+    @property
+    def nbytes(self) -> int:
+        """What all values would take in memory."""
+        x, y, z = self.size
+        return x * y * z * self.dtype.itemsize
+
+    def slab(self, low: int, high: int) -> NDArray[Any]:
+        """Return the values of slices `low` to `high`, `high` left out: (high - low, rows, columns) in C order.
+
+        Examples
+        --------
+        >>> values = np.arange(24).reshape(4, 2, 3)
+        >>> slabs = SlabVolume.of(Volume(values, np.eye(4)))
+        >>> bool((slabs.slab(1, 3) == values[1:3]).all())
+        True
+        """
+        return self.samples(range(low, high), range(self.size[1]), range(self.size[0]))
+
+    def samples(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        """Return the values at some slices, rows and columns, (slices, rows, columns) in C order."""
+        x, y, z = (start for start, _ in self.box)
+        return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
+
+    def cropped(self, low: tuple[int, int, int], high: tuple[int, int, int]) -> SlabVolume:
+        """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; nothing is read."""
+        x, y, z = ((start + first, start + stop) for (start, _), first, stop in zip(self.box, low, high, strict=True))
+        return replace(self, box=(x, y, z), affine=with_origin(self.affine, low))
+
+
+def _moved(numbers: range, by: int) -> range:
+    return range(numbers.start + by, numbers.stop + by, numbers.step)
