@@ -266,6 +266,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--flip", type=flip_of, default="", metavar="AXES", help="mirror these axes, such as z or xz")
     group.add_argument("--series", metavar="UID", help="which DICOM series to take, by its UID or number (see info)")
+    group.add_argument(
+        "--time", type=at_least(1), metavar="N", help="which of several time points or phases, from 1 on (see info)"
+    )
     group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
 
 
@@ -282,7 +285,8 @@ def add_quiet(parser: Any) -> None:
 
 def reading_of(args: argparse.Namespace) -> dict[str, Any]:
     """The keyword arguments of `read_volume` that were asked for."""
-    return {"spacing": args.spacing, "flip": args.flip, "series": args.series, "strict": args.strict}
+    names = ("spacing", "flip", "series", "strict", "time")
+    return {name: getattr(args, name) for name in names}
 
 
 def spacing_of(text: str) -> Any:

@@ -115,6 +115,7 @@ def read_volume(
     strict: bool = False,
     flip: str = "",
     threads: int | None = None,
+    time: int | None = None,
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -133,6 +134,9 @@ def read_volume(
         Index axes to mirror in place, such as 'xz'.
     threads : int, optional
         Threads that decode PNG, JPEG, BMP and TIFF slices; by default one for each processor, at most 8.
+    time : int, optional
+        Which of several volumes at the same place, time points or cardiac phases, from 1 on; by default the first, or
+        of DICOM the first of those with the most slices.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def read_volume(
     MemoryLimitError
         If the volume would not fit; said before it is read.
     """
-    return finish(read_volume_steps(path, spacing, series, strict, flip, threads))
+    return finish(read_volume_steps(path, spacing, series, strict, flip, threads, time))
 
 
 def read_volume_steps(
@@ -158,6 +162,7 @@ def read_volume_steps(
     strict: bool = False,
     flip: str = "",
     threads: int | None = None,
+    time: int | None = None,
 ) -> Steps[Volume]:
     """`read_volume` as steps; closing the generator cancels.
 
@@ -166,7 +171,7 @@ def read_volume_steps(
     checked_spacing(spacing), checked_flip(flip), worker_count(threads)  # refused before a file is opened
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     source = yield from stages.run("Reading headers", open_volume_steps(path))
-    values = source.read_steps(spacing, series, strict, flip, threads)
+    values = source.read_steps(spacing, series, strict, flip, threads, time)
     return (yield from stages.run("Reading values", values))
 
 

@@ -41,6 +41,17 @@ class Series:
         Such as 'CT'; empty where the format has none.
     dtype : str
         NumPy's name for the type of the stored values.
+    times : int
+        Volumes at the same place: time points or cardiac phases.
+    default_time : int
+        The one that is read if none is asked for; the one with the most slices.
+    dicom_number, description, kernel : str
+        SeriesNumber, SeriesDescription and ConvolutionKernel, empty where there are none. For the screen alone: people
+        write names into descriptions, so they stand in no name, note, report or file.
+    spacing_mm : float or None
+        Between slices, along their normal, where it is known.
+    folder : str
+        Name of the folder with its files, where those of the path lie in several; for the screen alone.
     """
 
     number: int
@@ -49,6 +60,13 @@ class Series:
     size: tuple[int, int]
     modality: str = ""
     dtype: str = ""
+    times: int = 1
+    default_time: int = 1
+    dicom_number: str = ""
+    description: str = ""
+    kernel: str = ""
+    spacing_mm: float | None = None
+    folder: str = ""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -57,10 +75,26 @@ class Series:
 
     @property
     def text(self) -> str:
-        """For notes: 'series 2: 30 slices of 512 x 512, CT'."""
+        """For notes and errors, without words of the files: 'series 2: 30 slices of 512 x 512, CT'."""
         end = f", {self.modality}" if self.modality else ""
         plural = "slice" if self.slices == 1 else "slices"
-        return f"series {self.number}: {self.slices} {plural} of {self.size[0]} x {self.size[1]}{end}"
+        times = f", {self.times} times" if self.times > 1 else ""
+        return f"series {self.number}: {self.slices} {plural} of {self.size[0]} x {self.size[1]}{end}{times}"
+
+    @property
+    def screen_text(self) -> str:
+        """`text` and what the scanner's operator called the series; for the screen alone, as it may hold a name.
+
+        Examples
+        --------
+        >>> Series(2, "", 30, (512, 512), "CT", spacing_mm=1.5, dicom_number="4", description="Lung").screen_text
+        'series 2: 30 slices of 512 x 512, CT, 1.5 mm apart, no. 4, Lung'
+        """
+        apart = "" if self.spacing_mm is None else f"{self.spacing_mm:.4g} mm apart"
+        number = f"no. {self.dicom_number}" if self.dicom_number else ""
+        folder = f"in {self.folder}" if self.folder else ""
+        parts = [self.text, apart, number, self.description, self.kernel, folder]
+        return ", ".join(part for part in parts if part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +135,7 @@ class ReadOptions(NamedTuple):
     strict: bool = False
     spacing: tuple[float, float, float] | None = None
     threads: int = 1
+    time: int = 1  # which of the series' volumes, from 1 to its number of times
 
 
 class VolumeSource(ABC):
@@ -150,12 +185,13 @@ class VolumeSource(ABC):
         strict: bool = False,
         flip: str = "",
         threads: int | None = None,
+        time: int | None = None,
         region: Sequence[float] | None = None,
         region_unit: str = "voxel",
         stride: Sequence[int] = (1, 1, 1),
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
-        volume = yield from self._whole_steps(spacing, series, strict, flip, threads)
+        volume = yield from self._whole_steps(spacing, series, strict, flip, threads, time)
         x, y, z = box_of(volume, None if region is None else tuple(region), region_unit)
         low, high = (x[0], y[0], z[0]), (x[1], y[1], z[1])
         return strided(volume.cropped(low, high), checked_stride(stride))
@@ -167,9 +203,10 @@ class VolumeSource(ABC):
         strict: bool = False,
         flip: str = "",
         threads: int | None = None,
+        time: int | None = None,
     ) -> Steps[SlabVolume]:
         """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit."""
-        return SlabVolume.of((yield from self._whole_steps(spacing, series, strict, flip, threads)))
+        return SlabVolume.of((yield from self._whole_steps(spacing, series, strict, flip, threads, time)))
 
     def _whole_steps(
         self,
@@ -178,6 +215,7 @@ class VolumeSource(ABC):
         strict: bool,
         flip: str,
         threads: int | None,
+        time: int | None,
     ) -> Steps[Volume]:
         spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
         requested_series = "" if series is None else str(series).strip()
@@ -185,13 +223,28 @@ class VolumeSource(ABC):
             raise ReadError(
                 f"{self.path.name} has no series, as only DICOM has; leave out the series '{requested_series}'"
             )
-        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads))
+        read_time, notes = self.selected_time(series, time)
+        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads), read_time)
         stages = Stages({"Reading values": 9, "Looking at the values": 1})
         try:
             raw = yield from stages.run("Reading values", self.read_raw_steps(options))
         except OSError as error:
             raise unreadable(self.path, error) from error
+        raw = replace(raw, notes=(*notes, *raw.notes))
         return (yield from stages.run("Looking at the values", self._volume_steps(raw, spacing_mm, axes)))
+
+    def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
+        """The time to read, from 1 on, and the note that says which where none was asked for."""
+        line = self.selected_series(series)
+        if line is None:  # an error of the series, not of the time
+            return 1, []
+        times = line.times
+        if time is not None and not 1 <= time <= times:
+            holds = f"holds {times} times" if times > 1 else "holds a single time"
+            raise ReadError(f"there is no time {time}, as {self.path.name} {holds}; choose from 1 to {times}")
+        if time is not None or times == 1:
+            return time or 1, []
+        return line.default_time, [f"{times} times found: time {line.default_time} was read; give the time for another"]
 
     def read(self, **options: Any) -> Volume:
         """`read_steps` in one go."""

@@ -17,7 +17,7 @@ from typing import Any
 
 from ...core import ReadError, Setting, SettingsError, described
 from ...readers import stem
-from ..arguments import flag_of, flip_of, list_reader, setting_reader, spacing_of
+from ..arguments import at_least, flag_of, flip_of, list_reader, setting_reader, spacing_of
 
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -150,4 +150,10 @@ def switch(cell: str) -> bool:
     return SWITCHES[cell.lower()]
 
 
-READING: dict[str, Parse] = {"spacing": spacing_of, "flip": flip_of, "series": str, "strict": switch}
+READING: dict[str, Parse] = {
+    "spacing": spacing_of,
+    "flip": flip_of,
+    "series": str,
+    "strict": switch,
+    "time": at_least(1),
+}

@@ -61,7 +61,7 @@ def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
         "low": float(extremes[0]) if finite else None,
         "high": float(extremes[1]) if finite else None,
         "not_finite": broken,
-        "series": [{"text": series.text, "uid": series.uid} for series in source.series],
+        "series": [{"text": series.screen_text, "uid": series.uid, "times": series.times} for series in source.series],
         "labels": labels_of(volume),
         "label_file": None if sibling is None else sibling.name,
         "notes": list(volume.notes),
@@ -106,7 +106,7 @@ def text_of(facts: dict[str, Any]) -> str:
         ("dtype", facts["dtype"]),
         ("values", values),
     ]
-    if len(facts["series"]) > 1 or any(item["uid"] for item in facts["series"]):
+    if len(facts["series"]) > 1 or any(item["uid"] or item["times"] > 1 for item in facts["series"]):
         texts = [f"{item['text']}{', UID ' + item['uid'] if item['uid'] else ''}" for item in facts["series"]]
         lines += titled("series", texts)
     lines += titled("labels", labels)

@@ -102,6 +102,6 @@ def draw_series(layout: Any, loaded: volumes.Loaded) -> None:
     column.label(text=translate("Series"), translate=False)
     for series in loaded.series:
         button = column.operator(
-            "ctmc.load", text=series.text, translate=False, depress=series.number == loaded.series_number
+            "ctmc.load", text=series.screen_text, translate=False, depress=series.number == loaded.series_number
         )
         button.again, button.series = True, series.uid or str(series.number)
