@@ -17,7 +17,7 @@ from oracles.trilinear import grid_topology, voxel_topology
 
 from ctmc_addon.core import TriangleMesh, marching_cubes
 from ctmc_addon.core.errors import ThresholdError
-from ctmc_addon.core.extraction.marching_cubes import TOPOLOGIES
+from ctmc_addon.core.extraction import TOPOLOGIES
 
 from .accuracy import PAGE
 from .documents import replaced, table

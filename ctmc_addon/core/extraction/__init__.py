@@ -2,6 +2,7 @@
 """Marching Cubes on voxels of any stride, in three passes; marching_cubes.py says in which order to read the files."""
 
 from .grid import Grid, make_grid
-from .marching_cubes import TOPOLOGIES, Counts, count_steps, extract_steps, marching_cubes
+from .marching_cubes import Counts, count_steps, extract_steps, marching_cubes
+from .scan import TOPOLOGIES
 
 __all__ = ["TOPOLOGIES", "Counts", "Grid", "count_steps", "extract_steps", "make_grid", "marching_cubes"]

@@ -52,7 +52,7 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     """
     lowest = lowest_inside(threshold, grid.values.dtype)
     x, y, z = grid.x, grid.y, grid.z
-    first_layer, end_layer = max(low, z.closed), min(high, z.count - z.closed)
+    first_layer, end_layer = max(low, z.valued[0]), min(high, z.valued[1])
     columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), (y.closed, y.count - y.closed)
     pitch = grid.words * WORD
     chunk = CHUNK_SAMPLES // (pitch * x.stride * y.stride)  # rows
@@ -61,7 +61,7 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     buffer = np.zeros((min(layers, high - low), rows, pitch), bool)
     for layer in range(first_layer, end_layer, layers):
         end = min(layer + layers, end_layer)
-        block = grid.values[z.index[layer] : z.index[end - 1] + 1]
+        block = grid.values[z.index[layer] - grid.first_slice : z.index[end - 1] + 1 - grid.first_slice]
         for row in range(first_row, end_row if lowest is not None else first_row, rows):
             part = buffer[: end - layer, : min(rows, end_row - row)]
             _compare(block, x, y, y.index[row : row + part.shape[1]], lowest, part[..., columns])

@@ -32,20 +32,24 @@ class Sampler:
     values : (slices, rows, columns)
         Seen as one flat array, in which column x, row y, slice z stands at the flat index
         ``x * steps[0] + y * steps[1] + z * steps[2]``, counted from the first value in memory.
+    first_slice, slices : int
+        Which slice of the volume the values begin with, and how many it has; by default the values are all.
     """
 
-    def __init__(self, values: NDArray[Any]) -> None:
+    def __init__(self, values: NDArray[Any], first_slice: int = 0, slices: int | None = None) -> None:
         item = values.dtype.itemsize
         unit = item if all(step % item == 0 for step in values.strides) else math.gcd(*values.strides)
         # A view that runs upwards in memory, whatever axes are turned.
         upwards = values[tuple(slice(None, None, -1 if step < 0 else 1) for step in values.strides)]
         reach = sum((size - 1) * step for size, step in zip(upwards.shape, upwards.strides, strict=True))
-        self.size = values.shape[::-1]
+        self.size = (*values.shape[:0:-1], slices or values.shape[0])
         self.steps = tuple(step // unit for step in values.strides[::-1])
         self.may_be_nan = values.dtype.kind == "f"
         self._flat = as_strided(upwards, (reach // unit + 1,), (unit,), writeable=False)
         self._contiguous = unit == item
-        self._first = sum((1 - size) * step for size, step in zip(self.size, self.steps, strict=True) if step < 0)
+        sizes = values.shape[::-1]
+        self._first = sum((1 - size) * step for size, step in zip(sizes, self.steps, strict=True) if step < 0)
+        self._first -= first_slice * self.steps[2]
         # Differences of values of up to 16 bits are exact in float32.
         narrow = values.dtype.kind in "bui" and item <= 2
         self.working_type = np.dtype(np.float32 if narrow else np.float64)

@@ -16,7 +16,7 @@ space. Example: 6 values along x, a stride of 2, a closed border:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,15 @@ class Axis:
         """Number of voxels between the samples that are values of the volume."""
         return self.count - 1 - 2 * self.closed
 
+    @property
+    def valued(self) -> tuple[int, int]:
+        """Numbers (first, end) of the samples that are values of the volume, not outside ones."""
+        return int(self.position[0] < self.start), self.count - int(self.position[-1] >= self.stop)
+
+    def part(self, low: int, high: int) -> Axis:
+        """The samples `low` to `high`, `high` left out; positions and indices stay those of the whole."""
+        return replace(self, position=self.position[low:high], index=self.index[low:high])
+
 
 def sample_axis(start: int, stop: int, stride: int, closed: bool) -> Axis:
     """Samples at start, start + stride, ..., and at stop - 1 in any case.
@@ -79,12 +88,33 @@ def sample_axis(start: int, stop: int, stride: int, closed: bool) -> Axis:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A volume's values and the samples taken of them along x, y and z."""
+    """A volume's values and the samples taken of them along x, y and z.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns)
+        All slices of the volume, or some that follow one another.
+    x, y, z : Axis
+    first_slice : int
+        Which slice of the volume the values begin with.
+    slices : int, optional
+        How many the volume has; by default as many as the values.
+    continues : bool
+        Whether the last layer of samples is only the upper side of voxels, as more layers follow in the volume.
+    """
 
     values: NDArray[Any]
     x: Axis
     y: Axis
     z: Axis
+    first_slice: int = 0
+    slices: int | None = None
+    continues: bool = False
+
+    @property
+    def layers(self) -> int:
+        """Number of layers of samples that are the lower side of voxels, ghost cells among them."""
+        return self.z.count - self.continues
 
     @property
     def window_values(self) -> NDArray[Any]:
@@ -138,5 +168,7 @@ def make_grid(
     """
     ranges = window or tuple((0, size) for size in values.shape[::-1])
     strides = check_stride(stride, ranges)
-    axes = [sample_axis(start, stop, step, close_border) for (start, stop), step in zip(ranges, strides, strict=True)]
-    return Grid(values.view(np.uint8) if values.dtype == bool else values, *axes)
+    x, y, z = (
+        sample_axis(start, stop, step, close_border) for (start, stop), step in zip(ranges, strides, strict=True)
+    )
+    return Grid(values.view(np.uint8) if values.dtype == bool else values, x, y, z)

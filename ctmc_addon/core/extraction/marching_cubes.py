@@ -4,6 +4,7 @@
 Three passes, each over slabs of sample layers and each spread over threads. Read in this order:
 
     grid.py             which values of the volume are samples, the corners of voxels
+    scan.py             the first two passes, and into which slabs a surface is cut
     classify.py         1. every sample is compared with the threshold, one bit a sample
     active_voxels.py    2. the active voxels are found, 64 at a time, with their cases, and with them the exact
                            number of vertices and triangles
@@ -20,42 +21,29 @@ Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError, SettingsError, ThresholdError, VolumeError
+from ..errors import MeshError, SettingsError, VolumeError
 from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
 from ..parallel import map_steps, worker_count
 from ..progress import Stages, Step, Steps, finish
 from ..volume.thresholding import WHOLE_VOLUME, check_threshold
 from ..volume.volume import require_gray_type
-from .active_voxels import Slab, find_active
-from .classify import inside_bits
+from .active_voxels import Slab
 from .faces import fill_faces
 from .gradients import Sampler, complete_normals_steps
-from .grid import WORD, Grid, make_grid
-from .interior_vertices import fill_interior_vertices, with_trilinear_topology
-from .trilinear_decider import trilinear_tables
+from .grid import Grid, make_grid
+from .interior_vertices import fill_interior_vertices
+from .scan import SCAN_STAGES, scan_steps
 from .vertices import VertexArrays, fill_edge_vertices
 
-SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
-SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
-SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
-KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
-TOPOLOGIES = ("classic", "trilinear")
-STAGES = {
-    "Comparing with the threshold": 3,
-    "Finding active voxels": 2,
-    "Placing vertices and triangles": 4.5,
-    "Completing normals": 0.5,
-}
-COMPARING, FINDING, PLACING, COMPLETING = STAGES
+PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
+STAGES = SCAN_STAGES | {PLACING: 4.5, COMPLETING: 0.5}
 
 
 @dataclass(frozen=True)
@@ -149,8 +137,8 @@ def extract_steps(
 
 def count_steps(grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic") -> Steps[Counts]:
     """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
-    stages = Stages({name: STAGES[name] for name in (COMPARING, FINDING)})
-    slabs = yield from _scan_steps(stages, grid, float(threshold), worker_count(threads), topology)
+    stages = Stages(SCAN_STAGES)
+    slabs, _ = yield from scan_steps(stages, grid, float(threshold), worker_count(threads), topology)
     return Counts(
         grid.voxels,
         sum(int(slab.is_cell.sum()) for slab in slabs),
@@ -168,56 +156,6 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _scan_steps(stages: Stages, grid: Grid, threshold: float, threads: int, topology: str) -> Steps[list[Slab]]:
-    """The active voxels of all slabs."""
-    if topology not in TOPOLOGIES:
-        raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
-    if not math.isfinite(threshold):
-        raise ThresholdError(f"threshold {threshold} is not a number; give a gray value of the volume")
-    _keep_freed_pages()
-    layers, rows, pitch = grid.z.count, grid.y.count + 1, grid.words * WORD
-    bits = np.zeros((layers + 1, rows, grid.words), np.uint64)
-
-    def compare(layer_range: tuple[int, int]) -> None:
-        inside_bits(grid, threshold, *layer_range, bits)
-
-    ranges = _even_ranges(np.full(layers, rows * pitch / SLAB_SAMPLES))
-    yield from stages.run(COMPARING, map_steps(compare, ranges, threads, ""))
-    sampler = Sampler(grid.values)
-    if topology == "trilinear":
-        trilinear_tables()  # made once, not by every thread
-
-    def find(layer_range: tuple[int, int]) -> Slab:
-        slab = find_active(grid, bits, *layer_range)
-        return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
-
-    return (yield from stages.run(FINDING, map_steps(find, _slab_ranges(bits), threads, "")))
-
-
-def _keep_freed_pages() -> None:
-    """Free a large array, so that the arrays of slabs are allocated faster.
-
-    The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger piece
-    was freed before. This is one; nothing is written to it.
-    """
-    np.empty(KEPT_BYTES, np.uint8)
-
-
-def _slab_ranges(bits: NDArray[np.uint64]) -> list[tuple[int, int]]:
-    """Ranges of sample layers of about equal work each, estimated by every sixteenth row of words."""
-    mixed = np.count_nonzero(bits[:-1, ::16] + np.uint64(1) > 1, axis=(1, 2)) * 16  # neither no sample nor all
-    return _even_ranges(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
-
-
-def _even_ranges(work: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Ranges (low, high) of layers with about equal shares of the work, near 1; an even number, where not just one."""
-    done = np.cumsum(work)
-    count = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.25 else 1  # less is not worth a second thread
-    number = np.floor((done - work / 2) * (count / done[-1]))
-    firsts = [0, *(np.flatnonzero(np.diff(number)) + 1), len(work)]
-    return [(int(low), int(high)) for low, high in pairwise(firsts)]
-
-
 def _extract_steps(
     grid: Grid,
     threshold: float,
@@ -232,7 +170,7 @@ def _extract_steps(
     """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
     threads = worker_count(threads)
     stages = Stages(STAGES)
-    slabs = yield from _scan_steps(stages, grid, threshold, threads, topology)
+    slabs, _ = yield from scan_steps(stages, grid, threshold, threads, topology)
     first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
@@ -251,17 +189,12 @@ def _extract_steps(
     normal_array = np.empty(size, np.float32) if normals else None
     out = VertexArrays(alphas, tuple(np.empty(size, np.float32) for _ in alphas), normal_array)
     faces = np.empty((first_face[-1], 3), np.int32)
-    sampler = Sampler(grid.values)
+    sampler = Sampler(grid.values, grid.first_slice, grid.slices)
 
     def fill(number: int) -> None:
         slab, following = slabs[number], slabs[number + 1] if number + 1 < len(slabs) else None
         begin, end = int(first_vertex[number]), int(first_vertex[number + 1])
-        interior = begin + slab.edge_vertex_count
-        # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
-        with np.errstate(all="ignore"):
-            fill_edge_vertices(grid, sampler, threshold, slab, out.part(begin, interior))
-            if interior < end:
-                fill_interior_vertices(grid, threshold, slab, out.part(interior, end))
+        fill_vertices(grid, sampler, threshold, slab, out.part(begin, end))
         fill_faces(slab, following, begin, faces[first_face[number] : first_face[number + 1]])
 
     yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
@@ -269,3 +202,13 @@ def _extract_steps(
         yield from stages.run(COMPLETING, complete_normals_steps(out.normals, out.positions[-1], faces))
     yield Step(1.0, "Surface extracted")
     return tuple(TriangleMesh(position, faces, out.normals) for position in out.positions)
+
+
+def fill_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, out: VertexArrays) -> None:
+    """Fill in a slab's vertices, all of `out`."""
+    edges, count = slab.edge_vertex_count, slab.vertex_count
+    # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
+    with np.errstate(all="ignore"):
+        fill_edge_vertices(grid, sampler, threshold, slab, out.part(0, edges))
+        if edges < count:
+            fill_interior_vertices(grid, threshold, slab, out.part(edges, count))

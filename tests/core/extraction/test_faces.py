@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles' corners across the borders of bytes, words, rows and slabs."""
 
-import sys
-
 import numpy as np
 import pytest
 from oracles.marching_cubes import canonical, reference_triangles
 
 from ctmc_addon.core import marching_cubes
-from ctmc_addon.core.extraction import extract_steps, faces
+from ctmc_addon.core.extraction import faces, scan
 
 
 def noise(shape, seed=0, dtype=np.uint8):
@@ -37,7 +35,7 @@ def test_slabs_of_one_layer_give_the_same_surface(monkeypatch):
     values = noise((9, 8, 70), seed=7)
     expected = marching_cubes(values, 127.5)
     one = [(layer, layer + 1) for layer in range(9)]
-    monkeypatch.setattr(sys.modules[extract_steps.__module__], "_slab_ranges", lambda bits: one)
+    monkeypatch.setattr(scan, "slab_ranges", lambda mixed, layer_words: one)
     mesh = marching_cubes(values, 127.5)
     assert mesh.closed == expected.closed
     assert mesh.measures.euler == expected.measures.euler
