@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two forms a surface travels in.
+"""The forms a surface travels in.
 
 `Surface` holds what extraction knows: for every vertex both ends of alpha. `TriangleMesh` is the
-surface at one alpha. Both are in whatever space their positions are in: index space or RAS+ mm.
+surface at one alpha, and `SurfacePiece` one slab of that, where nobody holds all of it. They are in
+whatever space their positions are in: index space or RAS+ mm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import finish
+from ..progress import Step, finish
 from .measures import Measures, measures_steps
 from .topology import component_numbers_steps, edge_counts_steps
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +98,31 @@ class TriangleMesh:
         """Edges with three triangles or more, (n, 2)."""
         edges, count = self.edges
         return edges[count > 2]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePiece:
+    """Triangles of one slab of slices; pieces come in the order of the slices.
+
+    A triangle has its corners in its own piece and in the next one: neighbors share the vertices of one seam.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float32
+        Positions (x, y, z).
+    faces : (f, 3) int32
+        Counter-clockwise seen from outside. Numbers below v are vertices of this piece, v + n is vertex n of the next.
+    normals : (v, 3) float32 or None
+        Unit length, pointing outside.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    normals: NDArray[np.float32] | None = None
+
+
+# Yields signs of life between the pieces; what it returns is up to whoever made it.
+SurfacePieces = Generator[Step | SurfacePiece, None, T]
 
 
 @dataclass(frozen=True, eq=False)
