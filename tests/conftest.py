@@ -34,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def name_of_an_ended_process():
     """Make hidden names as a process of this machine chose them that has ended."""
-    from ctmc_addon.reporting.temporary_names import temporary_name
+    from ctmc_addon.core.files.temporary_names import temporary_name
 
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait()

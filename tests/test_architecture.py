@@ -135,7 +135,7 @@ def test_core_and_readers_import_without_blender():
 
 
 def test_the_choices_of_figures_are_known_without_blender():
-    import_without(BLENDER, "ctmc_addon.blender.figure.spec", "ctmc_addon.reporting.mesh_files")
+    import_without(BLENDER, "ctmc_addon.blender.figure.spec", "ctmc_addon.core.files.mesh_files")
 
 
 def test_core_and_readers_import_with_numpy_alone():

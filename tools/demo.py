@@ -28,8 +28,8 @@ from ctmc_addon.core import (
     equal_part,
     reconstruct_steps,
 )
+from ctmc_addon.core.files.atomic_write import made_folder, write_json
 from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
-from ctmc_addon.reporting.atomic_write import made_folder, write_json
 
 FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
 SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), reduction=0.9)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A surface out of Blender, in the patient's millimeters.
 
-STL and PLY are written by `reporting.mesh_files`, the same bytes as without Blender; the others by Blender's own
+STL and PLY are written by `core/files/mesh_files.py`, the same bytes as without Blender; the others by Blender's own
 exporters, from a copy in a scene of its own: neither the user's scene nor the selection matters, and the object stays
 as it is. OBJ is in RAS or LPS millimeters; GLB in glTF's meters, Y up; a .blend opens with the live object, a camera
 framed on it and a light.
@@ -23,8 +23,8 @@ import bpy
 import numpy as np
 
 from ..core import OutputError, TriangleMesh
-from ..reporting import mesh_files
-from ..reporting.atomic_write import whole_file
+from ..core.files import mesh_files
+from ..core.files.atomic_write import whole_file
 from .datablocks import remove_blocks
 from .output_files import require_complete, require_room
 from .studio import prepare_scene
@@ -66,7 +66,7 @@ def export(
         raise OutputError(f"{target.name or 'an empty name'} has no known suffix; the formats are {formats}")
     require_object_mode(obj)
     if suffix in mesh_files.SUFFIXES:
-        mesh_files.write_mesh(evaluated_triangles(obj, scene), target, space)
+        evaluated_triangles(obj, scene).save(target, space)
         return
     with whole_file(target) as beside:
         try:

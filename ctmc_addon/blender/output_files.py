@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What only Blender's exporters need of an output file: room before they start, and all of it afterwards.
 
-That a file is written whole or not at all is `reporting.atomic_write`'s.
+That a file is written whole or not at all is `core/files/atomic_write.py`'s.
 """
 
 from __future__ import annotations

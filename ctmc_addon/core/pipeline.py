@@ -34,6 +34,7 @@ EXTRACTION_STAGES = {
     "Keeping components": 3,
 }
 SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
+OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
 POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
 
 
@@ -114,7 +115,7 @@ class Reconstruction:
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
-            "notes": list(self.notes),
+            "notes": [*self.notes, *(() if mesh.closed else (OPEN_NOTE,))],
         }
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text and files that every front end writes."""
+"""Text that every front end writes."""

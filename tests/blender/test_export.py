@@ -24,9 +24,8 @@ from ctmc_addon.blender.surface import (
 )
 from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.core.errors import MeshError, OutputError
+from ctmc_addon.core.files.mesh_files import SURFACE_SUFFIXES as SUFFIXES
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.reporting.mesh_files import SURFACE_SUFFIXES as SUFFIXES
-from ctmc_addon.reporting.mesh_files import write_mesh
 
 MESHES = (".stl", ".ply", ".obj", ".glb")
 SAME_EVERYWHERE = {".stl": "bcea56fe4149", ".ply": "60c6984c00ca", ".obj": "033d5b62cbf4"}
@@ -300,7 +299,7 @@ def test_an_object_is_exported_to_the_bytes_that_the_surface_has_without_blender
 ):
     result = ball(**settings)
     export(add_reconstruction(result, scene, scale), tmp_path / f"panel{suffix}", space)
-    write_mesh(result.mesh, tmp_path / f"command{suffix}", space)
+    result.mesh.save(tmp_path / f"command{suffix}", space)
     assert (tmp_path / f"panel{suffix}").read_bytes() == (tmp_path / f"command{suffix}").read_bytes()
 
 
@@ -308,7 +307,7 @@ def test_an_updated_and_then_applied_object_is_exported_to_the_same_bytes_too(ba
     obj, result = add_reconstruction(ball(alpha=1.0), scene), ball(alpha=0.3, stride=(2, 2, 1))
     update_reconstruction(obj, result)
     obj.data.shape_keys.key_blocks["alpha"].value = 0.3
-    write_mesh(result.mesh, tmp_path / "command.ply")
+    result.mesh.save(tmp_path / "command.ply")
     export(obj, tmp_path / "updated.ply")
     apply_shape_and_modifiers(obj)
     export(obj, tmp_path / "applied.ply")

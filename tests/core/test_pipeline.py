@@ -304,3 +304,15 @@ def test_what_simplification_removes_is_counted_in_report_and_notes():
     assert any(note.startswith(f"{report['removed_components']} components below ") for note in report["notes"])
     plain = reconstruct(noisy(), ReconstructionSettings(threshold=0.0))
     assert (plain.report()["removed_components"], plain.notes) == (0, ())
+
+
+def test_an_open_surface_has_no_volume_and_the_report_says_so():
+    half = Volume(ball()[:, :, :20], np.eye(4))
+    opened = reconstruct(half, ReconstructionSettings(threshold=0.0))
+    assert np.isnan(opened.mesh.volume)
+    report = opened.report()
+    assert report["volume_mm3"] is None
+    assert any("open" in note for note in report["notes"])
+    closed = reconstruct(half, ReconstructionSettings(threshold=0.0, close_border=True))
+    assert closed.mesh.volume == closed.report()["volume_mm3"] > 0
+    assert not any("open" in note for note in closed.report()["notes"])

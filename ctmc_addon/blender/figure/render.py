@@ -18,7 +18,7 @@ from typing import Any
 import bpy
 
 from ...core import OutputError, Step, Steps, finish
-from ...reporting.atomic_write import whole_file
+from ...core.files.atomic_write import whole_file
 from ..output_files import require_room
 from .compose import FigureScene, compose
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface

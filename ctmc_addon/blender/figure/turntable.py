@@ -21,8 +21,8 @@ from typing import Any
 import bpy
 
 from ...core import VERSION, OutputError, Step, Steps, finish
-from ...reporting.atomic_write import made_folder, refused, whole_file, write_json
-from ...reporting.temporary_names import remove_leftovers
+from ...core.files.atomic_write import made_folder, refused, whole_file, write_json
+from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
 from .annotations import PIVOT
 from .compose import FigureScene, all_positions, center_of, compose

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 
 from ...core import OutputError
-from ...reporting.atomic_write import whole_file
+from ...core.files.atomic_write import whole_file
 from ..datablocks import remove_render_results, render_results
 from ..studio import set_render
 from .spec import VIDEO_FORMATS

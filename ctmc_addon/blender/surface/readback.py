@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ...core import Reconstruction, ReconstructionSettings, Surface, TriangleMesh
 from ...core.mesh import blend, vertex_normals
-from ...reporting.mesh_files import in_space
 from . import mesh_data as meshes
 from .alpha_key import KEY, alpha_key, mixed_positions, value_of
 from .evaluate import evaluated_object
@@ -79,7 +78,7 @@ def evaluated_triangles(
     evaluated, depsgraph = evaluated_object(obj, scene)
     placement = placement_of(obj)
     mesh = triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
-    return in_space(moved_mesh(placement.transform_mm(evaluated.matrix_world), mesh), space)
+    return moved_mesh(placement.transform_mm(evaluated.matrix_world), mesh).in_space(space)
 
 
 def evaluated_alpha(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> float:

@@ -21,7 +21,7 @@ from typing import Any
 
 from ... import readers
 from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish, reconstruct_steps
-from ...reporting.atomic_write import made_folder, write_json
+from ...core.files.atomic_write import made_folder, write_json
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import Outputs, source_of, values_steps, written_steps

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core import VERSION, CtmcError, Step, Steps
-from ...reporting.atomic_write import made_folder, require_writable
-from ...reporting.mesh_files import SPACES, SURFACE_SUFFIXES
+from ...core.files.atomic_write import made_folder, require_writable
+from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import Outputs, source_of

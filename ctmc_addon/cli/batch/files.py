@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, CtmcError, OutputError
+from ...core.files.atomic_write import made_folder, refused, write_json
+from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import VolumeSource, open_volume
-from ...reporting.atomic_write import made_folder, refused, write_json
-from ...reporting.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"

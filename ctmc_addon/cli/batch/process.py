@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from ...core import CtmcError
-from ...reporting.atomic_write import write_json
+from ...core.files.atomic_write import write_json
 from .case import COMMAND
 from .files import failed_record, read_record, record_path, without_folders
 

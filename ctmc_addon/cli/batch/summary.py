@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, OutputError
-from ...reporting.atomic_write import write_csv, write_json, write_text
+from ...core.files.atomic_write import write_csv, write_json, write_text
 from .files import read_record, thumbnail_path
 
 REFRESH = 10  # seconds after which an open page looks again while the batch runs

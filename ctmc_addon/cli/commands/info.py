@@ -10,8 +10,8 @@ import numpy as np
 
 from ... import readers
 from ...core import Stages, Volume
+from ...core.files.atomic_write import json_text
 from ...core.volume import slabs_of, value_range
-from ...reporting.atomic_write import json_text
 from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled

@@ -24,9 +24,9 @@ from ...core import (
     equal_part,
     reconstruct_steps,
 )
+from ...core.files import mesh_files
+from ...core.files.atomic_write import require_writable, whole_files, write_json
 from ...core.mesh import SMALL
-from ...reporting import mesh_files
-from ...reporting.atomic_write import require_writable, whole_files, write_json
 from ...reporting.formatting import count
 from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
@@ -164,7 +164,7 @@ def written_steps(result: Reconstruction, outputs: Outputs) -> Steps[Reconstruct
             if path.suffix.lower() in mesh_files.SUFFIXES:
                 yield Step(0.8, f"Writing {path.name}")
                 with timed(stages, f"Writing {path.suffix.lower()}"):
-                    mesh_files.write_mesh(result.mesh, places[path], outputs.space)
+                    result.mesh.save(places[path], outputs.space)
         result = replace(result, stages=(*result.stages, *stages))
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...reporting.atomic_write import own_folder
+from ...core.files.atomic_write import own_folder
 from ..terminal import require_empty
 from . import alpha, rotation, simplify, voxels
 from .common import add_common

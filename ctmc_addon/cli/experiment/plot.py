@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...reporting.atomic_write import whole_file
+from ...core.files.atomic_write import whole_file
 
 PANEL = (900, 640)  # pixels
 LEFT, RIGHT, TOP, BOTTOM = 120, 30, 150, 100

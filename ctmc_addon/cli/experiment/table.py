@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...reporting.atomic_write import csv_text, write_json, write_text
+from ...core.files.atomic_write import csv_text, write_json, write_text
 from ..machine import machine, versions
 from ..terminal import listing, table
 

@@ -21,7 +21,7 @@ from ...blender.figure.spec import (
     require_within,
 )
 from ...core import OutputError, Reconstruction, ReconstructionSettings
-from ...reporting.atomic_write import own_folder
+from ...core.files.atomic_write import own_folder
 from ...reporting.captions import figure_caption
 from ..arguments import (
     UsageError,

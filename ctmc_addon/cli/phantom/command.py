@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ...core import Stages, Step, Steps, equal_part
+from ...core.files.atomic_write import made_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
-from ...reporting.atomic_write import made_folder, require_writable, write_json
 from ..arguments import Numbers, add_quiet, at_least, spacing_of
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import VERSION, CtmcError, OutputError, Step, Steps
+from ...core.files.atomic_write import made_folder, whole_file
 from ...core.phantom import Phantom
 from ...core.volume import Volume
-from ...reporting.atomic_write import made_folder, whole_file
 
 WINDOW = (-160, 240)  # HU that become 0 and 255 of a PNG
 CT_IMAGE_STORAGE = "1.2.840.10008.5.1.4.1.1.2"

@@ -31,7 +31,7 @@ class Measures:
         Sum of the triangles' areas, in the square of the mesh's unit.
     volume : float
         By the divergence theorem, in the cube of the mesh's unit: positive where the faces point outside.
-        Means something only where the mesh is closed.
+        NaN for an open mesh, which encloses none.
     closed : bool
         Whether there are faces, and every edge has two that run through it in opposite ways.
     euler : int
@@ -97,6 +97,7 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
     used = np.zeros(len(vertices), bool)
     used[faces] = True
     total, small = yield from stages.run(components, _components_steps(vertices, faces))
+    volume = volume if closed else float("nan")
     return Measures(len(faces), area, volume, closed, int(used.sum()) - len(count) + len(faces), total, small)
 
 

@@ -8,6 +8,7 @@ whatever space their positions are in: index space or RAS+ mm.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import mesh_files
 from ..progress import Step, finish
 from .measures import Measures, measures_steps
 from .topology import component_numbers_steps, edge_counts_steps
@@ -53,7 +55,7 @@ class TriangleMesh:
 
     @property
     def volume(self) -> float:
-        """Volume by the divergence theorem, positive where the faces point outside; see `Measures`."""
+        """Volume by the divergence theorem, positive where the faces point outside; NaN for an open mesh."""
         return self.measures.volume
 
     @property
@@ -98,6 +100,32 @@ class TriangleMesh:
         """Edges with three triangles or more, (n, 2)."""
         edges, count = self.edges
         return edges[count > 2]
+
+    def in_space(self, space: str) -> TriangleMesh:
+        """A surface in RAS+ mm in the axes of `space`, "ras" or "lps"; half a turn, so the winding stays."""
+        if space == "ras":
+            return self
+        turn = np.array([-1, -1, 1], np.float32)
+        normals = None if self.normals is None else self.normals * turn
+        return TriangleMesh(self.vertices * turn, self.faces, normals)
+
+    def save(self, path: str | os.PathLike[str], space: str = "ras") -> None:
+        """Write a surface in RAS+ mm to a binary STL or PLY, whole or not at all; the suffix chooses the format.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .stl or .ply; its folder exists.
+        space : {"ras", "lps"}
+            Axes of the file.
+
+        Raises
+        ------
+        OutputError
+            For another suffix, or a place that cannot be written to.
+        """
+        turned = self.in_space(space)
+        mesh_files.write_mesh(path, turned.vertices, turned.faces, turned.normals)
 
 
 @dataclass(frozen=True, eq=False)

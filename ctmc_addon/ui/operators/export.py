@@ -9,7 +9,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...blender.export import export
-from ...reporting.mesh_files import SPACES, SURFACE_SUFFIXES
+from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from .paths import SaveDialog
 
 FORMATS = ", ".join(SURFACE_SUFFIXES)

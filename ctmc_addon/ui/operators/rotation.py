@@ -15,7 +15,7 @@ from ...blender import rotation as turntable
 from ...blender.rotation import ViewportDrawing, can_draw
 from ...blender.surface import SCALE, evaluated_triangles, placement_of
 from ...core import MeshError, SettingsError, Stages, Steps, TriangleMesh
-from ...reporting.atomic_write import write_text
+from ...core.files.atomic_write import write_text
 from ...reporting.parse import parsed_levels
 from ...reporting.rotation_table import RotationTable
 from .. import jobs

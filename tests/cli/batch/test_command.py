@@ -19,7 +19,7 @@ from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
 from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.cli.batch.process import run_here
-from ctmc_addon.reporting.temporary_names import temporary_name
+from ctmc_addon.core.files.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
 COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]

@@ -371,7 +371,7 @@ def test_a_stl_does_not_load_blender(phantom_folder, tmp_path):
 @pytest.mark.parametrize("there", [False, True])
 @pytest.mark.parametrize(
     "fails",
-    ["reporting.mesh_files.write_mesh", "blender.figure.render.render_figure", "cli.commands.reconstruct.write_json"],
+    ["core.files.mesh_files.write_mesh", "blender.figure.render.render_figure", "cli.commands.reconstruct.write_json"],
 )
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
     names = ["f.png", "r.json", "t.stl"]

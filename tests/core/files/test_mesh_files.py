@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.errors import OutputError
+from ctmc_addon.core.files import mesh_files
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.reporting import mesh_files
-from ctmc_addon.reporting.mesh_files import write_mesh
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def read_ply(path):
 
 
 def test_an_stl_has_every_facet_with_its_outward_normal(tetrahedron, tmp_path):
-    write_mesh(tetrahedron, tmp_path / "a.stl")
+    tetrahedron.save(tmp_path / "a.stl")
     corners, normals = read_stl(tmp_path / "a.stl")
     assert (corners == tetrahedron.vertices[tetrahedron.faces]).all()
     expected = [[0, 0, -1], [0, -1, 0], [-1, 0, 0], [3**-0.5] * 3]
@@ -52,13 +51,13 @@ def test_an_stl_has_every_facet_with_its_outward_normal(tetrahedron, tmp_path):
 
 
 def test_a_triangle_without_area_has_no_normal(tmp_path):
-    write_mesh(TriangleMesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32)), tmp_path / "a.stl")
+    TriangleMesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32)).save(tmp_path / "a.stl")
     assert (read_stl(tmp_path / "a.stl")[1] == 0).all()
 
 
 def test_a_ply_has_vertices_faces_and_the_surfaces_own_normals(tetrahedron, tmp_path):
     normals = np.tile(np.array([0, 0.6, 0.8], np.float32), (4, 1))
-    write_mesh(TriangleMesh(tetrahedron.vertices, tetrahedron.faces, normals), tmp_path / "a.ply")
+    TriangleMesh(tetrahedron.vertices, tetrahedron.faces, normals).save(tmp_path / "a.ply")
     points, written, faces = read_ply(tmp_path / "a.ply")
     assert (points == tetrahedron.vertices).all()
     assert (faces == tetrahedron.faces).all()
@@ -66,14 +65,14 @@ def test_a_ply_has_vertices_faces_and_the_surfaces_own_normals(tetrahedron, tmp_
 
 
 def test_a_ply_without_normals_gets_the_mean_of_its_faces(tetrahedron, tmp_path):
-    write_mesh(tetrahedron, tmp_path / "a.ply")
+    tetrahedron.save(tmp_path / "a.ply")
     assert np.abs(read_ply(tmp_path / "a.ply")[1][0] - [-(3**-0.5)] * 3).max() < 1e-7
 
 
 @pytest.mark.parametrize(("suffix", "read"), [(".stl", read_stl), (".ply", read_ply)])
 def test_lps_turns_x_and_y_and_nothing_inside_out(tetrahedron, tmp_path, suffix, read):
     for space in mesh_files.SPACES:
-        write_mesh(tetrahedron, tmp_path / f"{space}{suffix}", space)
+        tetrahedron.save(tmp_path / f"{space}{suffix}", space)
     (ras, ras_normals, *_), (lps, lps_normals, *_) = (read(tmp_path / f"{space}{suffix}") for space in ("ras", "lps"))
     assert (lps == ras * [-1, -1, 1]).all()
     assert np.abs(lps_normals - ras_normals * [-1, -1, 1]).max() < 1e-7
@@ -81,14 +80,14 @@ def test_lps_turns_x_and_y_and_nothing_inside_out(tetrahedron, tmp_path, suffix,
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply"])
 def test_the_bytes_do_not_depend_on_how_many_are_written_at_once(tetrahedron, tmp_path, suffix, monkeypatch):
-    write_mesh(tetrahedron, tmp_path / f"a{suffix}")
+    tetrahedron.save(tmp_path / f"a{suffix}")
     monkeypatch.setattr(mesh_files, "ROWS_AT_ONCE", 3)
-    write_mesh(tetrahedron, tmp_path / f"b{suffix}")
+    tetrahedron.save(tmp_path / f"b{suffix}")
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
 def test_another_suffix_or_folder_is_refused_and_nothing_left(tetrahedron, tmp_path):
     for path in (tmp_path / "a.obj", tmp_path / "a", tmp_path / "nowhere" / "a.stl"):
         with pytest.raises(OutputError):
-            write_mesh(tetrahedron, path)
+            tetrahedron.save(path)
     assert not list(tmp_path.iterdir())

@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..core import OutputError
+from ..errors import OutputError
 from .temporary_names import remove_leftovers, temporary_name
 
 REMEDIES = {

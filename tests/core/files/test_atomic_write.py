@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ctmc_addon.core import OutputError
-from ctmc_addon.reporting.atomic_write import require_writable, whole_file, whole_files, write_json
-from ctmc_addon.reporting.temporary_names import temporary_name
+from ctmc_addon.core.files.atomic_write import require_writable, whole_file, whole_files, write_json
+from ctmc_addon.core.files.temporary_names import temporary_name
 
 
 def everything_in(folder: Path) -> dict[str, str]:

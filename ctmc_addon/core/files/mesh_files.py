@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces as binary STL and PLY, in millimeters: the same bytes from the sidebar, the command line and Python.
+
+`TriangleMesh.save` writes whole meshes; heads, facets, vertices and faces can be written in pieces too.
+
+A space is named by where its axes run in the patient: in RAS+ x runs to the right, y to the front and z to the head, in
+LPS+ (DICOM's) x runs to the left and y to the back.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OutputError
+from ..mesh.face_normals import vertex_normals
+from .atomic_write import whole_file
+
+SPACES = {  # and where their axes run
+    "ras": "x to the patient's right, y to the front, z to the head",
+    "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
+}
+BLENDER_SUFFIXES = (".obj", ".glb", ".blend")  # of files that Blender writes, in blender/export.py
+ROWS_AT_ONCE = 1 << 16
+Vectors = NDArray[np.float32]
+STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
+
+
+def write_mesh(
+    path: str | os.PathLike[str], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None
+) -> None:
+    """Write a surface to an STL or PLY, whole or not at all; the suffix chooses the format.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32
+        Millimeters.
+    faces : (F, 3) int32
+    normals : (V, 3) float32 or None
+        For a PLY; without them it gets the means of the triangles'.
+
+    Raises
+    ------
+    OutputError
+        For another suffix, or a place that cannot be written to.
+    """
+    target = Path(path)
+    writer = WRITERS.get(target.suffix.lower())
+    if writer is None:
+        raise OutputError(
+            f"{target.name or 'an empty name'} is neither .stl nor .ply; the command line and the panel write "
+            f"{', '.join(BLENDER_SUFFIXES)} with Blender"
+        )
+    with whole_file(target) as beside, beside.open("wb") as file:
+        writer(file, vertices, faces, normals)
+
+
+def write_stl(file: BinaryIO, vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+    """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
+    write_stl_head(file, len(faces))
+    for part in parts_of(len(faces)):
+        write_stl_facets(file, vertices[faces[part]])
+
+
+def write_stl_head(file: BinaryIO, face_count: int) -> None:
+    """The beginning of a binary STL with so many facets."""
+    file.write(b"CTMC surface, mm".ljust(80))
+    file.write(np.uint32(face_count).astype("<u4").tobytes())
+
+
+def write_stl_facets(file: BinaryIO, corners: Vectors) -> None:
+    """Facets of a binary STL from their corners, (n, 3, 3)."""
+    rows = np.zeros(len(corners), STL_FACE)
+    rows["corners"] = corners
+    normals = np.cross(corners[:, 1].astype(np.float64) - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.sqrt(normals[:, 0] ** 2 + normals[:, 1] ** 2 + normals[:, 2] ** 2)
+    length[length == 0] = 1.0
+    rows["normal"] = normals / length[:, None]
+    file.write(rows.tobytes())
+
+
+def write_ply(file: BinaryIO, vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+    """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
+    write_ply_head(file, len(vertices), len(faces))
+    if normals is None:
+        normals = vertex_normals(vertices, faces)
+    for part in parts_of(len(vertices)):
+        write_ply_vertices(file, vertices[part], normals[part])
+    for part in parts_of(len(faces)):
+        write_ply_faces(file, faces[part])
+
+
+def write_ply_head(file: BinaryIO, vertex_count: int, face_count: int) -> None:
+    """The beginning of a binary PLY: its vertices follow, then its faces."""
+    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    file.write(
+        "ply\nformat binary_little_endian 1.0\ncomment CTMC surface, mm\n"
+        f"element vertex {vertex_count}\n{properties}"
+        f"element face {face_count}\nproperty list uchar int vertex_indices\nend_header\n".encode()
+    )
+
+
+def write_ply_vertices(file: BinaryIO, vertices: Vectors, normals: Vectors) -> None:
+    """Vertices of a binary PLY, (n, 3), and their normals."""
+    file.write(np.concatenate([vertices, normals], axis=1).astype("<f4", copy=False).tobytes())
+
+
+def write_ply_faces(file: BinaryIO, faces: NDArray[np.int32]) -> None:
+    """Faces of a binary PLY, (n, 3)."""
+    rows = np.empty(len(faces), PLY_FACE)
+    rows["count"], rows["vertices"] = 3, faces
+    file.write(rows.tobytes())
+
+
+def parts_of(count: int) -> Iterator[slice]:
+    """Slices of so many rows, a few at a time."""
+    return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))
+
+
+WRITERS: dict[str, Callable[[BinaryIO, Vectors, NDArray[np.int32], Vectors | None], None]] = {
+    ".stl": write_stl,
+    ".ply": write_ply,
+}
+SUFFIXES = tuple(WRITERS)
+SURFACE_SUFFIXES = (*SUFFIXES, *BLENDER_SUFFIXES)
