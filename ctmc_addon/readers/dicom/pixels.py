@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..optional_imports import needed, quiet, reason
+from .codestream import frame_damage
 from .frames import FrameGeometry
 from .header import DEFLATED, PIXEL_KEYWORDS, ImageFile, pydicom_errors
 
@@ -64,6 +65,8 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
             if syntax == DEFLATED:  # its pixels are at their place only when the file is unpacked
                 source = pydicom.dcmread(file, specific_tags=PIXEL_KEYWORDS)[options["pixel_keyword"]].value
             else:
+                if image.pixels.compressed:
+                    check_codestreams(image, frames, file)
                 file.seek(image.pixels.start)
             for stored, _ in decoder.iter_array(source, indices=frames, view_only=True, **options):
                 if stored.shape != (image.rows, image.columns):
@@ -75,10 +78,35 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
     except pydicom_errors() as error:
         if isinstance(error, OSError) and error.errno is not None:  # the system's
             raise
+        why = reason(error)
+        if why.startswith("Unable to decode"):  # a list of what pydicom tried
+            raise ReadError(
+                f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or of a "
+                "kind that pylibjpeg does not know; copy the file again, or export it uncompressed"
+            ) from error
         raise ReadError(
-            f"the pixels of {image.path.name} ({syntax_name(syntax)}) are truncated or damaged ({reason(error)}); "
-            "copy it again"
+            f"the pixels of {image.path.name} ({syntax_name(syntax)}) are truncated or damaged ({why}); copy it again"
         ) from error
+
+
+def check_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> None:
+    """Refuse frames that are cut off, or of another size than the header says, before they are decoded."""
+    encaps = needed("pydicom.encaps", "pydicom", "DICOM")
+    options = image.pixels.options
+    for number in frames:
+        file.seek(image.pixels.start)
+        frame = encaps.get_frame(
+            file,
+            number,
+            extended_offsets=options.get("extended_offsets"),
+            number_of_frames=options["number_of_frames"],
+        )
+        damage = frame_damage(frame, image.rows, image.columns, int(options.get("samples_per_pixel") or 1))
+        if damage:
+            raise ReadError(
+                f"the pixels of {image.path.name} ({syntax_name(image.pixels.syntax)}) are truncated or damaged "
+                f"({damage}); copy it again"
+            )
 
 
 def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,8 +23,9 @@ from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_volume_memory
 from .acquisitions import one_acquisition
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
-from .pixels import DoesNotFit, check_codec, fill_slice, output_types, padding_mark, stored_frames
+from .pixels import DoesNotFit, check_codec, fill_slice, output_types, padding_mark
 from .stack_geometry import Stack, stack_up
+from .stored import StoredPixels
 
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
 MOST_LISTED = 12  # series in one note
@@ -301,30 +301,28 @@ def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any],
 def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
     """Fill `values`; the lowest real value and the number of padding pixels.
 
-    An uneven stack is interpolated linearly along the normal, with two slices held at a time. One thread decodes:
-    plain pixels are there before a thread would be, and pylibjpeg holds the interpreter.
+    An uneven stack is interpolated linearly along the normal, with two slices held at a time. No threads: plain
+    pixels are there before a thread would be, and compressed ones come from another process.
     """
     lowest, padded = math.inf, 0
     low = high = values[0]
     if stack.resampled:
         low, high = np.empty((2, *values.shape[1:]), values.dtype)
     done = 0  # slices of the volume
-    groups = groupby(slices, key=lambda ct_slice: ct_slice.image)  # a file is opened once for frames that follow
-    frames = chain.from_iterable(stored_frames(image, [one.frame for one in group]) for image, group in groups)
-    for number, ct_slice in enumerate(slices):
-        low, high = high, low
-        out = high if stack.resampled else values[number]
-        with quiet():
-            stored = next(frames)
-        seen = fill_slice(stored, ct_slice.geometry, ct_slice.image.pixels.padding, out)
-        lowest, padded = min(lowest, seen.lowest), padded + seen.padded
-        yield Step((number + 1) / len(slices), "Decoding slices")
-        while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:
-            if stack.below[done] == number:
-                values[done] = high
-            else:
-                between(low, high, float(stack.weight[done]), values[done])
-            done += 1
+    with StoredPixels(slices) as pixels:
+        for number, ct_slice in enumerate(slices):
+            low, high = high, low
+            out = high if stack.resampled else values[number]
+            stored = yield from pixels.next_steps(Step(number / len(slices), "Decoding slices"))
+            seen = fill_slice(stored, ct_slice.geometry, ct_slice.image.pixels.padding, out)
+            lowest, padded = min(lowest, seen.lowest), padded + seen.padded
+            yield Step((number + 1) / len(slices), "Decoding slices")
+            while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:
+                if stack.below[done] == number:
+                    values[done] = high
+                else:
+                    between(low, high, float(stack.weight[done]), values[done])
+                done += 1
     return lowest, padded
 
 

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The process that decodes, as this side sees it: started, asked for one picture after the other, ended.
+
+Decoders of compressed pixels are written in C; a file made for it makes them crash, hang or use up the memory. In a
+process of their own that ends nothing but itself. It is this Python with the same modules, it is asked in lines of
+JSON, and it answers with plain numbers: nothing it says is run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError, Step, Steps
+
+PACKAGE = Path(__file__).resolve().parents[2]
+# -I and -S: neither the folder one happens to be in nor the user's own modules; the path comes as the first line.
+BOOT = (
+    "import json, sys; first = json.loads(sys.stdin.buffer.readline()); sys.path[:] = first['path']; "
+    "import importlib; importlib.import_module(first['module']).serve(first['memory'])"
+)
+MODULE = f"{PACKAGE.name}.{'.'.join(Path(__file__).resolve().parent.relative_to(PACKAGE).parts)}.worker"
+TICK = 0.02  # seconds between two looks whether there is an answer
+START_SECONDS = 60.0
+PICTURE_SECONDS = 8.0  # that a picture may take; a larger one for each MEGAPIXEL
+MEGAPIXEL = 1 << 20
+MEMORY = 2 << 30  # bytes that the process may address, and for each pixel
+MEMORY_OF_A_PIXEL = 64
+LONGEST_LINE = 1 << 16
+PIECE = 1 << 20
+
+
+class DecoderEnded(Exception):
+    """The process is gone, or has been ended for taking too long; says why."""
+
+
+class DecodingProcess:
+    """A process that decodes; `started` makes it, and `close` must be called at the end.
+
+    Parameters
+    ----------
+    pixels : int
+        Of the largest picture that will be asked for: memory and time are limited by it.
+    """
+
+    def __init__(self, command: list[str], pixels: int) -> None:
+        self.seconds = PICTURE_SECONDS * max(1.0, pixels / MEGAPIXEL)
+        self.received = bytearray()
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        path = [str(PACKAGE.parent), *sys.path]
+        self.ask({"path": path, "module": MODULE, "memory": MEMORY + MEMORY_OF_A_PIXEL * pixels})
+
+    def ask(self, request: Mapping[str, Any]) -> None:
+        """Send a request; the answer to the one before must have been taken."""
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
+        except OSError:
+            pass  # it has ended, which the wait for its answer will say
+
+    def ready_steps(self) -> Steps[bool]:
+        """Wait until the process has loaded its libraries; False where it cannot."""
+        try:
+            yield from self._line_steps(Step(0.0, "Starting the decoder"), START_SECONDS)
+        except DecoderEnded:
+            return False
+        return True
+
+    def picture_steps(self, shape: tuple[int, int], step: Step) -> Steps[NDArray[Any]]:
+        """The picture asked for last, (rows, columns); `step` is yielded while it is decoded.
+
+        Raises
+        ------
+        ReadError
+            The worker's sentence.
+        DecoderEnded
+            If the process crashed or took too long.
+        """
+        line = yield from self._line_steps(step, self.seconds)
+        try:
+            answer = json.loads(line)
+            sentence, defect, name = answer.get("sentence"), answer.get("defect"), str(answer.get("dtype"))
+            size = tuple(answer.get("shape", ()))
+        except (ValueError, AttributeError, TypeError) as error:
+            raise DecoderEnded("it answered nonsense") from error
+        if sentence is not None:
+            raise ReadError(str(sentence))
+        if defect is not None:
+            raise RuntimeError(f"in the decoding process:\n{defect}")
+        if size != shape or not re.fullmatch(r"[<>=|][iuf][1248]", name):
+            raise DecoderEnded("it answered with another picture")
+        picture = np.empty(shape, name)
+        yield from self._fill_steps(memoryview(picture.reshape(-1).view(np.uint8).data), step)
+        return picture
+
+    def _line_steps(self, step: Step, seconds: float) -> Steps[bytes]:
+        end = time.monotonic() + seconds
+        while b"\n" not in self.received and len(self.received) < LONGEST_LINE:
+            piece = self._available()
+            self.received += piece
+            if not piece:
+                yield step
+                if time.monotonic() > end:
+                    self.process.kill()
+                    raise DecoderEnded(f"it took longer than {seconds:.0f} s")
+        line, _, rest = self.received.partition(b"\n")
+        self.received = rest
+        return bytes(line)
+
+    def _fill_steps(self, target: memoryview, step: Step) -> Steps[None]:
+        """Read the bytes of a picture, which the process writes in one go."""
+        done = min(len(self.received), len(target))
+        target[:done] = self.received[:done]
+        del self.received[:done]
+        end = time.monotonic() + self.seconds
+        while done < len(target):
+            piece = self._available()[: len(target) - done]
+            target[done : done + len(piece)] = piece
+            done += len(piece)
+            if not piece:
+                yield step
+                if time.monotonic() > end:
+                    self.process.kill()
+                    raise DecoderEnded("it stopped in the middle of an answer")
+
+    def _available(self) -> bytes:
+        """What the process has written, after at most `TICK` seconds; `DecoderEnded` where its output has ended."""
+        assert self.process.stdout is not None
+        handle = self.process.stdout.fileno()
+        try:
+            if not is_readable(handle):
+                return b""
+            piece = os.read(handle, PIECE)
+        except OSError:  # a broken pipe, on Windows
+            piece = b""
+        if not piece:
+            raise DecoderEnded(how_it_ended(self.process.wait()))
+        return piece
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.kill()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            try:
+                pipe.close()
+            except OSError:
+                pass
+
+
+def started_steps(pixels: int) -> Steps[DecodingProcess | None]:
+    """A process that is ready to decode; None where this system, or whoever runs it, allows none."""
+    python = interpreter()
+    if python is None:
+        return None
+    try:
+        process = DecodingProcess([str(python), "-I", "-S", "-c", BOOT], pixels)
+    except OSError:
+        return None
+    ready = False
+    try:
+        ready = yield from process.ready_steps()
+    finally:
+        if not ready:
+            process.close()
+    return process if ready else None
+
+
+def interpreter() -> Path | None:
+    """The program of the running Python; None inside a program that holds Python and brings no interpreter along.
+
+    Blender's `sys.executable` is the Python in its folder, and in some builds Blender itself.
+    """
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    inside = [Path(sys.prefix, "bin", name) for name in (version, "python3", "python.exe")]
+    candidates = [Path(sys.executable or "-"), *inside, Path(sys.prefix, "python.exe")]
+    return next((path for path in candidates if path.name.lower().startswith("python") and path.is_file()), None)
+
+
+def is_readable(handle: int) -> bool:
+    """Whether a pipe has something to read or has ended, after at most `TICK` seconds."""
+    if sys.platform != "win32":
+        return bool(select.select([handle], [], [], TICK)[0])
+    import _winapi
+    import msvcrt
+
+    if _winapi.PeekNamedPipe(msvcrt.get_osfhandle(handle), 0)[0]:
+        return True
+    time.sleep(TICK / 4)
+    return False
+
+
+def how_it_ended(status: int) -> str:
+    """An exit status in words."""
+    if status >= 0:
+        return f"it ended with exit code {status}"
+    try:
+        return f"it crashed with {signal.Signals(-status).name}"
+    except ValueError:
+        return f"it was ended by signal {-status}"

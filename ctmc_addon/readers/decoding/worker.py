@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The process that decodes, from inside: a request in a line of JSON, a picture as plain bytes, until the input ends.
+
+A request names a DICOM file and one of its frames.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import traceback
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import CtmcError, ReadError
+from ..dicom.header import ImageFile, read_header
+from ..dicom.pixels import stored_frames
+from ..optional_imports import needed, quiet
+
+
+def serve(memory: int) -> None:
+    """Answer requests on standard input until it ends.
+
+    Parameters
+    ----------
+    memory : int
+        Bytes that this process may address, where the system can hold it to that.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
+    # Libraries may print: what is meant for the other side has an output of its own.
+    with os.fdopen(os.dup(1), "wb", buffering=0) as out, open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        limit_memory(memory)
+        needed("pydicom.pixels", "pydicom", "DICOM")
+        say(out, {"ready": True})
+        for line in sys.stdin.buffer:
+            answer(json.loads(line), out)
+
+
+def limit_memory(most: int) -> None:
+    """Let allocations beyond `most` bytes fail; not on Windows, and macOS does not keep to it."""
+    try:
+        import resource
+    except ImportError:
+        return
+    try:
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        within = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (within, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    except (OSError, ValueError):
+        pass
+
+
+def answer(request: dict[str, Any], out: IO[bytes]) -> None:
+    """Write the picture of one request, or why there is none."""
+    path = Path(request["path"])
+    try:
+        with quiet():
+            picture = np.ascontiguousarray(decoded(path, request["frame"]))
+    except CtmcError as error:
+        say(out, {"sentence": str(error)})
+    except OSError as error:
+        say(out, {"sentence": f"{path.name} cannot be read ({error.strerror or error}); check the file"})
+    except MemoryError:
+        say(out, {"sentence": f"{path.name} needs more memory to be decoded than its size tells of; copy it again"})
+    except Exception:  # noqa: BLE001  (raised again on the other side)
+        say(out, {"defect": traceback.format_exc()[-8000:]})
+    else:
+        say(out, {"shape": picture.shape, "dtype": picture.dtype.str})
+        write(out, picture.tobytes())
+
+
+def decoded(path: Path, frame: int) -> NDArray[Any]:
+    """Pixels as stored, (rows, columns)."""
+    return next(stored_frames(header_of(path), [frame]))
+
+
+@lru_cache(1)
+def header_of(path: Path) -> ImageFile:
+    """The header, kept for a file's next frame."""
+    header = read_header(path)
+    if not isinstance(header, ImageFile):
+        raise ReadError(f"{path.name} is no longer the DICOM image that it was; read it again")
+    return header
+
+
+def say(out: IO[bytes], words: dict[str, Any]) -> None:
+    """Write one line."""
+    write(out, json.dumps(words).encode("ascii") + b"\n")
+
+
+def write(out: IO[bytes], content: bytes) -> None:
+    """Write all of it: a pipe takes what fits."""
+    left = memoryview(content)
+    while left:
+        left = left[out.write(left) :]

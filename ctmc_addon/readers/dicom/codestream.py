@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a compressed frame says of itself, looked at before it is decoded: is it whole, and how large is it?
+
+The decoders give a picture for half a frame too, and make room for whatever size a frame claims.
+JPEG's markers are those of ITU T.81 and T.87, JPEG 2000's those of ITU T.800.
+"""
+
+from __future__ import annotations
+
+START, END = b"\xff\xd8", b"\xff\xd9"  # SOI and EOI; EOC of JPEG 2000 has the same value as EOI
+JPEG_2000 = b"\xff\x4f\xff\x51"  # SOC and SIZ
+BOXES = b"\x00\x00\x00\x0cjP"  # a JPEG 2000 file around the codestream, which DICOM forbids and some write
+MOST_BOXES = 4096  # bytes before the codestream in it
+# Start of frame: all of 0xC0 to 0xCF that are not DHT, JPG and DAC; 0xF7 is JPEG-LS.
+FRAMES = {*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC}
+WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
+
+
+def frame_damage(frame: bytes, rows: int, columns: int, samples: int) -> str:
+    r"""What is wrong with a JPEG, JPEG-LS or JPEG 2000 frame; empty where nothing is, or the frame is another kind.
+
+    Parameters
+    ----------
+    frame : bytes
+        With the byte that makes its length even.
+    rows, columns, samples : int
+        As the DICOM header has them.
+
+    Examples
+    --------
+    >>> frame_damage(b"\xff\xd8\xff\xc3\x00\x0b\x10\x00\x05\x00\x07\x01", 5, 7, 1)
+    'the end of its pixels is missing'
+    """
+    size = codestream_size(frame)
+    if size is None:
+        return ""
+    if not frame.rstrip(b"\x00\xff").endswith(END[1:]) or END not in frame[-64:]:
+        return "the end of its pixels is missing"
+    if size != (size[0] and rows, size[1] and columns, samples):  # 0 is said later in the frame
+        return f"its pixels are {size[1]} x {size[0]} x {size[2]}, and its header says {columns} x {rows} x {samples}"
+    return ""
+
+
+def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
+    """(rows, columns, samples of a pixel) in a frame's own header; zeros where it breaks off, None for another kind."""
+    if frame.startswith(BOXES):
+        frame = frame[max(0, frame.find(JPEG_2000, 0, MOST_BOXES)) :]
+    if frame.startswith(JPEG_2000):
+        right, lower, left, upper = (int.from_bytes(frame[at : at + 4], "big") for at in (8, 12, 16, 20))
+        return lower - upper, right - left, int.from_bytes(frame[40:42], "big")
+    return jpeg_size(frame) if frame.startswith(START) else None
+
+
+def jpeg_size(frame: bytes) -> tuple[int, int, int]:
+    """`codestream_size` of JPEG and JPEG-LS, whose start of frame follows other segments."""
+    at = 2
+    while at + 10 <= len(frame) and frame[at] == 0xFF:
+        marker = frame[at + 1]
+        if marker in FRAMES:
+            rows, columns = (int.from_bytes(frame[place : place + 2], "big") for place in (at + 5, at + 7))
+            return rows, columns, frame[at + 9]
+        if marker == 0xFF:  # fill bytes
+            at += 1
+        elif marker in WITHOUT_LENGTH:
+            at += 2
+        else:
+            at += 2 + max(2, int.from_bytes(frame[at + 2 : at + 4], "big"))
+    return 0, 0, 0
