@@ -62,11 +62,11 @@ class Series:
     dtype: str = ""
     times: int = 1
     default_time: int = 1
-    dicom_number: str = ""
-    description: str = ""
-    kernel: str = ""
+    dicom_number: str = field(default="", repr=False)
+    description: str = field(default="", repr=False)
+    kernel: str = field(default="", repr=False)
     spacing_mm: float | None = None
-    folder: str = ""
+    folder: str = field(default="", repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -244,7 +244,8 @@ class VolumeSource(ABC):
             raise ReadError(f"there is no time {time}, as {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
-        return line.default_time, [f"{times} times found: time {line.default_time} was read; give the time for another"]
+        note = f"{times} times (time points, phases or acquisitions) at the same places found: time "
+        return line.default_time, [f"{note}{line.default_time} was read; give the time, 1 to {times}, for another"]
 
     def read(self, **options: Any) -> Volume:
         """`read_steps` in one go."""

@@ -7,13 +7,23 @@ An enhanced multi-frame file keeps this in functional groups, per frame or share
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 MOST_MM = 1e6
 
 
+class Moment(NamedTuple):
+    """What tells a frame from others at its place: empty or None where the file does not say."""
+
+    temporal: str = ""  # number of the time point
+    acquisition: str = ""  # number of the acquisition
+    trigger: float | None = None  # ms after the heart's trigger
+    acquired: tuple[str, str] | None = None  # times of the day
+
+
 class FrameGeometry(NamedTuple):
-    """Place and scale of one frame; None where the file does not say."""
+    """Place, moment and scale of one frame; None where the file does not say."""
 
     position: tuple[float, ...] | None  # (x, y, z) of the first pixel's center
     orientation: tuple[float, ...] | None  # direction of a row, then of a column
@@ -22,6 +32,7 @@ class FrameGeometry(NamedTuple):
     intercept: float
     unit: str  # RescaleType, empty where there is none
     scout: bool
+    moment: Moment = Moment()
 
 
 def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
@@ -59,12 +70,32 @@ def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> F
         0.0 if intercept is None else float(intercept),
         str(value_of("PixelValueTransformationSequence", "RescaleType") or ""),
         "LOCALIZER" in frame_type,
+        _moment(dataset, value_of),
+    )
+
+
+def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
+    temporal = value_of("FrameContentSequence", "TemporalPositionIndex", False)
+    acquisition = value_of("FrameContentSequence", "FrameAcquisitionNumber", False)
+    delay = value_of("CardiacSynchronizationSequence", "NominalCardiacTriggerDelayTime", False)
+    phase = value_of("CardiacSynchronizationSequence", "NominalPercentageOfCardiacPhase", False)
+    delay = phase if delay is None else delay
+    trigger = _numbers([dataset.get("TriggerTime", None) if delay is None else delay], 1)
+    times = (str(dataset.get("AcquisitionTime", None) or ""), str(dataset.get("ContentTime", None) or ""))
+    started = str(value_of("FrameContentSequence", "FrameReferenceDateTime", False) or "")
+    return Moment(
+        str(temporal or dataset.get("TemporalPositionIdentifier", None) or ""),
+        str(acquisition or dataset.get("AcquisitionNumber", None) or ""),
+        trigger[0] if trigger else None,
+        (started, "") if started else times if any(times) else None,
     )
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...] | None:
     """`count` numbers of a size that occurs, or None where the file has none or others."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
+        return None
+    if None in value:
         return None
     numbers = tuple(float(number) for number in value)
     return numbers if all(abs(number) <= MOST_MM for number in numbers) else None  # nor NaN

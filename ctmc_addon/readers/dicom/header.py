@@ -20,18 +20,21 @@ from ..optional_imports import needed, quiet
 from .frames import FrameGeometry, frame_geometries
 
 PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
+CALLED_KEYWORDS = ["SeriesNumber", "SeriesDescription", "ConvolutionKernel"]
 SHARED_KEYWORDS = [  # nearly always alike in the files of a series
     *("SOPClassUID", "Modality", "ImageType", "SeriesInstanceUID", "AcquisitionNumber"),
     *("SamplesPerPixel", "PhotometricInterpretation", "PlanarConfiguration", "Rows", "Columns"),
     *("BitsAllocated", "BitsStored", "PixelRepresentation", "RescaleSlope", "RescaleIntercept"),
-    *("ImageOrientationPatient", "PixelSpacing"),
+    *("ImageOrientationPatient", "PixelSpacing", *CALLED_KEYWORDS),
 ]
 KEYWORDS = [
     *(*SHARED_KEYWORDS, *PIXEL_KEYWORDS, "ExtendedOffsetTable", "ExtendedOffsetTableLengths"),
-    *("SOPInstanceUID", "InstanceNumber", "TemporalPositionIdentifier", "ImagePositionPatient"),
+    *("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient"),
+    *("TemporalPositionIdentifier", "TriggerTime", "AcquisitionTime", "ContentTime"),
     *("RescaleType", "ModalityLUTSequence", "PixelPaddingValue", "PixelPaddingRangeLimit"),
     *("NumberOfFrames", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
 ]
+LONGEST_CALLED = 64  # letters of a description
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
 NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
 DEFLATED = "1.2.840.10008.1.2.1.99"
@@ -52,6 +55,14 @@ class Pixels(NamedTuple):
     options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
 
 
+class Called(NamedTuple):
+    """What people called a file's series; may hold names, so it is for the screen alone."""
+
+    number: str
+    description: str
+    kernel: str
+
+
 @dataclass(frozen=True, eq=False)
 class ImageFile:
     """What one DICOM file with an image says of it; carries no patient data."""
@@ -63,7 +74,7 @@ class ImageFile:
     columns: int
     uid: str  # SOPInstanceUID
     instance: int
-    acquisition: tuple[str, str]  # its number, and that of the time point; empty where there is none
+    called: Called  # for the screen alone
     scout: bool
     gray: bool
     hounsfield: bool
@@ -219,6 +230,13 @@ def syntax_of(dataset: Any) -> str:
     return str(dataset.file_meta.get("TransferSyntaxUID", None) or assumed)
 
 
+def one_line(value: Any) -> str:
+    """Text of an element for a line on a screen: printable, and at most 64 characters."""
+    parts = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
+    words = " ".join("" if part is None else str(part) for part in parts).split()
+    return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
+
+
 def sop_class(dataset: Any) -> str:
     """Name of what the file says it stores, such as 'CT Image Storage'; empty where it does not say."""
     kind = dataset.get("SOPClassUID", None) or dataset.file_meta.get("MediaStorageSOPClassUID", None)
@@ -255,10 +273,7 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
         columns=options["columns"],
         uid=str(dataset.get("SOPInstanceUID", None) or ""),
         instance=int(dataset.get("InstanceNumber", None) or 0),
-        acquisition=(
-            str(dataset.get("AcquisitionNumber", None) or ""),
-            str(dataset.get("TemporalPositionIdentifier", None) or ""),
-        ),
+        called=Called(*(one_line(dataset.get(keyword, None)) for keyword in CALLED_KEYWORDS)),
         scout="LOCALIZER" in words,
         gray=int(options.get("samples_per_pixel", 1)) == 1
         and "MONOCHROME" in str(options["photometric_interpretation"]),

@@ -8,7 +8,6 @@ pixels.py's. No patient data is read; names of DICOM files stand in errors, neve
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,13 +20,13 @@ from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import PLANES, require_volume_memory
-from .acquisitions import one_acquisition
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
+from .listing import is_placed, is_scout, largest_group, listed
 from .pixels import DoesNotFit, check_codec, fill_slice, output_types, padding_mark
 from .stack_geometry import Stack, stack_up
 from .stored import StoredPixels
+from .times import times_of
 
-SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
 MOST_LISTED = 12  # series in one note
 STEEPEST = 1e9  # a larger RescaleSlope or RescaleIntercept is damage
 
@@ -54,7 +53,7 @@ class DicomSource(VolumeSource):
         # A slice's own name often is an identifier.
         named_path = path if path.is_dir() or alone else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
-        super().__init__(path, listed(content), [*images, *unused], stem(named_path))
+        super().__init__(path, listed(content.series, path), [*images, *unused], stem(named_path))
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """The series that would be read; by default the one with the most slices that have a place."""
@@ -76,8 +75,7 @@ class DicomSource(VolumeSource):
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
         check_whole(self.content, uid)
-        slices, left_out = one_acquisition(slices)
-        notes += left_out
+        slices = times_of(slices)[options.time - 1]
         color = sum(image.series == uid for image in self.content.color)
         if color:
             notes.append(f"{color} color image{'s' * (color > 1)} of the series left out")
@@ -103,15 +101,15 @@ class DicomSource(VolumeSource):
             color = len(self.content.color)
             color_images = f"; its {color} color images are not CT" if color else ""
             raise ReadError(f"{self.path.name} has no DICOM images{color_images}; choose the folder of a CT series")
-        text = "; ".join(line.text for line in self.series[:MOST_LISTED])
-        text += f"; and {len(self.series) - MOST_LISTED} more" if len(self.series) > MOST_LISTED else ""
         line = self.selected_series(requested_series)
         if line is None:
+            text = "; ".join(line.text for line in self.series[:MOST_LISTED])
+            text += f"; and {len(self.series) - MOST_LISTED} more" if len(self.series) > MOST_LISTED else ""
             raise ReadError(f"there is no series '{requested_series}'; choose by number from {text}")
         if requested_series or len(self.series) == 1:
             return line.uid, []
         count = len(self.series)
-        return line.uid, [f"{count} series found, series {line.number} with the most slices was read: {text}"]
+        return line.uid, [f"{count} series found: series {line.number}, with the most slices, was read"]
 
 
 def stack_and_spacing_note(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
@@ -186,20 +184,6 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     return FolderContent(series, unsound, color, len(broken) - len(unsound))
 
 
-def listed(content: FolderContent) -> tuple[Series, ...]:
-    """The series without patient data, numbered from 1."""
-    lines: list[Series] = []
-    for number, (uid, slices) in enumerate(content.series.items(), 1):
-        sizes = Counter((first.image.columns, first.image.rows) for first in slices)
-        places = {ct_slice.geometry.position for ct_slice in slices} - {None}
-        dtype = np.dtype(
-            output_types([ct_slice.geometry for ct_slice in slices], slices[0].image.pixels.floating)[0]
-        ).name
-        size, modality = sizes.most_common(1)[0][0], slices[0].image.modality
-        lines.append(Series(number, uid, len(places) or len(slices), size, modality, dtype))
-    return tuple(lines)
-
-
 def check_whole(content: FolderContent, uid: str) -> None:
     """Refuse a series with a broken file: a slice would be missing without a word."""
     for broken in content.broken:
@@ -216,36 +200,24 @@ def truncated(broken: Broken) -> ReadError:
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
     """The largest group of slices of one size, orientation and spacing, and what was left out."""
-    placed = [ct_slice for ct_slice in slices if ct_slice.geometry.position and ct_slice.geometry.orientation]
-    scouts = [ct_slice for ct_slice in placed if ct_slice.image.scout or ct_slice.geometry.scout]
-    groups: list[list[Slice]] = []
-    for ct_slice in placed:
-        if ct_slice.image.scout or ct_slice.geometry.scout:
-            continue
-        group = next((group for group in groups if alike(group[0], ct_slice)), None)
-        if group is None:
-            groups.append([ct_slice])
-        else:
-            group.append(ct_slice)
-    if not groups:
+    placed = [ct_slice for ct_slice in slices if is_placed(ct_slice)]
+    scouts = sum(map(is_scout, placed))
+    best = largest_group(slices, path)
+    if not best:
         if scouts:
-            raise ReadError(f"{path.name} has only scouts ({len(scouts)}); choose the series of slices")
+            raise ReadError(f"{path.name} has only scouts ({scouts}); choose the series of slices")
         none = f"the image in {path.name} has no position"
         if len(slices) > 1:
             none = f"none of the {len(slices)} slices or frames in {path.name} has a position"
         raise ReadError(
             f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
-    # The largest, the first of equals; but a file given by itself chooses its own.
-    best = next(
-        (group for group in groups if any(ct_slice.image.path == path for ct_slice in group)), max(groups, key=len)
-    )
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
-    others = sum(len(group) for group in groups) - len(best)
+    others = len(placed) - scouts - len(best)
     if scouts:
-        notes.append(f"{len(scouts)} scout{'s' * (len(scouts) > 1)} left out")
+        notes.append(f"{scouts} scout{'s' * (scouts > 1)} left out")
     if others:
         plural = "slices" if others > 1 else "slice"
         notes.append(f"{others} {plural} of another size, orientation or spacing left out")
@@ -257,19 +229,7 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
                 f"the series has a RescaleSlope of {slope:g} and a RescaleIntercept of {intercept:g}, which give no "
                 "usable values; export it again"
             )
-    return sorted(best, key=lambda ct_slice: (ct_slice.image.instance, ct_slice.frame)), notes
-
-
-def alike(first: Slice, second: Slice) -> bool:
-    """Whether two slices can belong to one volume."""
-    if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
-        return False
-    a, b = first.geometry, second.geometry
-    if (a.spacing is None) != (b.spacing is None):
-        return False
-    turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
-    scale = max((abs(p - q) / max(p, 1e-9) for p, q in zip(a.spacing or (), b.spacing or (), strict=True)), default=0.0)
-    return turn <= SAME_DIRECTION and scale <= SAME_DIRECTION
+    return best, notes
 
 
 def meaning(slices: Sequence[Slice]) -> list[str]:

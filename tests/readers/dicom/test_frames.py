@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pydicom
 import pytest
 from pydicom import uid
 
@@ -60,13 +61,36 @@ def test_uneven_frames_are_resampled(tmp_path, save_frames):
     np.testing.assert_array_equal(read_volume(tmp_path).values[:, 0, 0], np.arange(0, 60, 10) - 1000)
 
 
-def test_frames_of_two_phases_at_one_place_are_kept_once(tmp_path, save_frames):
+def test_frames_of_two_phases_at_one_place_are_two_times(tmp_path, save_frames):
     stored = frames_of(6)
     save_frames(tmp_path / "e.dcm", stored, [(0, 0, z) for z in (0, 1, 2, 0, 1, 2)])
     volume = read_volume(tmp_path / "e.dcm")
     np.testing.assert_array_equal(volume.values, stored[:3].astype(int) - 1000)
-    assert "3 slices stand where another already is" in volume.notes[0]
-    assert open_volume(tmp_path / "e.dcm").series[0].slices == 3
+    assert "2 times" in volume.notes[0]
+    np.testing.assert_array_equal(read_volume(tmp_path / "e.dcm", time=2).values, stored[3:].astype(int) - 1000)
+    series = open_volume(tmp_path / "e.dcm").series[0]
+    assert (series.slices, series.times) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("sequence", "keyword", "numbers"),
+    [
+        ("FrameContentSequence", "TemporalPositionIndex", (2, 1, 2, 1, 2, 1)),
+        ("FrameContentSequence", "FrameAcquisitionNumber", (9, 8, 9, 8, 9, 8)),
+        ("CardiacSynchronizationSequence", "NominalPercentageOfCardiacPhase", (80.0, 10.0, 80.0, 10.0, 80.0, 10.0)),
+    ],
+)
+def test_frames_say_their_time(tmp_path, save_frames, sequence, keyword, numbers):
+    stored = frames_of(6)
+    dataset = save_frames(tmp_path / "e.dcm", stored, [(0, 0, z) for z in (0, 0, 1, 1, 2, 2)])
+    for group, number in zip(dataset.PerFrameFunctionalGroupsSequence, numbers, strict=True):
+        item = pydicom.Dataset()
+        setattr(item, keyword, number)
+        setattr(group, sequence, [item])
+    dataset.save_as(tmp_path / "e.dcm")
+    for time, first in ((1, 1), (2, 0)):
+        found = read_volume(tmp_path / "e.dcm", time=time)
+        np.testing.assert_array_equal(found.values, stored[first::2].astype(int) - 1000)
 
 
 def test_frames_in_several_files_make_one_volume(tmp_path, save_frames):

@@ -25,7 +25,7 @@ def test_the_series_with_most_slices_is_read_and_the_others_are_listed(tmp_path,
     large = save_stack(tmp_path / "b" / "deep", range(5), (6, 6), SeriesInstanceUID="1.9.2")
     volume = read_volume(tmp_path)
     np.testing.assert_array_equal(volume.values, large)
-    assert said(volume, "series 1: 3 slices of 7 x 5, CT")
+    assert said(volume, "2 series found: series 2, with the most slices, was read")
     assert not said(volume, "1.9.")
     assert [(one.number, one.uid, one.slices, one.size, one.modality) for one in open_volume(tmp_path).series] == [
         (1, "1.9.1", 3, (7, 5), "CT"),
@@ -102,13 +102,14 @@ def test_a_broken_file_of_another_series_is_no_hindrance(tmp_path, save_stack):
     np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
 
 
-def test_many_series_are_listed_in_part(tmp_path, save_stack):
+def test_a_mistaken_series_lists_many_in_part(tmp_path, save_stack):
     for number in range(15):
         save_stack(tmp_path / str(number), range(2 + (number == 13)), SeriesInstanceUID=f"1.5.{number}")
     volume = read_volume(tmp_path)
     assert len(volume.values) == 3
-    assert said(volume, "15 series found, series 14 with the most slices was read")
-    assert said(volume, "series 12: 2 slices of 7 x 5, CT; and 3 more")
+    assert said(volume, "15 series found: series 14, with the most slices, was read")
+    with pytest.raises(CtmcError, match="series 12: 2 slices of 7 x 5, CT; and 3 more"):
+        read_volume(tmp_path, series=16)
 
 
 def save_dicomdir(folder):
@@ -150,10 +151,24 @@ def test_no_patient_data_leaves_the_reader(tmp_path, save_stack):
     save_stack(tmp_path, (0, 1, 3, 3), SeriesDescription="Muster liver")
     save_stack(tmp_path / "x", (0, 1), SeriesInstanceUID="1.2.77")
     volume = read_volume(tmp_path)
-    text = " ".join([*volume.notes, volume.name, *map(repr, open_volume(tmp_path).series)])
+    with pytest.raises(CtmcError) as caught:
+        read_volume(tmp_path, series="9")
+    series = open_volume(tmp_path).series
+    text = " ".join([*volume.notes, volume.name, str(caught.value), *map(repr, series), *(one.text for one in series)])
     assert "Muster" not in text
     assert "4711" not in text
     assert "1.2.3.4.5" not in " ".join(volume.notes)
+
+
+def test_series_are_told_apart_on_screen_by_what_the_operator_called_them(tmp_path, save_stack):
+    bone = {"SeriesNumber": 4, "SeriesDescription": "THORAX\n  BONE", "ConvolutionKernel": ["B70f", "3"]}
+    save_stack(tmp_path / "s1" / "a", (0, 1.5, 3), SeriesInstanceUID="1.9.1", **bone)
+    save_stack(tmp_path / "s2", (0, 5), SeriesInstanceUID="1.9.2", SeriesNumber=5, SeriesDescription="x" * 64)
+    assert [one.screen_text for one in open_volume(tmp_path).series] == [
+        "series 1: 3 slices of 7 x 5, CT, 1.5 mm apart, no. 4, THORAX BONE, B70f 3, in s1/a",
+        f"series 2: 2 slices of 7 x 5, CT, 5 mm apart, no. 5, {'x' * 64}, in s2",
+    ]
+    assert open_volume(tmp_path / "s2").series[0].folder == ""
 
 
 def test_a_missing_pixel_spacing_is_refused_unless_one_is_given(tmp_path, save_stack):

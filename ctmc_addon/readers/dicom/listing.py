@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The series of a DICOM folder as lists show them: told apart by what the scanner's operator called them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...core import ReadError
+from ..result import Series
+from .header import Slice
+from .pixels import output_types
+from .stack_geometry import SAME_MM
+from .times import heights, times_of
+
+SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
+LONGEST_FOLDER = 64  # letters
+
+
+def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, ...]:
+    """The series of `path` in the order of their files, numbered from 1."""
+    folders = {uid: {ct_slice.image.path.parent for ct_slice in slices} for uid, slices in series.items()}
+    several = len(set().union(*folders.values())) > 1
+    lines = []
+    for number, (uid, slices) in enumerate(series.items(), 1):
+        image = slices[0].image
+        sizes = Counter((ct_slice.image.columns, ct_slice.image.rows) for ct_slice in slices)
+        places = {ct_slice.geometry.position for ct_slice in slices} - {None}
+        dtype = np.dtype(output_types([ct_slice.geometry for ct_slice in slices], image.pixels.floating)[0])
+        times, default_time, spacing_mm = times_and_spacing(slices, path)
+        lines.append(
+            Series(
+                number,
+                uid,
+                len(places) or len(slices),
+                sizes.most_common(1)[0][0],
+                image.modality,
+                dtype.name,
+                times,
+                default_time,
+                *image.called,
+                spacing_mm,
+                folder_of(folders[uid], path) if several else "",
+            )
+        )
+    return tuple(lines)
+
+
+def times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, float | None]:
+    """How many times the largest group of a series has, which of them is read by default, and mm between its slices.
+
+    By default it is the time that holds the file `path`, else the first of those with the most slices. A series that
+    cannot be read has one time; the reason is said when it is read.
+    """
+    group = largest_group(slices, path)
+    if not group:
+        return 1, 1, None
+    try:
+        times = times_of(group)
+        along = heights(times[0])
+    except ReadError:
+        return 1, 1, None
+    own = [any(ct_slice.image.path == path for ct_slice in time) for time in times]
+    default = max(range(len(times)), key=lambda at: (own.count(True) == 1 and own[at], len(times[at]), -at))
+    gaps = np.diff(np.unique(np.round(along / SAME_MM) * SAME_MM))
+    return len(times), default + 1, float(np.median(gaps)) if len(gaps) else None
+
+
+def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
+    """The slices of one geometry that are read by default, scouts left out; empty where none has a place."""
+    groups = geometry_groups([ct_slice for ct_slice in slices if is_placed(ct_slice) and not is_scout(ct_slice)])
+    if not groups:
+        return []
+    # The largest, the first of equals; but a file given by itself chooses its own.
+    own = (group for group in groups if any(ct_slice.image.path == path for ct_slice in group))
+    group = next(own, max(groups, key=len))
+    return sorted(group, key=lambda ct_slice: (ct_slice.image.instance, ct_slice.frame))
+
+
+def folder_of(folders: set[Path], path: Path) -> str:
+    """Where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
+    if len(folders) > 1:
+        return f"{len(folders)} folders"
+    folder = next(iter(folders))
+    start = path if path.is_dir() else path.parent
+    inner = folder.relative_to(start).as_posix() if folder.is_relative_to(start) else folder.name
+    return inner if len(inner) <= LONGEST_FOLDER else f"...{inner[-LONGEST_FOLDER:]}"
+
+
+def is_placed(ct_slice: Slice) -> bool:
+    """Whether a slice has a position and a direction."""
+    return bool(ct_slice.geometry.position and ct_slice.geometry.orientation)
+
+
+def is_scout(ct_slice: Slice) -> bool:
+    """Whether a slice is a picture to plan the scan by."""
+    return ct_slice.image.scout or ct_slice.geometry.scout
+
+
+def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
+    """Slices of one size, orientation and spacing together."""
+    groups: list[list[Slice]] = []
+    for ct_slice in slices:
+        group = next((group for group in groups if alike(group[0], ct_slice)), None)
+        if group is None:
+            groups.append([ct_slice])
+        else:
+            group.append(ct_slice)
+    return groups
+
+
+def alike(first: Slice, second: Slice) -> bool:
+    """Whether two slices can belong to one volume."""
+    if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
+        return False
+    a, b = first.geometry, second.geometry
+    if (a.spacing is None) != (b.spacing is None):
+        return False
+    turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
+    scale = max((abs(p - q) / max(p, 1e-9) for p, q in zip(a.spacing or (), b.spacing or (), strict=True)), default=0.0)
+    return turn <= SAME_DIRECTION and scale <= SAME_DIRECTION

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several images at one place: copies of one, time points, cardiac phases, or scans between each other's slices.
+
+Taken together they would give slices of one and the other in turn, or half the true gap. What tells them apart is
+tried in this order: the number of the time point, the number of the acquisition, and the order of trigger times,
+acquisition times or instance numbers where it is the same at every place.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError
+from .header import Slice
+from .stack_geometry import SAME_MM, checked_normal, dot
+
+FEWEST = 3  # slices that make an acquisition; scanners that count every slice as one have fewer
+OVERLAP = 0.5  # of the shorter of two acquisitions that lies within the other
+
+
+def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
+    """The slices of each of the volumes at the same places, in the order of time; mostly one with all slices.
+
+    Raises
+    ------
+    ReadError
+        If most places have different images and nothing tells which belong together.
+    """
+    along = heights(slices)  # (n,) mm
+    temporal = [ct_slice.geometry.moment.temporal for ct_slice in slices]
+    acquisition = [ct_slice.geometry.moment.acquisition for ct_slice in slices]
+    groups = grouped(range(len(slices)), temporal)
+    mean = len(slices) / len(groups)
+    if mean < FEWEST:  # the scanner counts slices
+        groups = [list(range(len(slices)))]
+    parts = [part for group in groups for part in by_acquisition(group, acquisition, along)]
+    times: list[list[int]] = []
+    for part in parts:  # those that follow each other in space are one volume
+        room = next((time for time in times if not overlaps(along[time], along[part])), None)
+        if room is None:
+            times.append(list(part))
+        else:
+            room += part
+    if len(times) == 1:
+        times = in_order(slices, along) or times
+    selected = [[slices[at] for at in sorted(time)] for time in times]
+    for time, numbers in zip(selected, times, strict=True):
+        check_doubled(time, along[sorted(numbers)])
+    return selected
+
+
+def heights(slices: Sequence[Slice]) -> NDArray[np.float64]:
+    """Where slices of one orientation stand along their normal, (n,) mm."""
+    first = slices[0].geometry.orientation or ()
+    normal = checked_normal(np.array(first[:3]), np.array(first[3:]))
+    return dot(np.array([ct_slice.geometry.position for ct_slice in slices], np.float64), normal)
+
+
+def grouped(numbers: Iterable[int], keys: Sequence[str]) -> list[list[int]]:
+    """`numbers` with the same of `keys` together, the groups in the order of their keys."""
+    groups: dict[str, list[int]] = {}
+    for number in numbers:
+        groups.setdefault(keys[number], []).append(number)
+    return [groups[key] for key in sorted(groups, key=lambda key: (len(key), key))]
+
+
+def by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.float64]) -> list[list[int]]:
+    """The acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
+    parts = grouped(group, keys)
+    if min(map(len, parts)) < FEWEST:
+        return [group]
+    several = any(overlaps(along[one], along[other]) for at, one in enumerate(parts) for other in parts[:at])
+    return parts if several else [group]
+
+
+def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Whether two sets of heights share more than half of the shorter one's extent."""
+    shared = min(first.max(), second.max()) - max(first.min(), second.min())
+    return bool(shared > OVERLAP * min(np.ptp(first), np.ptp(second)))
+
+
+def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[int]]:
+    """Numbers of the slices of each time, where every place has as many images and an order tells them apart.
+
+    Empty where it has one, or as many as differ from place to place.
+    """
+    places: dict[int, list[int]] = {}
+    images: set[tuple[int, str, int]] = set()
+    for number, (ct_slice, height) in enumerate(zip(slices, along, strict=True)):
+        place = round(height / SAME_MM)
+        image = (place, ct_slice.image.uid, ct_slice.frame)
+        if image not in images:  # else a copy of the file
+            places.setdefault(place, []).append(number)
+            images.add(image)
+    count = len(next(iter(places.values())))
+    if count < 2 or len(places) < 2 or {len(place) for place in places.values()} != {count}:
+        return []
+    orders: tuple[Callable[[Slice], Any], ...] = (
+        lambda ct_slice: ct_slice.geometry.moment.trigger,
+        lambda ct_slice: ct_slice.geometry.moment.acquired,
+        lambda ct_slice: (ct_slice.image.instance, ct_slice.frame),
+    )
+    for order in orders:
+        keys = [order(ct_slice) for ct_slice in slices]
+        if None in keys:
+            continue
+        ranked = [sorted(place, key=keys.__getitem__) for place in places.values()]
+        if tells_apart([[keys[number] for number in place] for place in ranked]):
+            return [list(time) for time in zip(*ranked, strict=True)]
+    return []
+
+
+def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
+    """Whether sorted keys of each place give times that cannot be mixed.
+
+    They differ at each place, and each time ends before the next begins, or each place before the next.
+    """
+    if any(one == other for place in ranked for one, other in itertools.pairwise(place)):
+        return False
+    times = list(zip(*ranked, strict=True))
+    by_time = all(max(one) < min(other) for one, other in itertools.pairwise(times))
+    places = sorted((place[0], place[-1]) for place in ranked)
+    by_place = all(one[1] < other[0] for one, other in itertools.pairwise(places))
+    return by_time or by_place
+
+
+def check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
+    """Refuse slices of which most stand where a different one stands; copies of one image are alike."""
+    images: dict[int, set[tuple[str, int]]] = {}
+    for ct_slice, height in zip(slices, along, strict=True):
+        images.setdefault(round(height / SAME_MM), set()).add((ct_slice.image.uid, ct_slice.frame))
+    doubled = sum(len(different) > 1 for different in images.values())
+    if len(images) > 1 and 2 * doubled > len(images):
+        raise ReadError(
+            f"{doubled} of {len(images)} slices have more than one image, and neither AcquisitionNumber nor "
+            "TemporalPositionIdentifier nor an order of times tells which belong together; export each scan as a "
+            "series of its own"
+        )
