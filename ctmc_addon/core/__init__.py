@@ -4,11 +4,12 @@
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
+from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 from .memory import available_bytes
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
-from .parallel import map_steps, worker_count
+from .parallel import map_steps, side_by_side_steps, worker_count
 from .pipeline import (
     Reconstruction,
     Stage,
@@ -35,6 +36,7 @@ __all__ = [
     "CtmcError",
     "FieldCache",
     "LabelError",
+    "LabelSurfaces",
     "MeshError",
     "OutputError",
     "Preview",
@@ -62,8 +64,11 @@ __all__ = [
     "map_steps",
     "marching_cubes",
     "reconstruct",
+    "reconstruct_labels",
+    "reconstruct_labels_steps",
     "reconstruct_steps",
     "require_memory",
+    "side_by_side_steps",
     "simplified_steps",
     "simplify",
     "simplify_steps",

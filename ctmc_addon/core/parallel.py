@@ -9,8 +9,9 @@ begins no other.
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from .errors import SettingsError
@@ -19,6 +20,7 @@ from .progress import Step, Steps
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 MOST_THREADS = 8
+LOOK = 0.05  # seconds between two looks at works in threads
 
 
 def worker_count(threads: int | None) -> int:
@@ -49,3 +51,78 @@ def map_steps(
         if pool:
             pool.shutdown(cancel_futures=True)
     return done
+
+
+def side_by_side_steps(
+    works: Sequence[Callable[[], Steps[Result]]], weights: Sequence[float], threads: int, message: str = ""
+) -> Steps[list[Result]]:
+    """Return the results of works that are steps themselves, in their order; so many are at work at a time.
+
+    They are begun in their order. Closing these steps closes those at work at their next step.
+
+    Parameters
+    ----------
+    works : sequence of functions
+        Each begins its steps, in the thread that drives them.
+    weights : sequence of float
+        Usual share of the time of each.
+
+    Examples
+    --------
+    >>> from ctmc_addon.core.progress import finish
+    >>> def half_steps(number):
+    ...     yield Step(0.5)
+    ...     return 2 * number
+    >>> finish(side_by_side_steps([lambda n=n: half_steps(n) for n in range(3)], [1, 1, 1], 2))
+    [0, 2, 4]
+    """
+    total = sum(weights) or 1.0
+    done = [0.0] * len(works)
+    stopped = threading.Event()
+
+    def driven_steps(number: int) -> Steps[Result]:
+        steps = works[number]()
+        try:
+            while True:
+                try:
+                    step = next(steps)
+                except StopIteration as end:
+                    done[number] = weights[number]
+                    result: Result = end.value
+                    return result
+                done[number] = weights[number] * step.fraction
+                yield Step(min(1.0, sum(done) / total), message)
+        finally:
+            steps.close()
+
+    def driven(number: int) -> Result | None:
+        steps = driven_steps(number)
+        try:
+            while not stopped.is_set():
+                next(steps)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        finally:
+            steps.close()
+        return None
+
+    if min(threads, len(works)) < 2:
+        results = []
+        for number in range(len(works)):
+            results.append((yield from driven_steps(number)))
+        return results
+    pool = ThreadPoolExecutor(min(threads, len(works)))
+    try:
+        futures = [pool.submit(driven, number) for number in range(len(works))]
+        waiting = set(futures)
+        while waiting:
+            finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
+            for future in finished:
+                future.result()  # raises what the work raised
+            yield Step(min(1.0, sum(done) / total), message)
+        # None is a result only of steps that were closed, and then nobody is here.
+        return [future.result() for future in futures]  # type: ignore[misc]
+    finally:
+        stopped.set()
+        pool.shutdown(cancel_futures=True)

@@ -76,6 +76,10 @@ class Reconstruction:
         Steps from slice to slice of a label that was smoothed as constrained.
     wrong_side : int or None
         Samples of the label on the wrong side of the surface at stride 1, before simplification; None for a threshold.
+    label_name : str
+        What the volume calls the label; empty where it has no name.
+    label_color : (red, green, blue) int or None
+        sRGB from 0 to 255, where the volume has one for the label.
     """
 
     mesh: TriangleMesh
@@ -91,6 +95,8 @@ class Reconstruction:
     removed_components: int = 0
     slice_steps: int = 1
     wrong_side: int | None = None
+    label_name: str = ""
+    label_color: tuple[int, int, int] | None = None
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
@@ -98,6 +104,8 @@ class Reconstruction:
         return {
             "name": self.name,
             "version": VERSION,
+            "label": self.settings.label,
+            "label_name": self.label_name,
             "faces": len(mesh.faces),
             "vertices": len(mesh.vertices),
             "full_faces": self.full_faces,
@@ -254,6 +262,8 @@ def _full_steps(
         name=volume.name,
         slice_steps=field.slice_steps,
         wrong_side=field.wrong_side,
+        label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
+        label_color=None if settings.label is None else volume.label_colors.get(settings.label),
     )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ... import readers
-from ...core import Stages, Volume
+from ...core import Stages, Volume, finish
 from ...core.files.atomic_write import json_text
-from ...core.volume import slabs_of, value_range
+from ...core.volume import label_extents_steps, slabs_of, value_range
 from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
@@ -72,13 +72,12 @@ def labels_of(volume: Volume) -> list[dict[str, Any]]:
     """Every label with its value, its name if it has one, and its voxels."""
     if volume.kind != "label":
         return []
-    counts: dict[float, int] = {}
-    for slab in slabs_of(volume.values):
-        for value, count in zip(*(part.tolist() for part in np.unique(slab, return_counts=True)), strict=True):
-            counts[value] = counts.get(value, 0) + count
+    counts = {value: extent.voxels for value, extent in finish(label_extents_steps(volume)).items()}
+    counts[0] = volume.values.size - sum(counts.values())
     return [
-        {"value": value, "name": volume.label_names.get(int(value), ""), "voxels": count}
+        {"value": value, "name": volume.label_names.get(value, ""), "voxels": count}
         for value, count in sorted(counts.items())
+        if count
     ]
 
 

@@ -2,6 +2,13 @@
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
 from .affine import spacing_of, transform_faces, transform_normals, transform_points
+from .labels import (
+    ALL,
+    LabelExtent,
+    chosen_labels_steps,
+    label_extents_steps,
+    require_labels,
+)
 from .region import (
     EDGES,
     Box,
@@ -32,17 +39,21 @@ from .tissues import TISSUES
 from .volume import Volume
 
 __all__ = [
+    "ALL",
     "EDGES",
     "TISSUES",
     "Box",
+    "LabelExtent",
     "SlabVolume",
     "SliceReader",
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
     "box_of",
+    "chosen_labels_steps",
     "default_window",
     "histogram_picture",
+    "label_extents_steps",
     "moved_region",
     "otsu",
     "quick_threshold",
@@ -51,6 +62,7 @@ __all__ = [
     "region_corners",
     "region_limits",
     "region_shift",
+    "require_labels",
     "side_positions",
     "slabs_of",
     "slice_at",

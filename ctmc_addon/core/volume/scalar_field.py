@@ -24,6 +24,7 @@ from ..memory import require
 from ..progress import PAUSE, Stages, Step, Steps
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .affine import with_origin
+from .labels import existing_labels_steps, label_extent_steps, require_labels
 from .region import Box, box_slices, grown_box, region_box, relative_box
 from .smoothing import (
     REACH,
@@ -38,7 +39,6 @@ from .smoothing import (
 from .thresholding import WHOLE_VOLUME, check_threshold, used_threshold_steps
 from .volume import Volume
 
-MOST_LABELS = 20  # listed in a message
 SMOOTHING_STAGE = {"none": {}, "gaussian": {"Smoothing": 1}, "constrained": {"Smoothing": 6}}
 
 
@@ -107,7 +107,9 @@ def scalar_field_steps(
     value_stage = "Looking at the values" if settings.label is None else "Finding the label"
     stages = Stages({value_stage: 1} | SMOOTHING_STAGE[method])
     if settings.label is not None:
-        window = yield from stages.run(value_stage, _label_box_steps(volume, settings, window))
+        require_labels(volume, settings.label)
+        finding = _label_box_steps(volume, settings, settings.label, window, threads)
+        window = yield from stages.run(value_stage, finding)
     # Smoothing looks beyond the window, and so do normals, by one voxel.
     reach = [math.ceil(REACH * settings.gaussian_mm / side) for side in volume.spacing]
     if method == "constrained" and settings.region is not None:
@@ -257,42 +259,22 @@ def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, me
     return replaced
 
 
-def _label_box_steps(volume: Volume, settings: ReconstructionSettings, window: Box) -> Steps[Box]:
+def _label_box_steps(
+    volume: Volume, settings: ReconstructionSettings, label: int, window: Box, threads: int | None
+) -> Steps[Box]:
     """Return the box of a label, its sides on the stride's grid, so that the surface is that of the whole window."""
-    values = volume.values[box_slices(window)]
-    filled: list[int] = []
-    rows = np.zeros(values.shape[1], bool)
-    columns = np.zeros(values.shape[2], bool)
-    for number, layer in enumerate(values):
-        if number % 16 == 0:
-            yield Step(number / len(values))
-        inside = layer == settings.label
-        if inside.any():
-            filled.append(number)
-            rows |= inside.any(axis=1)
-            columns |= inside.any(axis=0)
-    if not filled:
-        raise LabelError(
-            f"label {settings.label} is empty {'in this region' if settings.region else 'here'}; "
-            f"{_existing_labels(values)}"
-        )
+    extent = yield from label_extent_steps(volume, label, window, threads)
+    if extent is None:
+        existing = yield from existing_labels_steps(volume, window, threads)
+        raise LabelError(f"label {label} is empty {'in this region' if settings.region else 'here'}; {existing}")
     margin = [math.ceil(REACH * settings.gaussian_mm / side) + 1 for side in volume.spacing]
-    extent = (np.flatnonzero(columns), np.flatnonzero(rows), np.array(filled))
     box = []
-    for axis, (start, stop) in enumerate(window):
+    for axis, ((start, stop), (first, end)) in enumerate(zip(window, extent.box, strict=True)):
         steps = refinement_of(volume.spacing, settings) if axis == 2 else 1
         samples = math.ceil(settings.stride[axis] / steps)
         stride = settings.stride[axis] // math.gcd(settings.stride[axis], steps)  # to where a sample is one of the grid
-        low = max(0, int(extent[axis][0]) - margin[axis]) // stride * stride
+        low = max(0, first - start - margin[axis]) // stride * stride
         low = min(low, (stop - start - 1 - samples) // stride * stride)  # a whole voxel before a last, partial one
-        high = -(-(int(extent[axis][-1]) + margin[axis]) // stride) * stride
+        high = -(-(end - 1 - start + margin[axis]) // stride) * stride
         box.append((start + low, min(stop, start + high + 1)))
     return (box[0], box[1], box[2])
-
-
-def _existing_labels(values: NDArray[Any]) -> str:
-    labels = sorted({label for layer in values for label in np.unique(layer).tolist()} - {0})
-    if not labels:
-        return "every voxel is 0"
-    named = ", ".join(f"{label:g}" for label in labels[:MOST_LABELS])
-    return f"the labels are {named}{' and more' if len(labels) > MOST_LABELS else ''}"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import ThresholdError
 from ..progress import Stages, Step, Steps, finish
+from .labels import label_extents_steps
 from .region import Box, box_slices
 from .volume import Volume
 
@@ -147,7 +148,7 @@ class VolumeStatistics:
 
 
 def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
-    """Look through a volume once, or twice where its labels are not integers.
+    """Look through a volume once, and a label volume once more for its labels.
 
     Examples
     --------
@@ -174,23 +175,9 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
         high = start + width * (filled[-1] + (0.5 if one_by_one else 1.0))
         non_finite = values.size - int(counts.sum())
         if volume.kind == "label":
-            labels = yield from stages.run("Counting the labels", label_counts_steps(values, histogram))
+            extents = yield from stages.run("Counting the labels", label_extents_steps(volume))
+            labels = tuple((label, extent.voxels) for label, extent in extents.items())
     return VolumeStatistics(low, high, histogram, non_finite, labels, fingerprint(volume, histogram))
-
-
-def label_counts_steps(values: NDArray[Any], histogram: Histogram) -> Steps[tuple[tuple[int, int], ...]]:
-    """Return every label but 0 with its number of voxels; values that are not whole numbers are not labels."""
-    counts, start, width = histogram
-    if values.dtype.kind in "bui" and width == 1.0:
-        first = int(start + 0.5)
-        return tuple((first + int(bin), int(counts[bin])) for bin in np.flatnonzero(counts) if first + bin)
-    voxels: dict[int, int] = {}
-    for number, slab in enumerate(slabs_of(values)):
-        yield Step(number / len(values))
-        for value, count in zip(*(column.tolist() for column in np.unique(slab, return_counts=True)), strict=True):
-            if value and value == value // 1:
-                voxels[int(value)] = voxels.get(int(value), 0) + count
-    return tuple(sorted(voxels.items()))
 
 
 def fingerprint(volume: Volume, histogram: Histogram | None) -> str:

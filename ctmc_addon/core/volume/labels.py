@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The labels of a volume: where each lies, how many voxels it has, and which of them are meant by a name.
+
+One look through the values finds the boxes of all labels: runs of equal values along x are the only things that are
+counted, and a label volume has a thousand times fewer of them than voxels.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LabelError
+from ..parallel import map_steps, worker_count
+from ..progress import Steps
+from .region import Box, box_slices
+from .volume import Volume
+
+SLAB_VALUES = 1 << 20  # looked at in one go
+ALL = "all"  # the word for every label
+MOST_LABELS = 1 << 16  # more are not labels
+LISTED = 20  # in a message
+CLOSE = 5  # names that are proposed for an unknown one
+
+
+class LabelExtent(NamedTuple):
+    """Where a label lies and how large it is.
+
+    Parameters
+    ----------
+    voxels : int
+    box : Box
+        The smallest that holds it, in voxel indices of the volume.
+    """
+
+    voxels: int
+    box: Box
+
+
+Extents = dict[int, LabelExtent]
+_extents: WeakKeyDictionary[Volume, dict[Box, Extents]] = WeakKeyDictionary()
+
+
+def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | None = None) -> Steps[Extents]:
+    """Return every label but 0 in a box, by default the whole volume, in the order of the values; looked for once.
+
+    Values that are not whole numbers are not labels.
+
+    Raises
+    ------
+    LabelError
+        If there are more than 65,536.
+
+    Examples
+    --------
+    >>> from ctmc_addon.core.progress import finish
+    >>> values = np.array([[[0, 0, 5], [0, 0, 5]], [[0, 2, 0], [0, 0, 0]]], np.uint8)
+    >>> for label, extent in finish(label_extents_steps(Volume(values, np.eye(4), kind="label"))).items():
+    ...     print(label, extent.voxels, extent.box)
+    2 1 ((1, 2), (0, 1), (1, 2))
+    5 2 ((2, 3), (0, 2), (0, 1))
+    """
+    x, y, z = volume.size
+    box = box or ((0, x), (0, y), (0, z))
+    of_box = _extents.setdefault(volume, {})
+    if box not in of_box:
+        of_box[box] = yield from _scan_steps(volume.values, box, None, threads)
+    return of_box[box]
+
+
+def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[LabelExtent | None]:
+    """Return one label's extent in a box, None where it has no voxel there."""
+    known = _extents.get(volume, {})
+    if box in known:
+        return known[box].get(label)
+    return (yield from _scan_steps(volume.values, box, label, threads)).get(label)
+
+
+def require_labels(volume: Volume, label: int | str) -> None:
+    """Raise `LabelError` if a label is asked of Hounsfield units."""
+    if volume.kind == "HU":
+        raise LabelError(
+            f"{volume.name} holds HU, in which {label} is a density and not a label; "
+            "give the label volume, or a threshold"
+        )
+
+
+def chosen_labels_steps(
+    volume: Volume, choices: Sequence[int | str], box: Box | None = None, threads: int | None = None
+) -> Steps[tuple[int, ...]]:
+    """Return the values of labels that are chosen by value, by name or by the word "all", each once.
+
+    A name means every label that has it; upper and lower case, spaces and underscores are not told apart.
+
+    Raises
+    ------
+    LabelError
+        If no label has a name, or "all" finds none.
+    """
+    values: list[int] = []
+    for choice in choices:
+        require_labels(volume, choice)
+        if choice == ALL:
+            extents = yield from label_extents_steps(volume, box, threads)
+            if not extents:
+                raise LabelError(f"{volume.name} has no label {'in this region' if box else 'here'}: all voxels are 0")
+            values += extents
+        elif isinstance(choice, str):
+            values += _labels_called(volume, choice)
+        else:
+            values.append(choice)
+    return tuple(dict.fromkeys(values))
+
+
+def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) -> Steps[str]:
+    """Return which labels a box has, for a message."""
+    labels = list((yield from label_extents_steps(volume, box, threads)))
+    if not labels:
+        return "every voxel is 0"
+    return f"the labels are {', '.join(map(str, labels[:LISTED]))}{' and more' if len(labels) > LISTED else ''}"
+
+
+def _labels_called(volume: Volume, name: str) -> list[int]:
+    wanted = _plain(name)
+    found = [label for label, known in volume.label_names.items() if _plain(known) == wanted]
+    if found:
+        return found
+    names = {_plain(known): known for known in volume.label_names.values()}
+    if not names:
+        raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give its number")
+    close = difflib.get_close_matches(wanted, names, CLOSE)
+    close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
+    listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
+    more = "close to it are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
+    raise LabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.casefold().replace("_", " ").split())
+
+
+def _scan_steps(values: NDArray[Any], box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
+    """Return the extents in a box of all labels, or of only one."""
+    inside = values[box_slices(box)]
+    step = max(1, SLAB_VALUES // inside[0].size)
+    parts: list[NDArray[np.int64]] = []
+
+    def look(low: int) -> tuple[list[int], NDArray[np.int64]]:
+        slab = inside[low : low + step]
+        labels, extents = slab_extents(slab if only is None else slab == only)
+        extents[:, [3, 6]] += low
+        return labels if only is None else [only] * len(labels), extents
+
+    found: dict[int, int] = {}  # label, and where it stands in `parts`
+    for labels, extents in (yield from map_steps(look, range(0, len(inside), step), worker_count(threads))):
+        for label, extent in zip(labels, extents, strict=True):
+            at = found.setdefault(label, len(parts))
+            if at == len(parts):
+                parts.append(extent)
+            else:
+                known = parts[at]
+                known[0] += extent[0]
+                known[1:4] = np.minimum(known[1:4], extent[1:4])
+                known[4:] = np.maximum(known[4:], extent[4:])
+        if len(found) > MOST_LABELS:
+            raise LabelError(f"more than {MOST_LABELS} values are not labels; give a threshold, or a label volume")
+    (x, _), (y, _), (z, _) = box
+    out: Extents = {}
+    for label in sorted(found):
+        voxels, x0, y0, z0, x1, y1, z1 = parts[found[label]].tolist()
+        out[label] = LabelExtent(voxels, ((x + x0, x + x1), (y + y0, y + y1), (z + z0, z + z1)))
+    return out
+
+
+def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
+    """Return the labels of a slab and for each its voxels, lowest x, y, z and highest x, y, z, these left out: (n, 7).
+
+    Parameters
+    ----------
+    slab : (slices, rows, columns)
+    """
+    _, rows, columns = slab.shape
+    flat = slab.reshape(-1)
+    begins = np.empty(flat.size, bool)
+    np.not_equal(flat[1:], flat[:-1], out=begins[1:])
+    begins[::columns] = True  # a run ends with its row
+    start = np.flatnonzero(begins)
+    value, length = flat[start], np.diff(start, append=flat.size)
+    kept = value != 0
+    if value.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            kept &= np.isfinite(value) & (value == np.floor(value))
+    start, value, length = start[kept], value[kept], length[kept]
+    if not len(value):
+        return [], np.zeros((0, 7), np.int64)
+    order = np.argsort(value, kind="stable")
+    start, value, length = start[order], value[order], length[order]
+    first = np.flatnonzero(np.concatenate([[True], value[1:] != value[:-1]]))
+    row, x = np.divmod(start, columns)
+    z, y = np.divmod(row, rows)
+    lows = [np.minimum.reduceat(axis, first) for axis in (x, y, z)]
+    highs = [np.maximum.reduceat(axis, first) for axis in (x + length, y + 1, z + 1)]
+    return [int(label) for label in value[first].tolist()], np.stack([np.add.reduceat(length, first), *lows, *highs], 1)

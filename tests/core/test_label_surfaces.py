@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several labels at once: the bytes of each alone, in the order asked for, whatever the threads and the memory."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import (
+    LabelError,
+    ReconstructionSettings,
+    SettingsError,
+    Volume,
+    label_surfaces,
+    reconstruct,
+    reconstruct_labels,
+    reconstruct_labels_steps,
+)
+from ctmc_addon.core.errors import MemoryLimitError
+from ctmc_addon.core.volume import labels as labels_of_volume
+
+AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
+
+
+def organs():
+    """Eight balls of different sizes that touch and cut each other, one at the border, one of a single voxel."""
+    z, y, x = np.indices((24, 40, 44), np.float32)
+    values = np.zeros(z.shape, np.int16)
+    rng = np.random.default_rng(3)
+    for label, radius in zip((3, 1, 9, 200, 4, 77, 12), (11, 3, 5, 2, 7, 4, 6), strict=True):
+        cz, cy, cx = rng.uniform(3, 21), rng.uniform(8, 32), rng.uniform(8, 36)
+        values[(2 * (z - cz)) ** 2 + (y - cy) ** 2 + (x - cx) ** 2 < radius**2] = label
+    values[:5, :4, :6] = 50
+    values[20, 38, 42] = 60
+    names, colors = {3: "liver", 9: "spleen"}, {3: (200, 30, 10)}
+    return Volume(values, AFFINE, kind="label", label_names=names, label_colors=colors)
+
+
+def same(first, second):
+    meshes = [(result.mesh.vertices, result.mesh.faces, result.mesh.normals) for result in (first, second)]
+    assert all(np.array_equal(a, b) for a, b in zip(*meshes, strict=True))
+    assert replace(first, mesh=None, surface=None, stages=()).__dict__ == {
+        **second.__dict__,
+        "mesh": None,
+        "surface": None,
+        "stages": (),
+    }
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ReconstructionSettings(),
+        ReconstructionSettings(smoothing="none", stride=(2, 3, 2)),
+        ReconstructionSettings(smoothing_mm=1.5, close_border=True),
+        ReconstructionSettings(reduction=0.5, region=(2, 3, 1, 40, 38, 20)),
+    ],
+    ids=["constrained", "none", "gaussian", "region"],
+)
+def test_every_label_has_the_bytes_it_has_alone(settings):
+    volume = organs()
+    results = {threads: reconstruct_labels(volume, settings, None, threads) for threads in (1, 2, 5)}
+    labels = [result.settings.label for result in results[1].surfaces]
+    assert labels == sorted(labels)
+    assert len(labels) >= 7
+    for threads in results:
+        assert results[threads].left_out == results[1].left_out
+        assert [result.settings.label for result in results[threads].surfaces] == labels
+        for result in results[threads].surfaces:
+            same(result, reconstruct(organs(), replace(settings, label=result.settings.label), 1))
+
+
+def test_labels_come_in_the_order_asked_for_with_their_names_and_colors():
+    surfaces, left_out = reconstruct_labels(organs(), ReconstructionSettings(label=5), [9, 3, 12])
+    assert left_out == []
+    assert [(one.settings.label, one.label_name, one.label_color) for one in surfaces] == [
+        (9, "spleen", None),
+        (3, "liver", (200, 30, 10)),
+        (12, "", None),
+    ]
+    assert [one.report()["label_name"] for one in surfaces] == ["spleen", "liver", ""]
+
+
+def test_the_values_are_searched_once_for_all_labels(monkeypatch):
+    seen = []
+    scan = labels_of_volume.slab_extents
+    monkeypatch.setattr(labels_of_volume, "slab_extents", lambda slab: seen.append(slab.size) or scan(slab))
+    volume = organs()
+    reconstruct_labels(volume, ReconstructionSettings())
+    assert sum(seen) == volume.values.size
+
+
+def test_a_label_that_is_not_there_is_one_sentence():
+    with pytest.raises(LabelError, match="label 5 is empty here; the labels are 1, 3, "):
+        reconstruct_labels(organs(), ReconstructionSettings(), [3, 5])
+    with pytest.raises(LabelError, match="all voxels are 0"):
+        reconstruct_labels(Volume(np.zeros((3, 4, 5)), np.eye(4)), ReconstructionSettings())
+    with pytest.raises(SettingsError, match="region"):
+        reconstruct_labels(organs(), ReconstructionSettings(region=(90, 0, 0, 99, 9, 9)))
+
+
+def test_of_all_labels_those_without_a_surface_are_left_out_and_said():
+    settings = ReconstructionSettings(smoothing="none", stride=(4, 4, 4))
+    everything = reconstruct_labels(organs(), settings)
+    assert everything.left_out
+    assert all("is left out: " in sentence for sentence in everything.left_out)
+    with pytest.raises(LabelError, match="no label of volume has a surface; label 1"):
+        reconstruct_labels(Volume(np.ones((4, 4, 4), np.uint8), np.eye(4)), ReconstructionSettings())
+
+
+def test_what_does_not_fit_beside_others_is_made_alone():
+    volume = organs()
+    alone = {}
+    for result in reconstruct_labels(volume, ReconstructionSettings(), None, 1).surfaces:
+        alone[result.settings.label] = result
+    low, high = 10_000, 1 << 28
+    while high - low > 4096:  # the least memory with which every label can be made alone
+        limit = (low + high) // 2
+        try:
+            for label in alone:
+                reconstruct(volume, ReconstructionSettings(label=label), 1, limit)
+            high = limit
+        except MemoryLimitError:
+            low = limit
+    surfaces, _ = reconstruct_labels(volume, ReconstructionSettings(), None, 4, high)
+    for result in surfaces:
+        same(result, alone[result.settings.label])
+    with pytest.raises(MemoryLimitError):
+        reconstruct_labels(volume, ReconstructionSettings(), None, 4, low)
+
+
+def test_closing_the_steps_ends_every_thread(monkeypatch):
+    monkeypatch.setattr(label_surfaces, "SMALL_WORK", 1 << 30)  # all side by side
+    before = threading.active_count()
+    steps = reconstruct_labels_steps(organs(), ReconstructionSettings(), None, 3)
+    for _ in range(6):
+        next(steps)
+    steps.close()
+    assert threading.active_count() == before
+
+
+def test_the_fraction_rises_to_one():
+    fractions = [step.fraction for step in reconstruct_labels_steps(organs(), ReconstructionSettings(), None, 2)]
+    assert fractions == sorted(fractions)
+    assert 0.9 < fractions[-1] <= 1
