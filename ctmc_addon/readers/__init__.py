@@ -34,7 +34,7 @@ from .images import tiff
 from .nifti import NiftiFile
 from .npy import NpyFile
 from .nrrd import NrrdFile
-from .result import Series, VolumeSource, checked_flip, checked_spacing, unreadable
+from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, unreadable
 
 __all__ = [
     "KNOWN_SUFFIXES",
@@ -116,6 +116,9 @@ def read_volume(
     flip: str = "",
     threads: int | None = None,
     time: int | None = None,
+    region: Sequence[float] | None = None,
+    region_unit: str = "voxel",
+    stride: Sequence[int] = (1, 1, 1),
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -137,22 +140,29 @@ def read_volume(
     time : int, optional
         Which of several volumes at the same place, time points or cardiac phases, from 1 on; by default the first, or
         of DICOM the first of those with the most slices.
+    region : lowest x, y, z, highest x, y, z, optional
+        The part to read; nothing else is kept, and of uncompressed files nothing else is read.
+    region_unit : {"voxel", "mm"}
+        Whether the region is in voxel indices or RAS+ mm, in which every voxel that it touches belongs to it.
+    stride : (x, y, z) int
+        Keep every so many samples along each axis, from the region's first on.
 
     Returns
     -------
     Volume
-        Whose notes say what was assumed.
+        Whose notes say what was assumed. Of a region or stride it has the values, the type and the kind that these
+        samples have in the whole volume.
 
     Raises
     ------
     ReadError
         If there is no readable volume at `path`.
     SettingsError
-        If spacing, flip or threads are outside their limits.
+        If spacing, flip, threads, region or stride are outside their limits.
     MemoryLimitError
         If the volume would not fit; said before it is read.
     """
-    return finish(read_volume_steps(path, spacing, series, strict, flip, threads, time))
+    return finish(read_volume_steps(path, spacing, series, strict, flip, threads, time, region, region_unit, stride))
 
 
 def read_volume_steps(
@@ -163,15 +173,23 @@ def read_volume_steps(
     flip: str = "",
     threads: int | None = None,
     time: int | None = None,
+    region: Sequence[float] | None = None,
+    region_unit: str = "voxel",
+    stride: Sequence[int] = (1, 1, 1),
 ) -> Steps[Volume]:
     """`read_volume` as steps; closing the generator cancels.
 
     Between steps there is a thread only while a library is imported for the first time.
     """
-    checked_spacing(spacing), checked_flip(flip), worker_count(threads)  # refused before a file is opened
+    (
+        checked_spacing(spacing),
+        checked_flip(flip),
+        worker_count(threads),
+        checked_stride(stride),
+    )  # refused before a file is opened
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     source = yield from stages.run("Reading headers", open_volume_steps(path))
-    values = source.read_steps(spacing, series, strict, flip, threads, time)
+    values = source.read_steps(spacing, series, strict, flip, threads, time, region, region_unit, stride)
     return (yield from stages.run("Reading values", values))
 
 

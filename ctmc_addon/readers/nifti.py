@@ -12,17 +12,20 @@ import logging
 import math
 import re
 import xml.etree.ElementTree as ElementTree
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Step, Steps
+from ..core import ReadError, Steps
+from ..core.volume import SliceReader
 from .optional_imports import imported_steps, needed, quiet, reason
 from .result import RawValues, ReadOptions, Series, VolumeSource
-from .streams import STREAM_ERRORS, check_end_steps, opened
-from .value_kind import PLANES, require_volume_memory, scaled_integers_steps
+from .stored_slices import PackedSlices, RawSlices
+from .streams import STREAM_ERRORS, is_packed, opened
+from .value_kind import scaled_steps
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
@@ -54,41 +57,19 @@ class NiftiFile(VolumeSource):
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
-        del options
         affine, notes = placed(self.header, self.path.name)
-        slope, intercept = self.scaling
-        whole = self.dtype.kind in "iu" and slope.is_integer() and intercept.is_integer()
-        plain = (slope, intercept) == (1.0, 0.0)
-        integers = whole and not plain
-        as_stored = self.dtype.newbyteorder("=")
-        dtype = as_stored if whole or plain else np.dtype(np.float32)
-        # Scaled bytes need two more each; wider integers mostly stay in their place.
-        require_volume_memory(self.size[::-1], dtype.itemsize + 2 * (integers and dtype.itemsize == 1), self.path.name)
-        values = np.empty(self.size[::-1], dtype)
-        with opened(self.path) as stream:
-            for start in range(0, len(values), PLANES):
-                yield Step(start / len(values), f"Reading {self.path.name}")
-                stored = self._planes(stream, start, start + PLANES)
-                if not (whole or plain):
-                    stored = stored.astype(np.float64) * slope + intercept
-                values[start : start + PLANES] = stored
-            yield from check_end_steps(stream, self.path.name)
-        if integers:
-            values = yield from scaled_integers_steps(values, int(slope), int(intercept))
+        start = int(self.header["vox_offset"])
+        stored: SliceReader
+        if is_packed(self.path):
+            stored = PackedSlices(self.path, self._unpacked, start, self.size[::-1], self.dtype)
+        else:
+            stored = RawSlices(self.path, start, self.size[::-1], self.dtype)
+        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name)
         return RawValues(values, affine, notes, "", label_names(self.header))
 
-    def _planes(self, stream: IO[bytes], start: int, stop: int) -> NDArray[Any]:
-        """The stored values (slices, rows, columns) of some planes."""
-        proxies = needed("nibabel.arrayproxy", "nibabel", "NIfTI")
-        proxy = proxies.ArrayProxy(stream, (self.size, self.dtype, int(self.header["vox_offset"])))
-        try:
-            planes: NDArray[Any] = proxy[..., start:stop].T
-        except STREAM_ERRORS as error:
-            raise ReadError(
-                f"{self.path.name} is truncated or damaged after slice {start} of {self.size[2]} ({reason(error)}); "
-                "copy it again"
-            ) from error
-        return planes
+    def _unpacked(self, files: ExitStack) -> IO[bytes]:
+        """The file's bytes from the first on."""
+        return files.enter_context(opened(self.path))
 
 
 def read_header(stream: IO[bytes], name: str) -> Any:

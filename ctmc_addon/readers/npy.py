@@ -8,13 +8,11 @@ from tokenize import TokenError
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core import ReadError, Steps
+from ..core import PAUSE, ReadError, Steps
 from .optional_imports import quiet
 from .result import RawValues, ReadOptions, Series, VolumeSource
-from .streams import fill_steps
-from .value_kind import native_steps, require_volume_memory
+from .stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.
 HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)
@@ -36,13 +34,11 @@ class NpyFile(VolumeSource):
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values."""
         del options
-        require_volume_memory(self.shape, self.dtype.itemsize, self.path.name)
-        values: NDArray[Any] = np.empty(self.shape, self.dtype, order="F" if self.fortran else "C")
-        with self.path.open("rb") as stream:
-            stream.seek(self.start)
-            yield from fill_steps(values, stream, self.path.name)
-        values = yield from native_steps(values)
-        return RawValues(values, None)
+        yield PAUSE
+        if not self.fortran:
+            return RawValues(RawSlices(self.path, self.start, self.shape, self.dtype), None)
+        stored = RawSlices(self.path, self.start, self.shape[::-1], self.dtype)
+        return RawValues(TransposedSlices(stored), None)
 
 
 def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:

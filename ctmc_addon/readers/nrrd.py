@@ -7,8 +7,10 @@ are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is the format's des
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
@@ -16,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, Step, Steps, equal_part
+from ..core.volume import SliceReader, ValuesInMemory
 from .file_formats import natural_key
 from .optional_imports import needed, quiet, reason
 from .result import RawValues, ReadOptions, Series, VolumeSource
-from .streams import check_end_steps, fill_steps, skip_steps, unpacked
-from .value_kind import native_steps, require_volume_memory
+from .stored_slices import JoinedSlices, PackedSlices, RawSlices
+from .streams import skip_steps, unpacked
+from .value_kind import require_volume_memory
 
 MOST_HEADER = 2**24  # bytes
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
@@ -71,21 +75,20 @@ class NrrdFile(VolumeSource):
         """Read the values."""
         del options
         affine, notes = placed(self.header, self.kept_axes)
-        require_volume_memory(self.size[::-1], self.dtype.itemsize, self.path.name)
-        values = np.empty(self.size[::-1], self.dtype)
         files = self.data_files or [self.path]
-        if len(values) % len(files):
-            raise ReadError(
-                f"{self.path.name} names {len(files)} data files for {len(values)} slices; repair the header"
-            )
-        share = len(values) // len(files)  # slices in each data file
+        columns, rows, slices = self.size
+        if slices % len(files):
+            raise ReadError(f"{self.path.name} names {len(files)} data files for {slices} slices; repair the header")
+        shape = (slices // len(files), rows, columns)  # in each data file
+        parts = []
         for number, file in enumerate(files):
-            with open_data_file(file, self.path) as stream:
-                stream.seek(0 if self.data_files else self.data_start)
-                part = values_steps(values[number * share : (number + 1) * share], stream, self.header, file)
-                yield from equal_part(part, number, len(files))
-        values = yield from native_steps(values)
-        return RawValues(values, affine, notes, "", label_names(self.header))
+            part = stored_steps(
+                file, self.path, 0 if self.data_files else self.data_start, self.header, shape, self.dtype
+            )
+            parts.append((yield from equal_part(part, number, len(files))))
+        return RawValues(
+            parts[0] if len(parts) == 1 else JoinedSlices(parts), affine, notes, "", label_names(self.header)
+        )
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
@@ -195,8 +198,15 @@ def open_data_file(file: Path, header: Path) -> IO[bytes]:
     return file.open("rb")
 
 
-def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, Any], path: Path) -> Steps[None]:
-    """Fill `values` from `stream` by the header's encoding and skips.
+def stored_steps(
+    file: Path,
+    header_path: Path,
+    start: int,
+    header: Mapping[str, Any],
+    shape: tuple[int, int, int],
+    dtype: np.dtype[Any],
+) -> Steps[SliceReader]:
+    """What reads the values of one data file, which begin behind byte `start` and what the header skips.
 
     Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
     """
@@ -205,28 +215,34 @@ def values_steps(values: NDArray[Any], stream: IO[bytes], header: Mapping[str, A
     byte_skip = int(header.get("byte skip", header.get("byteskip", 0)))
     if not 0 <= line_skip <= MOST_HEADER or byte_skip < (-1 if encoding == "raw" else 0):
         raise ReadError(
-            f"{path.name} would have to be read from byte {byte_skip} and line {line_skip} on, encoded as "
+            f"{file.name} would have to be read from byte {byte_skip} and line {line_skip} on, encoded as "
             f"'{encoding}'; export it again"
         )
-    for _ in range(line_skip):
-        if not stream.readline():
-            break
+    with open_data_file(file, header_path) as stream:
+        stream.seek(start)
+        for _ in range(line_skip):
+            if not stream.readline():
+                break
+        start = stream.tell()
+        if encoding in ("ascii", "text", "txt"):
+            require_volume_memory(shape, dtype.itemsize, file.name)
+            values = np.empty(shape, dtype.newbyteorder("="))
+            yield from skip_steps(stream, byte_skip, file.name)
+            yield from words_steps(values.reshape(-1), stream, file.name)
+            return ValuesInMemory(values)
     if encoding == "raw":
         if byte_skip < 0:  # -1: the values are the file's last bytes
-            stream.seek(max(0, path.stat().st_size - values.nbytes))
-        else:
-            yield from skip_steps(stream, byte_skip, path.name)
-        yield from fill_steps(values, stream, path.name)
-    elif encoding in ("gzip", "gz", "bzip2", "bz2"):
-        with unpacked(stream, encoding) as plain:
-            yield from skip_steps(plain, byte_skip, path.name)
-            yield from fill_steps(values, plain, path.name)
-            yield from check_end_steps(plain, path.name)
-    elif encoding in ("ascii", "text", "txt"):
-        yield from skip_steps(stream, byte_skip, path.name)
-        yield from words_steps(values.reshape(-1), stream, path.name)
-    else:
-        raise ReadError(f"{path.name} is encoded as '{encoding}'; save it as raw or gzip")
+            start = max(0, file.stat().st_size - math.prod(shape) * dtype.itemsize)
+        return RawSlices(file, start + max(0, byte_skip), shape, dtype)
+    if encoding in ("gzip", "gz", "bzip2", "bz2"):
+
+        def opened(files: ExitStack) -> IO[bytes]:
+            stream = files.enter_context(file.open("rb"))
+            stream.seek(start)
+            return files.enter_context(unpacked(stream, encoding))
+
+        return PackedSlices(file, opened, byte_skip, shape, dtype)
+    raise ReadError(f"{file.name} is encoded as '{encoding}'; save it as raw or gzip")
 
 
 def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:

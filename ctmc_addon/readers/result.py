@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, SettingsError, Stages, Steps, finish, worker_count
-from ..core.volume import SlabVolume, Volume, box_of, spacing_of
+from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
-from .value_kind import kind_steps
+from .value_kind import kind_steps, require_volume_memory
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,8 @@ class RawValues:
 
     Parameters
     ----------
-    values : (slices, rows, columns)
-        As `Volume` takes them.
+    values : (slices, rows, columns) array, or SliceReader
+        As `Volume` takes them; a reader that fetches them, or those that were read, the machine's byte order.
     affine : (4, 4) float64 or None
         To RAS+ mm; None where the format has neither orientation nor spacing.
     notes : tuple of str
@@ -119,7 +121,7 @@ class RawValues:
         Words about the file's spacing, where the affine already holds what was asked for.
     """
 
-    values: NDArray[Any]
+    values: NDArray[Any] | SliceReader
     affine: NDArray[np.float64] | None
     notes: tuple[str, ...] = ()
     kind: str = ""
@@ -136,6 +138,7 @@ class ReadOptions(NamedTuple):
     spacing: tuple[float, float, float] | None = None
     threads: int = 1
     time: int = 1  # which of the series' volumes, from 1 to its number of times
+    whole: bool = True  # whether all values will be wanted, at once
 
 
 class VolumeSource(ABC):
@@ -191,10 +194,17 @@ class VolumeSource(ABC):
         stride: Sequence[int] = (1, 1, 1),
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
-        volume = yield from self._whole_steps(spacing, series, strict, flip, threads, time)
-        x, y, z = box_of(volume, None if region is None else tuple(region), region_unit)
-        low, high = (x[0], y[0], z[0]), (x[1], y[1], z[1])
-        return strided(volume.cropped(low, high), checked_stride(stride))
+        sides = checked_stride(stride)
+        whole = region is None and sides == (1, 1, 1)
+        stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
+        opened = self._opened_steps(spacing, series, strict, flip, threads, time, whole)
+        slabs = yield from stages.run("Looking at the values", opened)
+        x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
+        slabs = slabs.cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+        if not whole:
+            shape = [-(-size // side) for size, side in zip(slabs.size, sides, strict=True)]
+            require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name)
+        return (yield from stages.run("Reading values", self._named_errors_steps(slabs.volume_steps(sides))))
 
     def slabs_steps(
         self,
@@ -205,10 +215,21 @@ class VolumeSource(ABC):
         threads: int | None = None,
         time: int | None = None,
     ) -> Steps[SlabVolume]:
-        """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit."""
-        return SlabVolume.of((yield from self._whole_steps(spacing, series, strict, flip, threads, time)))
+        """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit.
 
-    def _whole_steps(
+        What a value means, and the type of scaled values, can hang on all values: where headers do not settle it, they
+        are looked at here, and none is kept.
+        """
+        return (yield from self._opened_steps(spacing, series, strict, flip, threads, time, whole=False))
+
+    def _named_errors_steps(self, steps: Steps[Result]) -> Steps[Result]:
+        """The same steps; a file that cannot be opened is a `ReadError`."""
+        try:
+            return (yield from steps)
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+
+    def _opened_steps(
         self,
         spacing: float | Sequence[float] | None,
         series: str | int | None,
@@ -216,7 +237,9 @@ class VolumeSource(ABC):
         flip: str,
         threads: int | None,
         time: int | None,
-    ) -> Steps[Volume]:
+        whole: bool,
+    ) -> Steps[SlabVolume]:
+        """The volume, its values in memory if all are wanted at once."""
         spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
         requested_series = "" if series is None else str(series).strip()
         if requested_series and self.format != "DICOM":
@@ -224,14 +247,8 @@ class VolumeSource(ABC):
                 f"{self.path.name} has no series, as only DICOM has; leave out the series '{requested_series}'"
             )
         read_time, notes = self.selected_time(series, time)
-        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads), read_time)
-        stages = Stages({"Reading values": 9, "Looking at the values": 1})
-        try:
-            raw = yield from stages.run("Reading values", self.read_raw_steps(options))
-        except OSError as error:
-            raise unreadable(self.path, error) from error
-        raw = replace(raw, notes=(*notes, *raw.notes))
-        return (yield from stages.run("Looking at the values", self._volume_steps(raw, spacing_mm, axes)))
+        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads), read_time, whole)
+        return (yield from self._named_errors_steps(self._slabs_steps(options, axes, notes)))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
         """The time to read, from 1 on, and the note that says which where none was asked for."""
@@ -251,9 +268,18 @@ class VolumeSource(ABC):
         """`read_steps` in one go."""
         return finish(self.read_steps(**options))
 
-    def _volume_steps(self, raw: RawValues, spacing: tuple[float, float, float] | None, flip: str) -> Steps[Volume]:
+    def _slabs_steps(self, options: ReadOptions, flip: str, time_notes: Sequence[str]) -> Steps[SlabVolume]:
         """The volume, with the user's spacing and mirrored axes applied and said."""
-        notes = list(raw.notes)
+        stages = Stages({"Reading values": 9, "Looking at the values": 1})
+        raw = yield from stages.run("Reading values", self.read_raw_steps(options))
+        reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
+        if options.whole:
+            if reader.own_bytes:
+                require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name)
+            values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
+            reader = ValuesInMemory(values)
+        spacing = options.spacing
+        notes = [*time_notes, *raw.notes]
         affine = raw.affine
         if affine is None:
             lengths = spacing or (1.0, 1.0, 1.0)
@@ -269,12 +295,15 @@ class VolumeSource(ABC):
             affine, own_spacing = respaced(affine, spacing)
             notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
         if flip:
-            affine = flipped(affine, raw.values.shape[::-1], flip)
+            affine = flipped(affine, reader.shape[::-1], flip)
             notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
         kind = raw.kind
         if not kind:
-            kind = yield from kind_steps(raw.values, self.name, bool(raw.label_names), raw.affine is not None)
-        return Volume(raw.values, affine, tuple(notes), self.name, kind, raw.label_names, raw.label_colors)
+            looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
+            kind = yield from stages.run("Looking at the values", looking)
+        slices, rows, columns = reader.shape
+        box = ((0, columns), (0, rows), (0, slices))
+        return SlabVolume(reader, box, affine, tuple(notes), self.name, kind, raw.label_names, raw.label_colors)
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
@@ -326,21 +355,6 @@ def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
     return (int(sides[0]), int(sides[1]), int(sides[2]))
-
-
-def strided(volume: Volume, stride: tuple[int, int, int]) -> Volume:
-    """Every so many samples along x, y and z, from the first; the affine as much longer."""
-    x, y, z = stride
-    if stride == (1, 1, 1):
-        return volume
-    for axis, size, side in zip("xyz", volume.size, stride, strict=True):
-        if side >= size:
-            raise SettingsError(
-                f"stride {side} along {axis} leaves less than 2 of {size} samples; choose a smaller one"
-            )
-    affine = volume.affine.copy()
-    affine[:3, :3] *= stride
-    return replace(volume, values=np.ascontiguousarray(volume.values[::z, ::y, ::x]), affine=affine)
 
 
 def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:

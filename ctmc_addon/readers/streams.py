@@ -20,13 +20,20 @@ MOST_PADDING = 2**24  # bytes behind the values that are unpacked to reach the c
 STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip and bz2
 
 
-def opened(path: Path) -> IO[bytes]:
-    """The file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
+def is_packed(path: Path) -> bool:
+    """Whether the first bytes say gzip or bzip2."""
     with path.open("rb") as file:
         head = file.read(3)
-    if head[:2] == b"\x1f\x8b":
-        return cast(IO[bytes], gzip.open(path, "rb"))
-    return cast(IO[bytes], bz2.open(path, "rb")) if head == b"BZh" else path.open("rb")
+    return head[:2] == b"\x1f\x8b" or head == b"BZh"
+
+
+def opened(path: Path) -> IO[bytes]:
+    """The file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
+    if not is_packed(path):
+        return path.open("rb")
+    with path.open("rb") as file:
+        gzipped = file.read(2) == b"\x1f\x8b"
+    return cast(IO[bytes], gzip.open(path, "rb") if gzipped else bz2.open(path, "rb"))
 
 
 def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Step, Steps, require_memory
+from ..core.volume import SliceReader, ValuesInMemory
 
 HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
-PLANES = 8  # looked at between two steps
 
 
 def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
@@ -27,33 +27,62 @@ def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> 
     require_memory(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
 
 
-def native_steps(values: NDArray[Any]) -> Steps[NDArray[Any]]:
-    """The same values in the machine's byte order, swapped in place; later stages run faster."""
-    if values.dtype.isnative:
-        return values
-    planes = values if values.flags.c_contiguous else values.T
-    for at in range(0, len(planes), PLANES):
-        yield Step(at / len(planes), "Swapping bytes")
-        planes[at : at + PLANES].byteswap(inplace=True)
-    return values.view(values.dtype.newbyteorder("="))
+def scaled_steps(stored: SliceReader, slope: float, intercept: float, whole: bool, what: str) -> Steps[SliceReader]:
+    """Values `stored * slope + intercept`: int16, int32 or float32, the first that holds all, else float32.
+
+    Integers stay integers where slope and intercept are whole numbers. What the values' type allows decides, or else
+    a look at all of them; `whole` says that all will be wanted, and reads them once. `what` is read, for messages.
+    """
+    if (slope, intercept) == (1.0, 0.0):
+        return stored
+    if stored.dtype.kind not in "iu" or not (slope.is_integer() and intercept.is_integer()):
+        return ScaledSlices(stored, slope, intercept, np.dtype(np.float32))
+    limits = np.iinfo(stored.dtype)
+    if scaled_integer(limits.min, limits.max, slope, intercept) == np.int16:
+        return ScaledSlices(stored, slope, intercept, np.dtype(np.int16))
+    if whole:
+        require_volume_memory(stored.shape, stored.dtype.itemsize, what)
+        stored = ValuesInMemory((yield from stored.values_steps(*stored.everything)))
+    low, high = yield from range_steps(stored)
+    return ScaledSlices(stored, slope, intercept, scaled_integer(low, high, slope, intercept))
 
 
-def scaled_integers_steps(values: NDArray[Any], slope: int, intercept: int) -> Steps[NDArray[Any]]:
-    """Integers `values * slope + intercept` as int16, int32 or float32, the first that holds them."""
-    low, high = yield from range_steps(values)
-    ends = (int(low) * slope + intercept, int(high) * slope + intercept)
-    dtype: Any = smallest_integer(min(ends), max(ends)) or np.float32
-    itemsize = np.dtype(dtype).itemsize
-    if itemsize == values.dtype.itemsize:
-        out = values.view(dtype)
-    else:
-        require_volume_memory(values.shape, itemsize, "scaled values")  # beside those that were read
-        out = np.empty(values.shape, dtype)
-    for at, (plane, target) in enumerate(zip(values, out, strict=True)):
-        if at % PLANES == 0:
-            yield Step(at / len(values), "Scaling values")
-        target[...] = plane.astype(np.float64) * slope + intercept
-    return out
+def scaled_integer(low: float, high: float, slope: float, intercept: float) -> np.dtype[Any]:
+    """The smallest type for scaled integers from `low` to `high`."""
+    ends = [int(end) * int(slope) + int(intercept) for end in (low, high)]
+    return np.dtype(smallest_integer(min(ends), max(ends)) or np.float32)
+
+
+class ScaledSlices(SliceReader):
+    """Values `stored * slope + intercept`."""
+
+    def __init__(self, stored: SliceReader, slope: float, intercept: float, dtype: np.dtype[Any]) -> None:
+        self.stored, self.slope, self.intercept = stored, slope, intercept
+        self.shape, self.dtype = stored.shape, dtype
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Scale slice by slice."""
+        for number, target in zip(slices, out, strict=True):
+            (plane,) = self.stored.read(range(number, number + 1), rows, columns)
+            target[...] = plane.astype(np.float64) * self.slope + self.intercept
+
+    @property
+    def own_bytes(self) -> int:
+        """None where values in memory are scaled in their place."""
+        in_place = isinstance(self.stored, ValuesInMemory) and self.dtype.itemsize == self.stored.dtype.itemsize
+        return 0 if in_place else super().own_bytes
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """Scale values in memory in their place, where all are wanted and the type is as wide."""
+        if self.own_bytes or (slices, rows, columns) != self.everything:
+            return (yield from super().values_steps(slices, rows, columns))
+        assert isinstance(self.stored, ValuesInMemory), "nothing else is without bytes of its own"
+        out = self.stored.values.view(self.dtype)
+        for start in range(0, len(slices), self.at_once):
+            yield Step(start / len(slices), "Scaling values")
+            part = slice(start, start + self.at_once)
+            self.fill(out[part], slices[part], rows, columns)
+        return out
 
 
 def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
@@ -65,14 +94,31 @@ def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
     return None
 
 
-def range_steps(values: NDArray[Any]) -> Steps[tuple[float, float]]:
+def range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
     """Lowest and highest value, NaN left out."""
-    low, high = math.inf, -math.inf
-    for at in range(0, len(values), PLANES):
-        yield Step(at / len(values), "Looking at the values")
-        low = min(low, float(np.fmin.reduce(values[at : at + PLANES], axis=None)))
-        high = max(high, float(np.fmax.reduce(values[at : at + PLANES], axis=None)))
-    return low, high
+    seen = Seen(reader.dtype)
+    yield from reader.runs_steps(seen.add)
+    return seen.low, seen.high
+
+
+class Seen:
+    """What was seen of values that come some slices at a time."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.low, self.high = math.inf, -math.inf
+        self.integer = dtype.kind in "bui"
+        self.small = np.zeros(256, bool)  # which whole numbers from 0 to 255 occur
+
+    @property
+    def few(self) -> bool:
+        """Whether the values may be labels: few whole numbers from 0 to 255."""
+        return self.integer and self.low >= 0 and self.high <= 255 and int(self.small.sum()) <= MOST_LABELS
+
+    def add(self, values: NDArray[Any]) -> bool:
+        """Look at more of them; it is never enough."""
+        self.low = min(self.low, float(np.fmin.reduce(values, axis=None)))
+        self.high = max(self.high, float(np.fmax.reduce(values, axis=None)))
+        return False
 
 
 def is_label_name(name: str) -> bool:
@@ -87,39 +133,38 @@ def is_label_name(name: str) -> bool:
     return bool(words) and (words[0] in LABEL_WORDS or words[-1] in LABEL_WORDS)
 
 
-def kind_steps(values: NDArray[Any], name: str, has_label_names: bool, may_be_hu: bool) -> Steps[str]:
+def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[str]:
     """What the values mean, where the file does not say it.
 
     Labels: the file names them; or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
+    No more is read than settles it: of HU mostly a few slices, of labels all.
     """
-    is_integer = values.dtype.kind in "bui"
-    if has_label_names or (is_label_name(name) and (is_integer or (yield from whole_steps(values)))):
+    seen = Seen(reader.dtype)
+    named = is_label_name(name)
+    if has_label_names or (named and seen.integer):
         return LABEL
-    if not may_be_hu:
+    if not (named or may_be_hu):
         return GRAY
-    low, high = yield from range_steps(values)
-    if is_integer and low >= 0 and high <= 255:
-        return LABEL if (yield from different_steps(values)) <= MOST_LABELS else GRAY
-    return HU if low < AIR_HU else GRAY
+    may_be_negative = reader.dtype.kind in "if"
+    may_be_whole = named
 
+    def look(values: NDArray[Any]) -> bool:
+        """Look at more of them; whether that settles it."""
+        nonlocal may_be_whole
+        seen.add(values)
+        if may_be_whole:
+            may_be_whole = all((plane == np.floor(plane)).all() for plane in values)
+        if seen.few:
+            for plane in values:
+                seen.small[plane.astype(np.uint8).ravel()] = True
+        settled = not may_be_hu or seen.low < AIR_HU or not (seen.few or may_be_negative)
+        return settled and not may_be_whole
 
-def whole_steps(values: NDArray[Any]) -> Steps[bool]:
-    """Whether all values are whole numbers."""
-    for at, plane in enumerate(values):
-        if at % PLANES == 0:
-            yield Step(at / len(values), "Looking at the values")
-        if (plane != np.floor(plane)).any():
-            return False
-    return True
-
-
-def different_steps(values: NDArray[Any]) -> Steps[int]:
-    """How many different values there are among whole numbers from 0 to 255."""
-    seen = np.zeros(256, bool)
-    for at, plane in enumerate(values):
-        if at % PLANES == 0:
-            yield Step(at / len(values), "Looking at the values")
-        seen[plane.astype(np.uint8).ravel()] = True
-    return int(seen.sum())
+    yield from reader.runs_steps(look)
+    if may_be_whole:
+        return LABEL
+    if may_be_hu and seen.integer and seen.low >= 0 and seen.high <= 255:
+        return LABEL if seen.few else GRAY
+    return HU if may_be_hu and seen.low < AIR_HU else GRAY

@@ -23,7 +23,7 @@ from .region import (
     volume_box,
     with_moved_face,
 )
-from .slabs import SlabVolume, SliceReader, ValuesInMemory
+from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice
 from .slices import (
     default_window,
     slice_at,
@@ -49,6 +49,7 @@ __all__ = [
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "as_slice",
     "box_of",
     "chosen_labels_steps",
     "default_window",

@@ -4,20 +4,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SettingsError
+from ..progress import Step, Steps
 from .affine import checked_affine, with_origin
 from .region import Box
-from .volume import Placed, Volume
+from .volume import Placed, Volume, require_samples
+
+STEP_BYTES = 1 << 22  # unpacked in 0.02 s
 
 
 class SliceReader(ABC):
-    """Fetches values; runs of slices in rising order are the fastest, as a packed file cannot go back."""
+    """Fetches values of a file; rising slices are the fastest, as a packed file cannot go back.
+
+    Not for two threads at once.
+    """
 
     shape: tuple[int, int, int]
     """(slices, rows, columns)."""
@@ -25,22 +32,79 @@ class SliceReader(ABC):
     """Of the values, in the machine's byte order."""
 
     @abstractmethod
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Write the values into `out`, C order and of the reader's type; the ranges rise and lie within the shape."""
+
+    @property
+    def at_once(self) -> int:
+        """Slices between two steps."""
+        return max(1, STEP_BYTES // (self.shape[1] * self.shape[2] * self.dtype.itemsize))
+
+    @property
+    def own_bytes(self) -> int:
+        """What all values take in memory beside what is there already."""
+        slices, rows, columns = self.shape
+        return slices * rows * columns * self.dtype.itemsize
+
+    @property
+    def everything(self) -> tuple[range, range, range]:
+        """All slices, rows and columns."""
+        slices, rows, columns = self.shape
+        return range(slices), range(rows), range(columns)
+
     def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
-        """Return values (slices, rows, columns) in C order; the ranges rise and lie within the shape."""
+        """Return values (slices, rows, columns) in C order."""
+        out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
+        self.fill(out, slices, rows, columns)
+        return out
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """`read` as steps."""
+        out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
+        for start in range(0, len(slices), self.at_once):
+            yield Step(start / len(slices), "Reading slices")
+            part = slice(start, start + self.at_once)
+            self.fill(out[part], slices[part], rows, columns)
+        return out
+
+    def runs_steps(self, visit: Callable[[NDArray[Any]], bool]) -> Steps[None]:
+        """Hand all values to `visit`, some slices at a time, until it returns True."""
+        slices, rows, columns = self.everything
+        for start in range(0, len(slices), self.at_once):
+            yield Step(start / len(slices), "Looking at the values")
+            if visit(self.read(slices[start : start + self.at_once], rows, columns)):
+                return
 
 
 class ValuesInMemory(SliceReader):
-    """Takes slices from an array."""
+    """Takes slices from an array (slices, rows, columns)."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self.values = values
         self.shape = (values.shape[0], values.shape[1], values.shape[2])
         self.dtype = values.dtype.newbyteorder("=")
 
+    @property
+    def own_bytes(self) -> int:
+        """None."""
+        return 0
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Copy the values."""
+        out[...] = self._part(slices, rows, columns)
+
     def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
         """A view where the array allows it, else a copy."""
-        part = self.values[as_slice(slices), as_slice(rows), as_slice(columns)]
-        return np.ascontiguousarray(part, self.dtype)
+        return np.ascontiguousarray(self._part(slices, rows, columns), self.dtype)
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """The array itself where all of it is asked for, in its own order; else a copy."""
+        if (slices, rows, columns) == self.everything and self.values.dtype.isnative:
+            return self.values
+        return (yield from super().values_steps(slices, rows, columns))
+
+    def _part(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        return self.values[as_slice(slices), as_slice(rows), as_slice(columns)]
 
 
 def as_slice(numbers: range) -> slice:
@@ -73,6 +137,7 @@ class SlabVolume(Placed):
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        require_samples(self.shape, self.dtype)
         object.__setattr__(self, "affine", checked_affine(self.affine))
         object.__setattr__(self, "notes", tuple(self.notes))
 
@@ -122,6 +187,20 @@ class SlabVolume(Placed):
         """Return the values at some slices, rows and columns, (slices, rows, columns) in C order."""
         x, y, z = (start for start, _ in self.box)
         return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
+
+    def volume_steps(self, stride: tuple[int, int, int] = (1, 1, 1)) -> Steps[Volume]:
+        """Return the values in memory: all, or every so many along x, y and z from the first on."""
+        for axis, size, side in zip("xyz", self.size, stride, strict=True):
+            if side >= size:
+                raise SettingsError(
+                    f"stride {side} along {axis} leaves less than 2 of {size} samples; choose a smaller one"
+                )
+        (x, columns), (y, rows), (z, slices) = self.box
+        wanted = range(z, slices, stride[2]), range(y, rows, stride[1]), range(x, columns, stride[0])
+        values = yield from self.reader.values_steps(*wanted)
+        affine = self.affine.copy()
+        affine[:3, :3] *= stride
+        return Volume(values, affine, self.notes, self.name, self.kind, self.label_names, self.label_colors)
 
     def cropped(self, low: tuple[int, int, int], high: tuple[int, int, int]) -> SlabVolume:
         """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; nothing is read."""

@@ -27,6 +27,16 @@ def require_gray_type(dtype: np.dtype[Any]) -> None:
         raise VolumeError(f"values of type {dtype} are not gray values; convert them to int16 or float32")
 
 
+def require_samples(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Raise a `VolumeError` for a volume without a voxel, or of values that are not gray values."""
+    if min(shape) < 2:
+        raise VolumeError(
+            f"a surface needs at least 2 samples along every axis, and this volume has {shape} "
+            "(slices, rows, columns); read the whole stack"
+        )
+    require_gray_type(dtype)
+
+
 class Placed(ABC):
     """A grid of samples in patient space: what a volume is, wherever its values are."""
 
@@ -92,12 +102,7 @@ class Volume(Placed):
             raise VolumeError(
                 f"a volume has three dimensions (slices, rows, columns), not {values.ndim}: {values.shape}"
             )
-        if min(values.shape) < 2:
-            raise VolumeError(
-                f"a surface needs at least 2 samples along every axis, and this volume has {values.shape} "
-                "(slices, rows, columns); read the whole stack"
-            )
-        require_gray_type(values.dtype)
+        require_samples(values.shape, values.dtype)
         if self.kind not in KINDS:
             raise VolumeError(f"kind is one of {', '.join(KINDS)}, not {self.kind!r}")
         view = values.view()

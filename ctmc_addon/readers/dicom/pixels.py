@@ -123,12 +123,11 @@ def padding_mark(dtype: Any) -> Any:
     return np.iinfo(dtype).min if np.issubdtype(dtype, np.integer) else np.float32(-np.inf)
 
 
-def fill_slice(
-    stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None, out: NDArray[Any]
-) -> SliceRead:
-    """Rescale one frame into `out` (rows, columns); padding becomes `padding_mark`."""
-    padded: NDArray[np.bool_] | None = None
-    real = stored
+def real_ends(
+    stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None
+) -> tuple[float, float, NDArray[np.bool_] | None]:
+    """Lowest and highest scaled value of the pixels that are not padding, and which are, if any."""
+    real, padded = stored, None
     if padding is not None:
         low, high = padding
         padded = (stored >= low) & (stored <= high) if low < high else stored == low
@@ -137,14 +136,22 @@ def fill_slice(
         else:
             padded = None
     if not real.size:
-        out[...] = padding_mark(out.dtype)
-        return SliceRead(float("inf"), stored.size)
+        return float("inf"), float("-inf"), padded
     ends = [end.item() * geometry.slope + geometry.intercept for end in (real.min(), real.max())]
-    _rescale(stored, geometry.slope, geometry.intercept, min(ends), max(ends), out)
+    return min(ends), max(ends), padded
+
+
+def fill_slice(
+    stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None, out: NDArray[Any]
+) -> SliceRead:
+    """Rescale one frame into `out` (rows, columns); padding becomes `padding_mark`."""
+    low, high, padded = real_ends(stored, geometry, padding)
+    if not low > high:  # as where all is padding; floats may be NaN
+        _rescale(stored, geometry.slope, geometry.intercept, low, high, out)
     if padded is None:
-        return SliceRead(min(ends), 0)
+        return SliceRead(low, 0)
     out[padded] = padding_mark(out.dtype)
-    return SliceRead(min(ends), int(padded.sum()))
+    return SliceRead(low, int(padded.sum()))
 
 
 def _rescale(stored: NDArray[Any], slope: float, intercept: float, low: float, high: float, out: NDArray[Any]) -> None:

@@ -7,24 +7,21 @@ pixels.py's. No patient data is read; names of DICOM files stand in errors, neve
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core import ReadError, Stages, Step, Steps
+from ...core import ReadError, Stages, Steps
 from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
-from ..value_kind import PLANES, require_volume_memory
 from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed
-from .pixels import DoesNotFit, check_codec, fill_slice, output_types, padding_mark
+from .pixels import check_codec
+from .slices import values_steps
 from .stack_geometry import Stack, stack_up
-from .stored import StoredPixels
 from .times import times_of
 
 MOST_LISTED = 12  # series in one note
@@ -88,7 +85,7 @@ class DicomSource(VolumeSource):
                 check_codec(image)
         stack, own_spacing = stack_and_spacing_note(slices, options)
         ordered = [slices[at] for at in stack.order]
-        values, padding_notes = yield from values_steps(ordered, stack)
+        values, padding_notes = yield from values_steps(ordered, stack, options.whole)
         kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
         notes += [*meaning(ordered), *stack.notes, *padding_notes]
         return RawValues(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
@@ -240,71 +237,3 @@ def meaning(slices: Sequence[Slice]) -> list[str]:
     return (
         [] if all(ct_slice.image.hounsfield for ct_slice in slices) else ["the CT's values are not in HU (RescaleType)"]
     )
-
-
-def values_steps(slices: list[Slice], stack: Stack) -> Steps[tuple[NDArray[Any], list[str]]]:
-    """Decode the ordered slices into one array in the smallest type that holds them."""
-    floating = any(ct_slice.image.pixels.floating for ct_slice in slices)
-    shape = (len(stack.below), slices[0].image.rows, slices[0].image.columns)
-    for dtype in output_types([ct_slice.geometry for ct_slice in slices], floating):
-        require_volume_memory(shape, np.dtype(dtype).itemsize, "this series")
-        values = np.empty(shape, dtype)
-        try:
-            lowest, padded = yield from decoded_steps(slices, stack, values)
-        except DoesNotFit:
-            del values
-            continue
-        return values, (yield from unpadded_steps(values, lowest, padded))
-    raise AssertionError("float32 holds every value")
-
-
-def decoded_steps(slices: Sequence[Slice], stack: Stack, values: NDArray[Any]) -> Steps[tuple[float, int]]:
-    """Fill `values`; the lowest real value and the number of padding pixels.
-
-    An uneven stack is interpolated linearly along the normal, with two slices held at a time. No threads: plain
-    pixels are there before a thread would be, and compressed ones come from another process.
-    """
-    lowest, padded = math.inf, 0
-    low = high = values[0]
-    if stack.resampled:
-        low, high = np.empty((2, *values.shape[1:]), values.dtype)
-    done = 0  # slices of the volume
-    with StoredPixels(slices) as pixels:
-        for number, ct_slice in enumerate(slices):
-            low, high = high, low
-            out = high if stack.resampled else values[number]
-            stored = yield from pixels.next_steps(Step(number / len(slices), "Decoding slices"))
-            seen = fill_slice(stored, ct_slice.geometry, ct_slice.image.pixels.padding, out)
-            lowest, padded = min(lowest, seen.lowest), padded + seen.padded
-            yield Step((number + 1) / len(slices), "Decoding slices")
-            while stack.resampled and done < len(values) and stack.below[done] + (stack.weight[done] > 0) <= number:
-                if stack.below[done] == number:
-                    values[done] = high
-                else:
-                    between(low, high, float(stack.weight[done]), values[done])
-                done += 1
-    return lowest, padded
-
-
-def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[Any]) -> None:
-    """Linear mean of two slices, rounded where `out` is integer; beside padding the nearer slice alone."""
-    mean = low.astype(np.float64) * (1.0 - weight) + high.astype(np.float64) * weight
-    out[...] = np.rint(mean) if out.dtype.kind in "iu" else mean
-    mark = padding_mark(out.dtype)
-    near_padding = (low == mark) | (high == mark)
-    if near_padding.any():
-        out[near_padding] = (low if weight < 0.5 else high)[near_padding]
-
-
-def unpadded_steps(values: NDArray[Any], lowest: float, padded: int) -> Steps[list[str]]:
-    """Give padding the lowest real value, so that no surface surrounds it; the note that says so."""
-    if not padded:
-        return []
-    if lowest == float("inf"):
-        raise ReadError(f"all {padded} pixels of the series are padding; choose another series")
-    mark = padding_mark(values.dtype)
-    for at in range(0, len(values), PLANES):
-        yield Step(1.0, "Clearing padding")
-        slices = values[at : at + PLANES]
-        slices[slices == mark] = lowest
-    return [f"{padded} padding pixels were set to the lowest value, {lowest:g}"]

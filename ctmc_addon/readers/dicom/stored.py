@@ -20,18 +20,18 @@ RLE = "1.2.840.10008.1.2.5"  # unpacked by pydicom's own Python
 
 
 class StoredPixels:
-    """The stored pixels of `slices`, each asked for once and in order; a context, which ends the process.
+    """The stored pixels of `slices`, fastest in their order; a context, which ends the process.
 
     Where no process can be started, or none is needed, everything is decoded here: the values are the same.
     """
 
     def __init__(self, slices: Sequence[Slice]) -> None:
         self.slices = slices
-        self.at = 0
         self.process: DecodingProcess | None = None
+        self.asked: int | None = None  # slice that the process decodes
         self.here: Iterator[NDArray[Any]] | None = None
-        if not any(needs_process(ct_slice) for ct_slice in slices):
-            self.here = frames_of(slices)
+        self.following = -1  # slice that `here` gives next
+        self.decodes_here = not any(needs_process(ct_slice) for ct_slice in slices)
 
     def __enter__(self) -> StoredPixels:
         return self
@@ -39,37 +39,53 @@ class StoredPixels:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, frames: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process."""
         if self.process is not None:
             self.process.close()
+        self.process, self.asked = None, None
 
-    def next_steps(self, step: Step) -> Steps[NDArray[Any]]:
-        """The next slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
-        if self.here is None and self.process is None:
+    def slice_steps(self, number: int, step: Step) -> Steps[NDArray[Any]]:
+        """A slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
+        if not self.decodes_here and self.process is None:
             self.process = yield from started_steps(max(one.image.rows * one.image.columns for one in self.slices))
-            if self.process is None:
-                self.here = frames_of(self.slices)
-            else:
-                self._ask()
-        if self.here is not None:
-            with quiet():
-                return next(self.here)
-        assert self.process is not None
-        ct_slice = self.slices[self.at]
+            self.decodes_here = self.process is None
+        if self.process is None:
+            return self._decoded_here(number)
+        if self.asked not in (None, number):  # the one behind the last is not wanted
+            yield from self._picture_steps(self.process, step)
+        if self.asked is None:
+            self._ask(self.process, number)
+        stored = yield from self._picture_steps(self.process, step)
+        if number + 1 < len(self.slices):  # it is decoded while this one is put in its place
+            self._ask(self.process, number + 1)
+        return stored
+
+    def _decoded_here(self, number: int) -> NDArray[Any]:
+        with quiet():
+            if self.here is None or number != self.following:
+                self.here = frames_of(self.slices[number:])
+            self.following = number + 1
+            return next(self.here)
+
+    def _ask(self, process: DecodingProcess, number: int) -> None:
+        ct_slice = self.slices[number]
+        process.ask({"path": str(ct_slice.image.path.absolute()), "frame": ct_slice.frame})
+        self.asked = number
+
+    def _picture_steps(self, process: DecodingProcess, step: Step) -> Steps[NDArray[Any]]:
+        """The pixels that were asked for."""
+        assert self.asked is not None, "the caller asks"
+        ct_slice, self.asked = self.slices[self.asked], None
         try:
-            stored = yield from self.process.picture_steps((ct_slice.image.rows, ct_slice.image.columns), step)
+            return (yield from process.picture_steps((ct_slice.image.rows, ct_slice.image.columns), step))
         except DecoderEnded as error:
             raise ReadError(
                 f"the pixels of {ct_slice.name} ({syntax_name(ct_slice.image.pixels.syntax)}) ended the process that "
                 f"decodes them ({error}); the file is damaged: copy it again"
             ) from error
-        self.at += 1
-        self._ask()  # it decodes while the one before is put in its place
-        return stored
-
-    def _ask(self) -> None:
-        if self.process is not None and self.at < len(self.slices):
-            ct_slice = self.slices[self.at]
-            self.process.ask({"path": str(ct_slice.image.path.absolute()), "frame": ct_slice.frame})
 
 
 def needs_process(ct_slice: Slice) -> bool:

@@ -7,14 +7,16 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
 from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
-from ..value_kind import require_volume_memory
+from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
 from .tiff import opened_stack, tiff_picture, tiff_slice
 
@@ -39,23 +41,21 @@ class ImageFolder(VolumeSource):
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
         first = self.headers[0]
-        require_volume_memory((slices, rows, columns), first.dtype.itemsize, self.name)
-        values = np.empty((slices, rows, columns), first.dtype)
         if first.mode:
             yield from imported_steps("imageio.v3", "imageio", DECODED)
 
-        def fill(number: int) -> None:
+        def decode(number: int) -> NDArray[Any]:
             header = self.headers[number]
             pixels = gray_slice(header) if header.mode else tiff_slice(header.path)
-            if pixels.shape != (rows, columns) or pixels.dtype.itemsize > values.dtype.itemsize:
+            if pixels.shape != (rows, columns) or pixels.dtype.itemsize > first.dtype.itemsize:
                 raise ReadError(
                     f"{header.path.name} is {pixels.shape} {pixels.dtype}, not as its header says; save it again"
                 )
-            values[number] = pixels
+            return pixels
 
-        yield from quiet_batches_steps(fill, range(slices), "Decoding slices", 2 * options.threads, options.threads)
+        reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, options.threads)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
-        return RawValues(values, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
+        return RawValues(reader, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
 
 
 def images_in(folder: Path) -> list[Path]:

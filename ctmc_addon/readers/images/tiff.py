@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps
-from ..optional_imports import needed, quiet, reason
+from ...core import PAUSE, ReadError, Steps
+from ..optional_imports import needed, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
-from ..streams import fill_steps
-from ..value_kind import native_steps, require_volume_memory
+from ..stored_slices import RawSlices
+from .decoded import DecodedSlices
 from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
@@ -44,27 +46,29 @@ class TiffStack(VolumeSource):
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", stack.dtype.name),), [path])
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Read page by page; values in one piece straight into place."""
+        """Read page by page; values in one piece row by row."""
         del options
-        with open_tiff(self.path) as tiff:
+        yield PAUSE
+        tiff = open_tiff(self.path)
+        with ExitStack() as on_error:
+            on_error.callback(tiff.close)
             stack = page_stack(tiff, self.path)
-            require_volume_memory(stack.shape, stack.dtype.itemsize, self.path.name)
-            in_one_piece = stack.start is not None
-            values = np.empty(stack.shape, stack.dtype if in_one_piece else stack.dtype.newbyteorder("="))
-            if stack.start is not None:
-                with self.path.open("rb") as stream:
-                    stream.seek(stack.start)
-                    yield from fill_steps(values, stream, self.path.name)
-            for number, page in enumerate(stack.pages):
-                yield Step(number / len(stack.pages), "Decoding pages")
-                with quiet():
-                    pixels = page_slice(tiff, page, self.path, page.index)
-                if pixels.shape != values.shape[1:]:
-                    size = f"{pixels.shape}, and the first is {values.shape[1:]}"
-                    raise ReadError(f"page {number + 1} of {self.path.name} is {size}; save it again")
-                values[number] = pixels
-        values = yield from native_steps(values)
-        return RawValues(values, None, stack.notes)
+            on_error.pop_all()
+        if stack.start is not None:
+            tiff.close()
+            return RawValues(RawSlices(self.path, stack.start, stack.shape, stack.dtype), None, stack.notes)
+
+        def decode(number: int) -> NDArray[Any]:
+            page = stack.pages[number]
+            pixels = page_slice(tiff, page, self.path, page.index)
+            if pixels.shape != stack.shape[1:]:
+                size = f"{pixels.shape}, and the first is {stack.shape[1:]}"
+                raise ReadError(f"page {number + 1} of {self.path.name} is {size}; save it again")
+            return pixels
+
+        reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="))
+        finalize(reader, tiff.close)
+        return RawValues(reader, None, stack.notes)
 
 
 def opened_stack(path: Path) -> TiffStack | None:

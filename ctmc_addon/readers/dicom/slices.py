@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The slices of a DICOM volume: frames decoded in order, in one type, resampled where the stack is uneven.
+
+The type, and the value that padding gets, hang on all frames. A read of everything finds them on its way; for a part
+of it the headers tell, or all frames are looked at first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError, Step, Steps, finish
+from ...core.volume import SliceReader, as_slice
+from ..value_kind import require_volume_memory
+from .header import Slice
+from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mark, real_ends
+from .stack_geometry import Stack
+from .stored import StoredPixels
+
+PLANES = 8  # cleared of padding between two steps
+
+
+class DicomSlices(SliceReader):
+    """Slices of a volume in the type `dtype`.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Ordered as the stack is.
+    lowest : float or None
+        What padding becomes; by default `padding_mark`.
+    """
+
+    def __init__(self, slices: Sequence[Slice], stack: Stack, dtype: Any, lowest: float | None = None) -> None:
+        image = slices[0].image
+        self.slices, self.stack, self.lowest = slices, stack, lowest
+        self.shape, self.dtype = (len(stack.below), image.rows, image.columns), np.dtype(dtype)
+        self._pixels = StoredPixels(slices)
+        finalize(self, self._pixels.close)
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Decode the frames that these slices are made from."""
+        finish(self.filled_steps(out, slices, rows, columns))
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """A step for each frame, and each file opened once."""
+        out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
+        yield from self.filled_steps(out, slices, rows, columns)
+        return out
+
+    def close(self) -> None:
+        """Let the process go that decodes, if there is one; it is started again when it is needed."""
+        self._pixels.close()
+
+    def filled_steps(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> Steps[SliceRead]:
+        """Fill `out`; the lowest real value and the number of padding pixels that were seen.
+
+        An uneven stack is interpolated linearly along the normal, with two slices held at a time. No threads: plain
+        pixels are there before a thread would be, and compressed ones come from another process.
+        """
+        below, weight = self.stack.below[as_slice(slices)], self.stack.weight[as_slice(slices)]
+        above = below + (weight > 0)
+        everything = len(slices) == self.shape[0]
+        needed = range(len(self.slices)) if everything else np.union1d(below, above).tolist()
+        lowest, padded, done = math.inf, 0, 0
+        low, high = np.empty((2, *out.shape[1:]), self.dtype) if self.stack.resampled else (out[0], out[0])
+        for at, number in enumerate(needed):
+            stored = yield from self._pixels.slice_steps(number, Step(at / len(needed), "Decoding slices"))
+            stored = stored[as_slice(rows), as_slice(columns)]
+            low, high = high, low if self.stack.resampled else out[at]
+            image, geometry = self.slices[number].image, self.slices[number].geometry
+            seen = fill_slice(stored, geometry, image.pixels.padding, high)
+            lowest, padded = min(lowest, seen.lowest), padded + seen.padded
+            while self.stack.resampled and done < len(out) and above[done] <= number:
+                if below[done] == number:
+                    out[done] = high
+                else:
+                    between(low, high, float(weight[done]), out[done])
+                done += 1
+            yield Step((at + 1) / len(needed), "Decoding slices")
+        if padded and self.lowest is not None:
+            out[out == padding_mark(self.dtype)] = self.lowest
+        return SliceRead(lowest, padded)
+
+
+def values_steps(
+    slices: Sequence[Slice], stack: Stack, whole: bool
+) -> Steps[tuple[NDArray[Any] | SliceReader, list[str]]]:
+    """The ordered slices in the smallest type that holds them, in memory if all are wanted, and notes of padding."""
+    types = output_types([one.geometry for one in slices], any(one.image.pixels.floating for one in slices))
+    if not whole:
+        dtype, seen = yield from type_steps(slices, types)
+        return DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)
+    for dtype in types:
+        reader = DicomSlices(slices, stack, dtype)
+        require_volume_memory(reader.shape, reader.dtype.itemsize, "this series")
+        values = np.empty(reader.shape, dtype)
+        try:
+            seen = yield from reader.filled_steps(values, *reader.everything)
+        except DoesNotFit:
+            del values
+            continue
+        finally:
+            reader.close()
+        notes = padding_notes(seen)
+        if notes:
+            yield from clear_padding_steps(values, seen.lowest)
+        return values, notes
+    raise AssertionError("float32 holds every value")
+
+
+def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any, SliceRead]]:
+    """The first type that holds all slices, and what padding there is: by their headers, or by a look at each."""
+    if all(one.image.pixels.padding is None for one in slices):
+        ends = [
+            stored_end * one.geometry.slope + one.geometry.intercept for one in slices for stored_end in limits(one)
+        ]
+        if len(types) == 1 or fits(min(ends), max(ends), types[0]):
+            return types[0], SliceRead(math.inf, 0)
+    low, high, padded = math.inf, -math.inf, 0
+    with StoredPixels(slices) as pixels:
+        for number, one in enumerate(slices):
+            step = Step(number / len(slices), "Looking at the values")
+            stored = yield from pixels.slice_steps(number, step)
+            lowest, highest, mask = real_ends(stored, one.geometry, one.image.pixels.padding)
+            low, high = min(low, lowest), max(high, highest)
+            padded += 0 if mask is None else int(mask.sum())
+            yield step
+    return next(dtype for dtype in types if fits(low, high, dtype)), SliceRead(low, padded)
+
+
+def limits(ct_slice: Slice) -> tuple[float, float]:
+    """Lowest and highest value that a stored pixel can have, as wide as its bits allow."""
+    pixels = ct_slice.image.pixels
+    bits, signed = int(pixels.options["bits_allocated"]), bool(pixels.options.get("pixel_representation", 0))
+    bits = min(bits, int(pixels.options.get("bits_stored") or bits))
+    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
+
+
+def fits(low: float, high: float, dtype: Any) -> bool:
+    """Whether a type holds values from `low` to `high`."""
+    if np.dtype(dtype).kind == "f" or low > high:
+        return True
+    return bool(np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max)
+
+
+def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[Any]) -> None:
+    """Linear mean of two slices, rounded where `out` is integer; beside padding the nearer slice alone."""
+    mean = low.astype(np.float64) * (1.0 - weight) + high.astype(np.float64) * weight
+    out[...] = np.rint(mean) if out.dtype.kind in "iu" else mean
+    mark = padding_mark(out.dtype)
+    near_padding = (low == mark) | (high == mark)
+    if near_padding.any():
+        out[near_padding] = (low if weight < 0.5 else high)[near_padding]
+
+
+def padding_notes(seen: SliceRead) -> list[str]:
+    """The note that says what padding became, if there is any."""
+    if not seen.padded:
+        return []
+    if seen.lowest == math.inf:
+        raise ReadError(f"all {seen.padded} pixels of the series are padding; choose another series")
+    return [f"{seen.padded} padding pixels were set to the lowest value, {seen.lowest:g}"]
+
+
+def clear_padding_steps(values: NDArray[Any], lowest: float) -> Steps[None]:
+    """Give padding the lowest real value, so that no surface surrounds it."""
+    mark = padding_mark(values.dtype)
+    for at in range(0, len(values), PLANES):
+        yield Step(1.0, "Clearing padding")
+        slices = values[at : at + PLANES]
+        slices[slices == mark] = lowest
