@@ -12,6 +12,7 @@ to 6 with the crossing at 4.4, the gradient is that of the values at columns 4 a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from ..mesh.face_normals import vertex_normals_steps
 from ..progress import Steps
 
-EDGES_AT_ONCE = 1 << 13  # whose normals are worked out together: their arrays stay in the cache
+NOWHERE = np.zeros(0, np.intp)
 
 
 class Sampler:
@@ -58,92 +59,90 @@ class Sampler:
         """Where the values at column x, row y, slice z stand."""
         return x * self.steps[0] + y * self.steps[1] + (z * self.steps[2] + self._first)
 
-    def gather(self, flat: NDArray[np.intp]) -> NDArray[Any]:
-        """The values at flat indices, in the working type."""
-        # Indices are always within; "clip" spares NumPy a second look at each.
-        values = self._flat.take(flat, mode="clip") if self._contiguous else self._flat[flat]
-        return values.astype(self.working_type)
+    def gather(self, flat: NDArray[np.intp], shift: int = 0) -> NDArray[Any]:
+        """The values at flat indices, or as much further as `shift` says, in the working type."""
+        if not self._contiguous:
+            return self._flat[flat + shift].astype(self.working_type)
+        # A shifted view costs less than shifted indices. Indices are within; "clip" spares NumPy a second look at each.
+        values = self._flat[shift:] if shift > 0 else self._flat
+        return values.take(flat + shift if shift < 0 else flat, mode="clip").astype(self.working_type)
 
-    def difference(self, flat: NDArray[np.intp], coordinate: NDArray[np.intp], axis: int) -> NDArray[Any]:
-        """Central difference along an axis (0, 1, 2 for x, y, z) at flat indices, a voxel apart; one-sided at borders.
+    def difference(
+        self, flat: NDArray[np.intp], axis: int, first: NDArray[np.intp], last: NDArray[np.intp], shift: int = 0
+    ) -> NDArray[Any]:
+        """Central differences along an axis (0, 1, 2 for x, y, z), a voxel apart, at `shift` from the flat indices.
 
-        `coordinate` is the column, row or slice that the flat indices have along that axis.
+        `first` and `last` are those of the places that lie in the volume's first and last plane along that axis: their
+        differences are one-sided.
         """
         step = self.steps[axis]
-        first, last = np.flatnonzero(coordinate == 0), np.flatnonzero(coordinate == self.size[axis] - 1)
-        above, below = flat + step, flat - step
-        above[last] -= step
-        below[first] += step
-        rise = self.gather(above) - self.gather(below)
+        rise = self.gather(flat, shift + step)
+        rise -= self.gather(flat, shift - step)
         rise *= 0.5
-        rise[first] *= 2.0
-        rise[last] *= 2.0
+        for border, low, high in ((first, 0, step), (last, -step, 0)):
+            if border.size:
+                here = flat[border] + shift
+                rise[border] = self.gather(here + high) - self.gather(here + low)
         return rise
 
 
-def edge_normals(
+def fill_normals(
     sampler: Sampler,
-    index: list[NDArray[np.intp]],
+    index: Sequence[NDArray[np.intp]],
     flat: NDArray[np.intp],
-    along_axis: list[slice],
-    position: NDArray[np.float32],
+    axis: int,
+    share: NDArray[Any],
     out: NDArray[np.float32],
 ) -> None:
-    """Outward unit normals at points on the edges of voxels.
+    """Outward unit normals at points between neighboring values along one axis.
 
     Parameters
     ----------
     index : three (n,) intp
-        Column, row and slice of the edges' low ends; overwritten.
+        Column, row and slice of the values just below the points.
     flat : (n,) intp
-        The sampler's flat index of them; overwritten.
-    along_axis : three slices
-        Which of the edges run along x, along y, along z.
-    position : (n,) float32
-        Coordinate of each point along its edge, in index space.
+        The sampler's flat index of them.
+    axis : int
+        0, 1, 2 for points between values along x, y, z.
+    share : (n,) float
+        Where between the two values each point is, 0 to 1, in the sampler's working type.
     out : (n, 3) float32
         Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """
-    for axis, edges in enumerate(along_axis):
-        for start in range(edges.start, edges.stop, EDGES_AT_ONCE):
-            block = slice(start, min(start + EDGES_AT_ONCE, edges.stop))
-            _fill_normals(sampler, [along[block] for along in index], flat[block], axis, position[block], out[block])
-
-
-def _fill_normals(
-    sampler: Sampler,
-    index: list[NDArray[np.intp]],
-    flat: NDArray[np.intp],
-    axis: int,
-    position: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
-    """`edge_normals` of edges along one axis."""
-    # From the enlarged voxel's corner to the value just below the point.
-    below = np.minimum(position.astype(np.intp), sampler.size[axis] - 2)
-    share = (position - below).astype(sampler.working_type)
-    flat += (below - index[axis]) * sampler.steps[axis]
-    index[axis] = below
-    gradient = [sampler.difference(flat, index[along], along) for along in range(3)]
-    flat += sampler.steps[axis]
-    index[axis] += 1
+    gradient = []
     for along in range(3):
-        gradient[along] += share * (sampler.difference(flat, index[along], along) - gradient[along])
+        size = sampler.size[along]
+        first, last = _places(index[along], 0), _places(index[along], size - 1)
+        below = sampler.difference(flat, along, first, last)
+        if along == axis:
+            first, last = NOWHERE, _places(index[along], size - 2)
+        change = sampler.difference(flat, along, first, last, sampler.steps[axis])
+        change -= below
+        change *= share
+        below += change
+        gradient.append(below)
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
     unknown = ~np.isfinite(length)  # a NaN or infinite voxel beside it
     length[(length == 0) | unknown] = 1.0
     scale = -1.0 / length
     for along in range(3):
-        out[:, along] = gradient[along] * scale
+        np.multiply(gradient[along], scale, out=out[:, along], casting="same_kind")
     if unknown.any():
         out[unknown] = 0.0
+
+
+def _places(index: NDArray[np.intp], value: int) -> NDArray[np.intp]:
+    """Where `index` has a value."""
+    here = index == value
+    return np.flatnonzero(here) if here.any() else NOWHERE
 
 
 def complete_normals_steps(
     normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]
 ) -> Steps[None]:
     """Give the mesh's own normal to every vertex that has no gradient or that lies on a cap."""
-    missing = (normals[:, 0] == 0) & (normals[:, 1] == 0) & (normals[:, 2] == 0)
+    missing = normals[:, 0] == 0
+    missing[missing] = (normals[missing] == 0).all(axis=1)
     if missing.any():
         touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])
         normals[missing] = (yield from vertex_normals_steps(positions, faces[touched]))[missing]

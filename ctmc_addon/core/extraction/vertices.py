@@ -12,7 +12,7 @@ linear crossing (alpha 1) is at x = 4.4 and the midpoint (alpha 0) at x = 5.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,11 @@ from ..errors import VolumeError
 from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .case_table import NEAREST
-from .gradients import Sampler, edge_normals
+from .gradients import Sampler, fill_normals
 from .grid import Grid
+
+
+EDGES_AT_ONCE = 1 << 13  # filled in together: their arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,49 +51,80 @@ class VertexArrays:
         return VertexArrays(self.alphas, tuple(position[low:high] for position in self.positions), normals)
 
 
+class ByteSamples(NamedTuple):
+    """The first samples of the bytes of a slab; along y and z all samples of a byte are at the same place."""
+
+    sample: tuple[NDArray[np.intp], ...]  # three (m,): number along x, y, z
+    index: tuple[NDArray[np.intp], ...]  # two (m,): along y, z
+    position: tuple[NDArray[np.float32], ...]  # two (m,)
+    flat: NDArray[np.intp]  # (m,), the sampler's, at column 0
+
+
 def fill_edge_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, out: VertexArrays) -> None:
     """Fill in a slab's vertices on edges, all of `out`."""
-    axes = (grid.x, grid.y, grid.z)
-    ends = np.cumsum([0] + [len(voxels) for voxels in slab.edge_owners])
-    along_axis = [slice(ends[axis], ends[axis + 1]) for axis in range(3)]  # the edges along x, along y, along z
-    slot = slab.slot.take(np.concatenate(slab.edge_owners))
+    sample = slab.byte_samples()
+    y, z = index = (grid.y.index.take(sample[1]), grid.z.index.take(sample[2]))
+    position = (grid.y.position.take(sample[1]), grid.z.position.take(sample[2]))
+    first = ByteSamples(sample, index, position, sampler.flat_index(np.zeros(1, np.intp), y, z))
+    begin = 0
+    for axis, owners in enumerate(slab.edge_owners):
+        for start in range(0, len(owners), EDGES_AT_ONCE):
+            slot = slab.slot.take(owners[start : start + EDGES_AT_ONCE])
+            _fill_edges(grid, sampler, threshold, axis, first, slot, out.part(begin, begin + len(slot)))
+            begin += len(slot)
+
+
+def _fill_edges(
+    grid: Grid,
+    sampler: Sampler,
+    threshold: float,
+    axis: int,
+    first: ByteSamples,
+    slot: NDArray[np.intp],
+    out: VertexArrays,
+) -> None:
+    """Fill in the vertices on edges along x, y or z whose owners are at `slot`, all of `out`."""
+    along = (grid.x, grid.y, grid.z)[axis]
     rank = slot >> 3
-    first_x, y, z = slab.byte_samples()
-    x = first_x.take(rank)
+    x = first.sample[0].take(rank)
     x += slot & 7
+    sample = first.sample[axis].take(rank) if axis else x
+    flat = first.flat.take(rank)
+    flat += (grid.x.index * sampler.steps[0]).take(x)
+    position = [grid.x.position.take(x), *(of_byte.take(rank) for of_byte in first.position)]
+    unit = along.stride == 1 and not along.closed  # the edges lie between neighboring values
 
-    def at_edges(axis: int, by_sample: NDArray[Any], edges: slice = slice(None)) -> NDArray[Any]:
-        """What belongs to the edges' low ends; along y and z all samples of a byte are the same."""
-        return by_sample.take(x[edges]) if axis == 0 else by_sample.take((y, z)[axis - 1]).take(rank[edges])
-
-    flat = sampler.flat_index(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z)).take(rank)
-    flat += at_edges(0, grid.x.index * sampler.steps[0])
-    flat_end = flat.copy()
-    coordinates = [at_edges(axis, along.position) for axis, along in enumerate(axes)]
-    begin, side = np.empty(len(slot), np.float32), np.empty(len(slot), np.float32)
-    for axis, (along, edges) in enumerate(zip(axes, along_axis, strict=True)):
-        flat_end[edges] += at_edges(axis, np.diff(along.index, append=0) * sampler.steps[axis], edges)
-        begin[edges] = coordinates[axis][edges]
-        side[edges] = at_edges(axis, np.diff(along.position, append=np.float32(0)), edges)
     low = sampler.gather(flat)
-    rise = sampler.gather(flat_end) - low
+    if unit:
+        rise = sampler.gather(flat, sampler.steps[axis])
+    else:
+        rise = sampler.gather(flat + (np.diff(along.index, append=0) * sampler.steps[axis]).take(sample))
+    rise -= low
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
         raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
     on_cap = rise == 0
     rise[on_cap] = 1.0
-    t = (threshold - low) / rise
+    t = np.subtract(threshold, low, out=low)
+    t /= rise
     t[on_cap] = 0.5
     np.clip(t, NEAREST, 1 - NEAREST, out=t)
 
+    begin = position[axis]
+    side = np.float32(1) if unit else np.diff(along.position, append=np.float32(0)).take(sample)
     middle = begin + np.float32(0.5) * side
     linear = (begin + t * side).astype(np.float32)
-    for alpha, position in zip(out.alphas, out.positions, strict=True):
-        mixed = linear if alpha is None else blend(middle, linear, alpha)
-        for axis, edges in enumerate(along_axis):
-            coordinates[axis][edges] = mixed[edges]
-            position[:, axis] = coordinates[axis]
+    for alpha, points in zip(out.alphas, out.positions, strict=True):
+        position[axis] = linear if alpha is None else blend(middle, linear, alpha)
+        for column, coordinate in enumerate(position):
+            points[:, column] = coordinate
     if out.normals is not None:
-        index = [at_edges(axis, along.index) for axis, along in enumerate(axes)]
-        edge_normals(sampler, index, flat, along_axis, linear, out.normals)
+        index = [grid.x.index.take(x), *(of_byte.take(rank) for of_byte in first.index)]
+        if not unit:
+            # From the enlarged voxel's corner to the value just below the point.
+            below = np.minimum(linear.astype(np.intp), sampler.size[axis] - 2)
+            flat += (below - index[axis]) * sampler.steps[axis]
+            index[axis] = below
+        share = (linear - index[axis]).astype(sampler.working_type)
+        fill_normals(sampler, index, flat, axis, share, out.normals)
         out.normals[on_cap] = 0.0
