@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..mesh.face_normals import vertex_normals_steps
 from ..progress import Steps
 
-NOWHERE = np.zeros(0, np.intp)
+NOWHERE = np.zeros(0, np.intp)  # no places
 
 
 class Sampler:
@@ -60,11 +60,12 @@ class Sampler:
         return x * self.steps[0] + y * self.steps[1] + (z * self.steps[2] + self._first)
 
     def gather(self, flat: NDArray[np.intp], shift: int = 0) -> NDArray[Any]:
-        """The values at flat indices, or as much further as `shift` says, in the working type."""
+        """The values at flat indices, or as much further as `shift` says, in the working type; any beyond the ends."""
+        last = len(self._flat) - 1
         if not self._contiguous:
-            return self._flat[flat + shift].astype(self.working_type)
-        # A shifted view costs less than shifted indices. Indices are within; "clip" spares NumPy a second look at each.
-        values = self._flat[shift:] if shift > 0 else self._flat
+            return self._flat[np.clip(flat + shift, 0, last)].astype(self.working_type)
+        # A shifted view costs less than shifted indices.
+        values = self._flat[min(shift, last) :] if shift > 0 else self._flat
         return values.take(flat + shift if shift < 0 else flat, mode="clip").astype(self.working_type)
 
     def difference(

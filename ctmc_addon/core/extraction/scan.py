@@ -25,7 +25,7 @@ from .trilinear_decider import trilinear_tables
 
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
-SLAB_MIXED = 1 << 15  # and those of them that a surface crosses: enough to outweigh the cost of a call
+SLAB_MIXED = 1 << 13  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"

@@ -24,7 +24,6 @@ from .case_table import NEAREST
 from .gradients import Sampler, fill_normals
 from .grid import Grid
 
-
 EDGES_AT_ONCE = 1 << 13  # filled in together: their arrays stay in the cache
 
 
@@ -55,7 +54,7 @@ class ByteSamples(NamedTuple):
     """The first samples of the bytes of a slab; along y and z all samples of a byte are at the same place."""
 
     sample: tuple[NDArray[np.intp], ...]  # three (m,): number along x, y, z
-    index: tuple[NDArray[np.intp], ...]  # two (m,): along y, z
+    value_index: tuple[NDArray[np.intp], ...]  # two (m,): along y, z
     position: tuple[NDArray[np.float32], ...]  # two (m,)
     flat: NDArray[np.intp]  # (m,), the sampler's, at column 0
 
@@ -119,7 +118,7 @@ def _fill_edges(
         for column, coordinate in enumerate(position):
             points[:, column] = coordinate
     if out.normals is not None:
-        index = [grid.x.index.take(x), *(of_byte.take(rank) for of_byte in first.index)]
+        index = [grid.x.index.take(x), *(of_byte.take(rank) for of_byte in first.value_index)]
         if not unit:
             # From the enlarged voxel's corner to the value just below the point.
             below = np.minimum(linear.astype(np.intp), sampler.size[axis] - 2)
