@@ -20,10 +20,12 @@ from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
 from .simplification.simplify import simplification_steps
+from .streaming import FieldSlabs, field_steps, slab_surface_steps
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
-from .volume.scalar_field import refinement_of, scalar_field_steps
+from .volume.scalar_field import refinement_of
+from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
 # What report.json and a user read, and the usual share of the time.
@@ -128,7 +130,7 @@ class Reconstruction:
 
 
 def reconstruct(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -137,7 +139,9 @@ def reconstruct(
 
     Parameters
     ----------
-    volume : Volume
+    volume : Volume or SlabVolume
+        Values that are fetched are read into memory if they fit there, else they are fetched a slab at a time. The
+        surface has the same bytes.
     settings : ReconstructionSettings
     threads : int, optional
         By default one for each processor. The result does not depend on it.
@@ -160,7 +164,7 @@ def reconstruct(
 
 
 def reconstruct_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -172,7 +176,7 @@ def reconstruct_steps(
 
 
 def full_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
@@ -225,7 +229,7 @@ def _simplifies(settings: ReconstructionSettings) -> bool:
 
 def _full_steps(
     stages: Stages,
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
@@ -234,13 +238,16 @@ def _full_steps(
     steps = refinement_of(volume.spacing, settings)
     first, last = region[2][0] * steps, (region[2][1] - 1) * steps
     check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
-    preparing = scalar_field_steps(volume, settings, threads, memory_limit)
+    preparing = field_steps(volume, settings, threads, memory_limit)
     field = yield from stages.run("Preparing values", preparing)
-    grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
     gradient = settings.normals == "gradient"
-    extracting = extract_steps(
-        grid, field.level, gradient, threads, memory_limit, settings.topology, field.kind, field.place
-    )
+    if isinstance(field, FieldSlabs):
+        extracting = slab_surface_steps(field, gradient, settings.topology, threads, memory_limit)
+    else:
+        grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
+        extracting = extract_steps(
+            grid, field.level, gradient, threads, memory_limit, settings.topology, field.kind, field.place
+        )
     surface = yield from stages.run("Extracting the surface", extracting)
     placing = _transform_steps(surface, field.affine(volume))
     surface = yield from stages.run("Placing it in the patient", placing)

@@ -167,8 +167,16 @@ def make_grid(
         If a stride is below 1 or larger than the window, or there are not three.
     """
     ranges = window or tuple((0, size) for size in values.shape[::-1])
-    strides = check_stride(stride, ranges)
-    x, y, z = (
-        sample_axis(start, stop, step, close_border) for (start, stop), step in zip(ranges, strides, strict=True)
-    )
+    x, y, z = make_axes(ranges, stride, close_border)
     return Grid(values.view(np.uint8) if values.dtype == bool else values, x, y, z)
+
+
+def make_axes(
+    window: Sequence[tuple[int, int]], stride: int | tuple[int, int, int], close_border: bool
+) -> tuple[Axis, Axis, Axis]:
+    """The samples along x, y and z inside a window ((x, stop), (y, stop), (z, stop))."""
+    strides = check_stride(stride, window)
+    x, y, z = (
+        sample_axis(start, stop, step, close_border) for (start, stop), step in zip(window, strides, strict=True)
+    )
+    return x, y, z

@@ -175,7 +175,7 @@ def _extract_steps(
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
         check_threshold(threshold, grid.window_values, kind, place)
-        raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
+        raise MeshError(no_surface_text(threshold))
     if first_vertex[-1] > np.iinfo(np.int32).max:
         raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")
     require(
@@ -212,3 +212,8 @@ def fill_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, ou
         fill_edge_vertices(grid, sampler, threshold, slab, out.part(0, edges))
         if edges < count:
             fill_interior_vertices(grid, threshold, slab, out.part(edges, count))
+
+
+def no_surface_text(threshold: float) -> str:
+    """Why there is no surface although values lie on both sides of the threshold."""
+    return f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride"

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ..errors import LabelError
 from ..parallel import map_steps, worker_count
 from ..progress import Steps
-from .region import Box, box_slices
+from .region import Box
+from .slabs import SlabVolume, values_in
 from .volume import Volume
 
 SLAB_VALUES = 1 << 20  # looked at in one go
@@ -43,10 +44,12 @@ class LabelExtent(NamedTuple):
 
 
 Extents = dict[int, LabelExtent]
-_extents: WeakKeyDictionary[Volume, dict[Box, Extents]] = WeakKeyDictionary()
+_extents: WeakKeyDictionary[Volume | SlabVolume, dict[Box, Extents]] = WeakKeyDictionary()
 
 
-def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | None = None) -> Steps[Extents]:
+def label_extents_steps(
+    volume: Volume | SlabVolume, box: Box | None = None, threads: int | None = None
+) -> Steps[Extents]:
     """Return every label but 0 in a box, by default the whole volume, in the order of the values; looked for once.
 
     Values that are not whole numbers are not labels.
@@ -69,19 +72,21 @@ def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | N
     box = box or ((0, x), (0, y), (0, z))
     of_box = _extents.setdefault(volume, {})
     if box not in of_box:
-        of_box[box] = yield from _scan_steps(volume.values, box, None, threads)
+        of_box[box] = yield from _scan_steps(volume, box, None, threads)
     return of_box[box]
 
 
-def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[LabelExtent | None]:
+def label_extent_steps(
+    volume: Volume | SlabVolume, label: int, box: Box, threads: int | None = None
+) -> Steps[LabelExtent | None]:
     """Return one label's extent in a box, None where it has no voxel there."""
     known = _extents.get(volume, {})
     if box in known:
         return known[box].get(label)
-    return (yield from _scan_steps(volume.values, box, label, threads)).get(label)
+    return (yield from _scan_steps(volume, box, label, threads)).get(label)
 
 
-def require_labels(volume: Volume, label: int | str) -> None:
+def require_labels(volume: Volume | SlabVolume, label: int | str) -> None:
     """Raise `LabelError` if a label is asked of Hounsfield units."""
     if volume.kind == "HU":
         raise LabelError(
@@ -91,7 +96,7 @@ def require_labels(volume: Volume, label: int | str) -> None:
 
 
 def chosen_labels_steps(
-    volume: Volume, choices: Sequence[int | str], box: Box | None = None, threads: int | None = None
+    volume: Volume | SlabVolume, choices: Sequence[int | str], box: Box | None = None, threads: int | None = None
 ) -> Steps[tuple[int, ...]]:
     """Return the values of labels that are chosen by value, by name or by the word "all", each once.
 
@@ -117,7 +122,7 @@ def chosen_labels_steps(
     return tuple(dict.fromkeys(values))
 
 
-def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) -> Steps[str]:
+def existing_labels_steps(volume: Volume | SlabVolume, box: Box, threads: int | None = None) -> Steps[str]:
     """Return which labels a box has, for a message."""
     labels = list((yield from label_extents_steps(volume, box, threads)))
     if not labels:
@@ -125,7 +130,7 @@ def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) 
     return f"the labels are {', '.join(map(str, labels[:LISTED]))}{' and more' if len(labels) > LISTED else ''}"
 
 
-def _labels_called(volume: Volume, name: str) -> list[int]:
+def _labels_called(volume: Volume | SlabVolume, name: str) -> list[int]:
     wanted = _plain(name)
     found = [label for label, known in volume.label_names.items() if _plain(known) == wanted]
     if found:
@@ -144,20 +149,23 @@ def _plain(name: str) -> str:
     return " ".join(name.casefold().replace("_", " ").split())
 
 
-def _scan_steps(values: NDArray[Any], box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
+def _scan_steps(volume: Volume | SlabVolume, box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
     """Return the extents in a box of all labels, or of only one."""
-    inside = values[box_slices(box)]
-    step = max(1, SLAB_VALUES // inside[0].size)
+    inside = values_in(volume, box)
+    slices, rows, columns = inside.shape
+    step = max(1, SLAB_VALUES // (rows * columns))
+    workers = 1 if isinstance(inside, SlabVolume) else worker_count(threads)  # a file is read by one thread
     parts: list[NDArray[np.int64]] = []
 
     def look(low: int) -> tuple[list[int], NDArray[np.int64]]:
-        slab = inside[low : low + step]
+        end = min(low + step, slices)
+        slab = inside.slab(low, end) if isinstance(inside, SlabVolume) else inside[low:end]
         labels, extents = slab_extents(slab if only is None else slab == only)
         extents[:, [3, 6]] += low
         return labels if only is None else [only] * len(labels), extents
 
     found: dict[int, int] = {}  # label, and where it stands in `parts`
-    for labels, extents in (yield from map_steps(look, range(0, len(inside), step), worker_count(threads))):
+    for labels, extents in (yield from map_steps(look, range(0, slices, step), workers)):
         for label, extent in zip(labels, extents, strict=True):
             at = found.setdefault(label, len(parts))
             if at == len(parts):

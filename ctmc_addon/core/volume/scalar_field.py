@@ -26,6 +26,7 @@ from ..settings import ReconstructionSettings, constrained_threshold_error
 from .affine import with_origin
 from .labels import existing_labels_steps, label_extent_steps, require_labels
 from .region import Box, box_slices, grown_box, region_box, relative_box
+from .slabs import SlabVolume, values_in
 from .smoothing import (
     REACH,
     SmoothField,
@@ -36,8 +37,9 @@ from .smoothing import (
     reach_of,
     refined_affine,
 )
+from .statistics import slabs_of
 from .thresholding import WHOLE_VOLUME, check_threshold, used_threshold_steps
-from .volume import Volume
+from .volume import Placed, Volume
 
 SMOOTHING_STAGE = {"none": {}, "gaussian": {"Smoothing": 1}, "constrained": {"Smoothing": 6}}
 
@@ -86,55 +88,50 @@ class ScalarField:
     kind: str = "grey value"
     place: str = WHOLE_VOLUME
 
-    def affine(self, volume: Volume) -> NDArray[np.float64]:
+    def affine(self, volume: Placed) -> NDArray[np.float64]:
         """The affine of the values: index (x, y, z) to RAS+ mm, (4, 4)."""
         return refined_affine(with_origin(volume.affine, self.origin), self.slice_steps, self.first_slice)
 
 
 def scalar_field_steps(
-    volume: Volume, settings: ReconstructionSettings, threads: int | None = None, memory_limit: int | None = None
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    window: Box | None = None,
 ) -> Steps[ScalarField]:
-    """Return what is extracted from `volume` with `settings`.
+    """Return what is extracted from `volume` with `settings`; of values that are fetched, it holds those of its box.
+
+    `window` is what `field_window_steps` returned, where that is known already.
 
     Raises
     ------
     LabelError, ThresholdError, VolumeError, SettingsError, MemoryLimitError
     """
-    window = region_box(volume, settings)
     method = settings.smoothing_method
-    if method == "constrained" and settings.label is None:
-        raise constrained_threshold_error()
     value_stage = "Looking at the values" if settings.label is None else "Finding the label"
     stages = Stages({value_stage: 1} | SMOOTHING_STAGE[method])
-    if settings.label is not None:
-        require_labels(volume, settings.label)
-        finding = _label_box_steps(volume, settings, settings.label, window, threads)
-        window = yield from stages.run(value_stage, finding)
-    # Smoothing looks beyond the window, and so do normals, by one voxel.
-    reach = [math.ceil(REACH * settings.gaussian_mm / side) for side in volume.spacing]
-    if method == "constrained" and settings.region is not None:
-        reach = [*reach_of(volume.spacing)]
-    box = grown_box(window, [voxels + 1 for voxels in reach], volume.size)
+    if window is None:
+        window = yield from stages.run(value_stage, field_window_steps(volume, settings, threads))
+    reach = reach_of_settings(volume.spacing, settings)
+    box = field_box(volume, settings, window)
     origin = (box[0][0], box[1][0], box[2][0])
-    values = volume.values[box_slices(box)]
+    yield Step(0.0, value_stage)
+    values = yield from stages.run(value_stage, _values_steps(volume, box, settings.label))
     place = WHOLE_VOLUME if settings.region is None else "the region"
     kind = volume.kind if settings.label is None else "label"
-    notes: tuple[str, ...] = ()
     if settings.label is not None:
-        values = values == settings.label
-        _check_not_filled(values, values[box_slices(relative_box(window, origin))], settings)
-        if method == "none":
-            notes = ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
+        # A Gaussian brings what lies beyond the window into it.
+        in_window = values if method == "gaussian" else values[box_slices(relative_box(window, origin))]
+        check_not_filled(bool(in_window.all()), settings)
     else:
-        yield Step(0.0, value_stage)
         if values.dtype.kind == "f":
             needed = relative_box(grown_box(window, reach, volume.size), origin)
             values = _finite(values, values[box_slices(needed)], settings.nan_as, memory_limit)
         if settings.threshold is not None:
             check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind, place)
     threshold = yield from stages.run(value_stage, used_threshold_steps(volume, settings))
-    if settings.label is None and settings.threshold is None:
-        notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
+    notes = field_notes(settings, threshold)
     window_in_values = relative_box(window, origin)
     field = ScalarField(values, origin, window, threshold, notes, threshold, window_in_values, kind=kind, place=place)
     if method == "gaussian":
@@ -155,7 +152,7 @@ def scalar_field_steps(
 
 def _constrained_steps(
     field: ScalarField,
-    volume: Volume,
+    volume: Placed,
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
@@ -204,16 +201,62 @@ def refinement_of(spacing_mm: tuple[float, float, float], settings: Reconstructi
     return settings.slice_steps or automatic_refinement(spacing_mm)
 
 
-def _check_not_filled(mask: NDArray[np.bool_], in_window: NDArray[np.bool_], settings: ReconstructionSettings) -> None:
+def field_window_steps(
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None = None
+) -> Steps[Box]:
+    """Return the box that is extracted: the region, or in it a label's box with its margin."""
+    window = region_box(volume, settings)
+    if settings.smoothing_method == "constrained" and settings.label is None:
+        raise constrained_threshold_error()
+    if settings.label is not None:
+        require_labels(volume, settings.label)
+        window = yield from _label_box_steps(volume, settings, settings.label, window, threads)
+    return window
+
+
+def field_box(volume: Placed, settings: ReconstructionSettings, window: Box) -> Box:
+    """Return the box of the values that smoothing and extraction read: window, reach, and a voxel for normals."""
+    return grown_box(window, [voxels + 1 for voxels in reach_of_settings(volume.spacing, settings)], volume.size)
+
+
+def _values_steps(volume: Volume | SlabVolume, box: Box, label: int | None) -> Steps[NDArray[Any]]:
+    """Return the gray values in a box, or where a label is; a view where that is possible."""
+    values = values_in(volume, box)
+    if isinstance(values, np.ndarray):
+        return values if label is None else values == label
+    out = np.empty(values.shape, values.dtype if label is None else bool)
+    done = 0
+    for slab in slabs_of(values):
+        yield Step(done / len(out))
+        out[done : done + len(slab)] = slab if label is None else slab == label
+        done += len(slab)
+    return out
+
+
+def reach_of_settings(spacing_mm: tuple[float, float, float], settings: ReconstructionSettings) -> list[int]:
+    """Return how many voxels beyond the window smoothing reads along x, y and z."""
+    if settings.smoothing_method == "constrained" and settings.region is not None:
+        return [*reach_of(spacing_mm)]
+    return [math.ceil(REACH * settings.gaussian_mm / side) for side in spacing_mm]
+
+
+def field_notes(settings: ReconstructionSettings, threshold: float) -> tuple[str, ...]:
+    """Return what is said of a threshold that was found, and of a label that is not smoothed."""
+    if settings.label is None and settings.threshold is None:
+        return (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.",)
+    if settings.label is not None and settings.smoothing_method == "none":
+        return ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
+    return ()
+
+
+def check_not_filled(filled: bool, settings: ReconstructionSettings) -> None:
     """Raise `LabelError` where a label fills what is extracted, so that only a closed border gives a surface."""
-    # A Gaussian brings what lies beyond the window into it.
-    filled = mask.all() if settings.smoothing_method == "gaussian" else in_window.all()
     if filled and not settings.close_border:
         place, remedy = ("volume", "") if settings.region is None else ("region", " or a larger region")
         raise LabelError(f"every sample of this {place} is label {settings.label}; use close_border{remedy}")
 
 
-def _is_cut(field: ScalarField, volume: Volume) -> bool:
+def _is_cut(field: ScalarField, volume: Placed) -> bool:
     """Return whether a label reaches the border of its window where the volume goes on."""
     window = [
         (start + (start > 0), stop - (stop < n)) for (start, stop), n in zip(field.window, volume.size, strict=True)
@@ -222,7 +265,7 @@ def _is_cut(field: ScalarField, volume: Volume) -> bool:
     return np.count_nonzero(field.values[box_slices(inner)]) < np.count_nonzero(field.values)
 
 
-def _refined_window(field: ScalarField, volume: Volume, smooth: SmoothField, close_border: bool) -> Box:
+def _refined_window(field: ScalarField, volume: Placed, smooth: SmoothField, close_border: bool) -> Box:
     """Return the window counted in refined slices; a closed border lies half a slice gap outside it."""
     x, y, (start, stop) = relative_box(field.window, field.origin)
     low, high = (smooth.first_slice + slice_ * smooth.slice_steps for slice_ in (start, stop - 1))
@@ -248,7 +291,7 @@ def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, me
     if nan_as is None:
         count = sum(int(layer.size - np.count_nonzero(np.isfinite(layer))) for layer in needed)
         if count:
-            raise VolumeError(f"{count} voxels are NaN or infinite; replace them with nan_as, such as -1024 in HU")
+            raise VolumeError(not_finite_text(count))
         return values
     if all(np.isfinite(layer).all() for layer in values):
         return values
@@ -259,8 +302,13 @@ def _finite(values: NDArray[Any], needed: NDArray[Any], nan_as: float | None, me
     return replaced
 
 
+def not_finite_text(count: int) -> str:
+    """Return what is wrong with values that are not finite, and the remedy."""
+    return f"{count} voxels are NaN or infinite; replace them with nan_as, such as -1024 in HU"
+
+
 def _label_box_steps(
-    volume: Volume, settings: ReconstructionSettings, label: int, window: Box, threads: int | None
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, label: int, window: Box, threads: int | None
 ) -> Steps[Box]:
     """Return the box of a label, its sides on the stride's grid, so that the surface is that of the whole window."""
     extent = yield from label_extent_steps(volume, label, window, threads)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..progress import Step, Steps
 from .affine import checked_affine, with_origin
-from .region import Box
+from .region import Box, box_slices
 from .volume import Placed, Volume, require_samples
 
 STEP_BYTES = 1 << 22  # unpacked in 0.02 s
@@ -207,6 +207,16 @@ class SlabVolume(Placed):
         x, y, z = ((start + first, start + stop) for (start, _), first, stop in zip(self.box, low, high, strict=True))
         return replace(self, box=(x, y, z), affine=with_origin(self.affine, low))
 
+    def part(self, box: Box) -> SlabVolume:
+        """Return the samples in a box; nothing is read."""
+        x, y, z = box
+        return self.cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+
 
 def _moved(numbers: range, by: int) -> range:
     return range(numbers.start + by, numbers.stop + by, numbers.step)
+
+
+def values_in(volume: Volume | SlabVolume, box: Box) -> NDArray[Any] | SlabVolume:
+    """The values in a box of a volume: a view, or what fetches them."""
+    return volume.values[box_slices(box)] if isinstance(volume, Volume) else volume.part(box)

@@ -15,22 +15,25 @@ from numpy.typing import NDArray
 from ..errors import ThresholdError
 from ..progress import Stages, Step, Steps, finish
 from .labels import label_extents_steps
-from .region import Box, box_slices
-from .volume import Volume
+from .region import Box
+from .slabs import SlabVolume, values_in
+from .volume import Placed, Volume
 
 BINS = 1024  # for floats, and for integers over too wide a range to count each value
 MOST_INTEGERS = 2**17
 SLAB_VALUES = 2**20
 
 
-def slabs_of(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Yield runs of slices, about a million values each, as views."""
-    step = max(1, SLAB_VALUES // max(1, values[0].size))
-    for start in range(0, len(values), step):
-        yield values[start : start + step]
+def slabs_of(values: NDArray[Any] | SlabVolume) -> Iterator[NDArray[Any]]:
+    """Yield runs of slices, about a million values each, as views or as they are fetched."""
+    slices, rows, columns = values.shape
+    step = max(1, SLAB_VALUES // max(1, rows * columns))
+    for start in range(0, slices, step):
+        end = min(start + step, slices)
+        yield values[start:end] if isinstance(values, np.ndarray) else values.slab(start, end)
 
 
-def value_range(values: NDArray[Any]) -> tuple[float, float]:
+def value_range(values: NDArray[Any] | SlabVolume) -> tuple[float, float]:
     """Return the lowest and the highest finite value; NaN twice where there is none.
 
     Examples
@@ -60,8 +63,10 @@ def histogram(values: NDArray[Any]) -> Histogram:
     return finish(histogram_steps(values))
 
 
-def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
+def histogram_steps(values: NDArray[Any] | SlabVolume) -> Steps[Histogram]:
     """`histogram` as steps."""
+    if isinstance(values, SlabVolume) and values.dtype.kind in "bui" and values.dtype.itemsize <= 2:
+        return (yield from _narrow_histogram_steps(values))
     low, high = value_range(values)
     if not low <= high:
         raise ThresholdError("the volume holds no finite value; no threshold can be found")
@@ -72,7 +77,7 @@ def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
     counts = np.zeros(bins, np.int64)
     done = 0
     for slab in slabs_of(values):
-        yield Step(done / len(values), "Counting the values")
+        yield Step(done / values.shape[0], "Counting the values")
         done += len(slab)
         if whole:
             index = slab.astype(np.int64).ravel() - int(low)
@@ -85,26 +90,39 @@ def histogram_steps(values: NDArray[Any]) -> Steps[Histogram]:
     return counts, low - 0.5 if whole else low, width
 
 
-_histograms: WeakKeyDictionary[Volume, Histogram] = WeakKeyDictionary()  # of whole volumes
+def _narrow_histogram_steps(values: SlabVolume) -> Steps[Histogram]:
+    """`histogram` of integers of up to 16 bits, fetched once."""
+    lowest = 0 if values.dtype.kind in "bu" else int(np.iinfo(values.dtype).min)
+    counts = np.zeros(1 << 8 * values.dtype.itemsize, np.int64)
+    done = 0
+    for slab in slabs_of(values):
+        yield Step(done / values.shape[0], "Counting the values")
+        done += len(slab)
+        counts += np.bincount(slab.ravel().astype(np.intp) - lowest, minlength=len(counts))
+    filled = np.flatnonzero(counts)
+    return counts[filled[0] : filled[-1] + 1].copy(), lowest + float(filled[0]) - 0.5, 1.0
 
 
-def box_histogram_steps(volume: Volume, box: Box) -> Steps[Histogram]:
+_histograms: WeakKeyDictionary[Volume | SlabVolume, Histogram] = WeakKeyDictionary()  # of whole volumes
+
+
+def box_histogram_steps(volume: Volume | SlabVolume, box: Box) -> Steps[Histogram]:
     """`histogram` of the samples in a box; that of a whole volume is counted once."""
     whole = is_whole(volume, box)
     if whole and volume in _histograms:
         return _histograms[volume]
-    result = yield from histogram_steps(volume.values[box_slices(box)])
+    result = yield from histogram_steps(values_in(volume, box))
     if whole:
         _histograms[volume] = result
     return result
 
 
-def is_counted(volume: Volume, box: Box) -> bool:
+def is_counted(volume: Volume | SlabVolume, box: Box) -> bool:
     """Return whether `box_histogram_steps` has its answer at once."""
     return volume in _histograms and is_whole(volume, box)
 
 
-def is_whole(volume: Volume, box: Box) -> bool:
+def is_whole(volume: Placed, box: Box) -> bool:
     """Return whether a box holds all samples of a volume."""
     return all(ends == (0, size) for ends, size in zip(box, volume.size, strict=True))
 

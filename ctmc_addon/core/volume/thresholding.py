@@ -17,16 +17,17 @@ from ..errors import ThresholdError
 from ..progress import Steps, finish
 from ..settings import ReconstructionSettings
 from .region import Box, region_box
+from .slabs import SlabVolume
 from .statistics import Histogram, box_histogram_steps, histogram, is_counted, value_range
 from .volume import Volume
 
 WHOLE_VOLUME = "this volume"
 HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
 QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
-_otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
+_otsu: WeakKeyDictionary[Volume | SlabVolume, dict[Box, float]] = WeakKeyDictionary()
 
 
-def used_threshold_steps(volume: Volume, settings: ReconstructionSettings) -> Steps[float]:
+def used_threshold_steps(volume: Volume | SlabVolume, settings: ReconstructionSettings) -> Steps[float]:
     """Return the threshold that a reconstruction of `volume` with `settings` uses.
 
     The setting where there is one; half of 0 and 1 for a label; else Otsu's threshold of the finite values in the
@@ -131,7 +132,7 @@ def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def check_threshold(
-    threshold: float, values: NDArray[Any], kind: str = "grey value", place: str = WHOLE_VOLUME
+    threshold: float, values: NDArray[Any] | SlabVolume, kind: str = "grey value", place: str = WHOLE_VOLUME
 ) -> None:
     """Raise `ThresholdError` where no value or every value is at or above the threshold.
 

@@ -7,7 +7,7 @@ order), `smooth_field` (what comes out).
 """
 
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
-from .gaussian import REACH, gaussian_smooth_steps
+from .gaussian import REACH, gaussian_smooth_steps, smoothed_middle, smoothed_plane, weights
 from .smooth_field import SmoothField, refined_affine
 
 __all__ = [
@@ -20,4 +20,7 @@ __all__ = [
     "gaussian_smooth_steps",
     "reach_of",
     "refined_affine",
+    "smoothed_middle",
+    "smoothed_plane",
+    "weights",
 ]

@@ -8,6 +8,7 @@ products and sums in a fixed order, so every machine and any number of threads g
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,7 @@ def gaussian_smooth_steps(
     workers = worker_count(threads)
 
     def in_plane(k: int) -> None:
-        plane = values[k].astype(np.float32)
-        smoothed[k] = convolved(convolved(plane, along_y, 0), along_x, 1)
+        smoothed[k] = smoothed_plane(values[k], along_x, along_y)
 
     deep = max(1, min(rows, BLOCK_BYTES // (4 * columns * (slices + 2 * len(along_z)))))
 
@@ -63,6 +63,26 @@ def gaussian_smooth_steps(
         across = map_steps(through, range(0, rows, deep), workers, batches=BATCHES)
         yield from stages.run("Smoothing across slices", across)
     return smoothed
+
+
+def smoothed_plane(plane: NDArray[Any], along_x: list[np.float32], along_y: list[np.float32]) -> NDArray[np.float32]:
+    """Return one slice (rows, columns) smoothed by the weights along x and y."""
+    return convolved(convolved(plane.astype(np.float32), along_y, 0), along_x, 1)
+
+
+def smoothed_middle(planes: Sequence[NDArray[np.float32]], along_z: list[np.float32]) -> NDArray[np.float32]:
+    """Return the middle one of an odd number of slices smoothed by the weights along z, as `convolved` does it."""
+    reach = len(along_z) - 1
+    if not reach:
+        return planes[0]
+    total, pair = np.zeros_like(planes[0]), np.empty_like(planes[0])
+    for at in range(reach, 0, -1):
+        np.add(planes[reach - at], planes[reach + at], out=pair)
+        pair *= along_z[at]
+        total += pair
+    np.multiply(planes[reach], along_z[0], out=pair)
+    total += pair
+    return total
 
 
 def weights(sigma: float) -> list[np.float32]:

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces of volumes that are not held in memory: values are fetched a slab at a time.
+
+Read in this order: `choice` (when), `field_slabs` (the values), `parts` (active voxels and vertices of a slab),
+`slab_parts` (parts grouped anew), `surface` (all of it, with the bytes of a volume in memory).
+"""
+
+from .choice import field_steps
+from .field_slabs import FieldSlabs
+from .surface import slab_surface_steps
+
+__all__ = ["FieldSlabs", "field_steps", "slab_surface_steps"]

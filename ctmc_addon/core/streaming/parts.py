@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Extract the parts of a surface as the values come, a slab of slices at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..extraction.active_voxels import Slab
+from ..extraction.gradients import Sampler
+from ..extraction.grid import WORD, Axis, Grid
+from ..extraction.marching_cubes import fill_vertices
+from ..extraction.scan import SCAN_STAGES, scan_steps, slab_ranges
+from ..extraction.vertices import VertexArrays
+from ..parallel import map_steps
+from ..progress import Stages, Steps, equal_part
+from .slab_parts import SlabPart
+
+SLAB_BYTES = 1 << 25  # of values fetched at once, or those of one layer of samples
+KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
+ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
+PLACING = "Placing vertices"
+STAGES = SCAN_STAGES | {PLACING: 4.0}
+
+
+class SlabValues(Protocol):
+    """Values that are fetched some slices at a time, first to last."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(slices, rows, columns)."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the values."""
+
+    @property
+    def skips_slices(self) -> bool:
+        """Whether slices that are not sampled need not be fetched."""
+
+    def slices_steps(self, numbers: list[int]) -> Steps[NDArray[Any]]:
+        """Fetch the values of slices with rising numbers, (slices, rows, columns)."""
+
+
+@dataclass(eq=False)
+class PartMaker:
+    """Makes the parts of one surface.
+
+    Parameters
+    ----------
+    values : SlabValues
+    axes : (x, y, z) Axis
+        The samples, in the values.
+    level : float
+        Inside is ``value >= level``.
+    normals : bool
+    topology : str
+    threads : int
+
+    Attributes
+    ----------
+    mixed : list of (n,) intp
+        Of the layers done, what `slab_ranges` asks for.
+    """
+
+    values: SlabValues
+    axes: tuple[Axis, Axis, Axis]
+    level: float
+    normals: bool
+    topology: str
+    threads: int
+
+    def __post_init__(self) -> None:
+        self.mixed: list[NDArray[np.intp]] = []
+        self._kept_numbers = np.empty(0, np.intp)
+        self._kept = np.empty((0, *self.values.shape[1:]), self.values.dtype)
+        x, _, z = self.axes
+        slices_of_layer = z.stride if self.normals or not self.values.skips_slices else 1
+        slice_bytes = int(np.prod(self.values.shape[1:], dtype=np.int64)) * self.values.dtype.itemsize
+        self.height = max(1, SLAB_BYTES // (slices_of_layer * slice_bytes))
+        self.words = -(-x.count // WORD)
+
+    def ranges(self) -> list[tuple[int, int]]:
+        """The ranges of layers in which the whole surface is numbered; to be asked when all layers are done."""
+        return slab_ranges(np.concatenate(self.mixed), (self.axes[1].count + 1) * self.words)
+
+    def parts_steps(self) -> Iterator[Steps[list[SlabPart]]]:
+        """Yield, for one slab of values after the other, steps that return its parts."""
+        layers = self.axes[2].count
+        starts = range(0, layers, self.height)
+        for number, low in enumerate(starts):
+            steps = self._slab_steps(low, min(low + self.height, layers))
+            yield equal_part(steps, number, len(starts))
+
+    def _slab_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
+        grid = yield from self._grid_steps(low, high)
+        stages = Stages(STAGES)
+        slabs, mixed = yield from scan_steps(stages, grid, self.level, self.threads, self.topology)
+        self.mixed.append(mixed)
+        sampler = Sampler(grid.values, grid.first_slice, grid.slices)
+
+        def place(slab: Slab) -> SlabPart:
+            vectors = tuple(np.empty((slab.vertex_count, 3), np.float32) for _ in range(2 + self.normals))
+            out = VertexArrays(ENDS, vectors[:2], vectors[2] if self.normals else None)
+            fill_vertices(grid, sampler, self.level, slab, out)
+            return SlabPart(replace(slab, low=slab.low + low, high=slab.high + low), vectors)
+
+        return (yield from stages.run(PLACING, map_steps(place, slabs, self.threads)))
+
+    def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
+        """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""
+        x, y, z = self.axes
+        part, slices = z.part(low, min(high + 1, z.count)), self.values.shape[0]
+        continues = high < z.count
+        if self.normals or z.stride == 1 or not self.values.skips_slices:
+            margin = int(self.normals)
+            first = max(0, int(part.index[0]) - margin)
+            numbers = np.arange(first, min(slices, int(part.index[-1]) + 1 + margin))
+            values = yield from self._values_steps(numbers)
+            return Grid(values, x, y, part, first, slices, continues)
+        # Only the slices that are sampled: the values are then those slices one after the other.
+        numbers, index = np.unique(part.index, return_inverse=True)
+        values = yield from self._values_steps(numbers)
+        return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues)
+
+    def _values_steps(self, numbers: NDArray[np.intp]) -> Steps[NDArray[Any]]:
+        """The values of some slices, of which those that the last slab ended with are not fetched again."""
+        kept = self._kept[np.isin(self._kept_numbers, numbers)]
+        values = yield from self.values.slices_steps(numbers[len(kept) :].tolist())
+        if len(kept):
+            values = np.concatenate([kept, values])
+        self._kept_numbers, self._kept = numbers[-KEPT_SLICES:], values[-KEPT_SLICES:].copy()
+        return values
