@@ -15,6 +15,7 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,60 +53,77 @@ def load_libraries() -> None:
 
 def look_at(path: Path) -> Look:
     """Read `path` in a fork, ended after `SECONDS`."""
+    return look_at_all([path])[0]
+
+
+def look_at_all(paths: Sequence[Path]) -> list[Look]:
+    """Read the paths one after the other in a fork; one that ends it gets a new one for the rest."""
+    looks: list[Look] = []
+    while len(looks) < len(paths):
+        looks += _until_the_fork_ends(paths[len(looks) :])
+    return looks
+
+
+def _until_the_fork_ends(paths: Sequence[Path]) -> list[Look]:
+    """What was said of the first paths, at least of one: the last may be the one that ended the fork."""
     end, start = os.pipe()
-    begun = time.monotonic()
     pid = os.fork()
     if not pid:
         os.close(end)
-        _read_and_leave(path, start)
+        _read_and_leave(paths, start)
     os.close(start)
-    said, late = b"", False
-    while True:
+    looks: list[Look] = []
+    said, begun, late = b"", time.monotonic(), False
+    while len(looks) < len(paths):
         left = begun + SECONDS - time.monotonic()
-        if left <= 0 or not select.select([end], [], [], left)[0]:
-            late = True
-            break
-        piece = os.read(end, 1 << 16)
+        late = left <= 0 or not select.select([end], [], [], left)[0]
+        piece = b"" if late else os.read(end, 1 << 16)
         if not piece:
             break
-        said += piece
+        *lines, said = (said + piece).split(b"\n")
+        for line in lines:
+            looks.append(Look(*json.loads(line)))
+            begun = time.monotonic()
     os.close(end)
-    if late:
-        _frames_then_kill(pid)
-    _, status = os.waitpid(pid, 0)
-    seconds = time.monotonic() - begun
-    if late:
-        return Look("hang", f"more than {SECONDS:g} s", seconds)
-    if not said:
-        return Look("killed", f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else "left early", seconds)
-    return Look(*json.loads(said), seconds)
-
-
-def _frames_then_kill(pid: int) -> None:
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
         pass
+    _, status = os.waitpid(pid, 0)
+    seconds = time.monotonic() - begun
+    if late:
+        looks.append(Look("hang", f"more than {SECONDS:g} s", seconds))
+    elif len(looks) < len(paths):
+        looks.append(Look("killed", f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else "left", seconds))
+    return looks
 
 
-def _read_and_leave(path: Path, out: int) -> None:
+def _read_and_leave(paths: Sequence[Path], out: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     null = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(null, stream)
+    for path in paths:
+        begun = time.monotonic()
+        verdict, text = what_comes_of(path)
+        os.write(out, json.dumps((verdict, text, time.monotonic() - begun)).encode() + b"\n")
+    time.sleep(60)  # until it is ended
+
+
+def what_comes_of(path: Path) -> tuple[str, str]:
+    """The verdict on a path and its text, as of `Look`."""
     try:
         volume = read_volume(path, threads=1)
-        answer = ("volume", f"{volume.values.shape} {volume.values.dtype}")
+        return "volume", f"{volume.values.shape} {volume.values.dtype}"
     except CtmcError as error:
         text = str(error)
-        answer = ("refused", text) if "\n" not in text else ("traceback", f"a sentence of several lines: {text!r}")
+        several = "\n" in text
+        return ("traceback", f"a sentence of several lines: {text!r}") if several else ("refused", text)
     except MemoryError as error:
-        answer = ("memory", last_frames(error))
+        return "memory", last_frames(error)
     except BaseException as error:  # noqa: BLE001  (every kind is what is looked for)
-        answer = ("traceback", last_frames(error))
-    os.write(out, json.dumps(answer).encode())
-    os._exit(0)
+        return "traceback", last_frames(error)
 
 
 def last_frames(error: BaseException) -> str:

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One small whole file or folder of every format that is read, made by code."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import nrrd
+import numpy as np
+import tifffile
+from PIL import Image
+
+SHAPE = (4, 34, 40)  # (slices, rows, columns); JPEG 2000's encoder wants 32 at least
+VALUES = np.random.default_rng(0).integers(0, 250, SHAPE).astype(np.int16)
+BYTES = VALUES.astype(np.uint8)
+J2K, RLE, JPEG = "1.2.840.10008.1.2.4.90", "1.2.840.10008.1.2.5", "1.2.840.10008.1.2.4.50"
+EXPLICIT, IMPLICIT, BIG = "1.2.840.10008.1.2.1", "1.2.840.10008.1.2", "1.2.840.10008.1.2.2"
+DEFLATED = "1.2.840.10008.1.2.1.99"
+
+Seed = Callable[[Path], Path]  # writes into a folder, and returns what is to be opened
+
+
+def nifti(name: str, second: bool = False, dtype: Any = np.int16) -> Seed:
+    """NIfTI in one file."""
+
+    def write(folder: Path) -> Path:
+        kind = nibabel.Nifti2Image if second else nibabel.Nifti1Image
+        nibabel.save(kind(VALUES.T.astype(dtype), np.diag([-0.5, -0.5, 2, 1])), folder / name)
+        return folder / name
+
+    return write
+
+
+def nibabel_file(kind: str, name: str) -> Seed:
+    """MGH or Analyze."""
+
+    def write(folder: Path) -> Path:
+        nibabel.save(getattr(nibabel, kind)(VALUES.T, np.eye(4)), folder / name)
+        return folder / name
+
+    return write
+
+
+def nrrd_file(encoding: str) -> Seed:
+    """NRRD with its values."""
+
+    def write(folder: Path) -> Path:
+        header = {"space": "LPS", "space directions": np.diag([0.5, 0.5, 2]), "space origin": np.zeros(3)}
+        header |= {"encoding": encoding, "Segment0_LabelValue": "1", "Segment0_Name": "liver"}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            nrrd.write(str(folder / "ct.nrrd"), VALUES.T, header)
+        return folder / "ct.nrrd"
+
+    return write
+
+
+def detached_nrrd(folder: Path) -> Path:
+    """A header with a file for each slice."""
+    for number, plane in enumerate(VALUES):
+        (folder / f"s{number}.raw").write_bytes(plane.tobytes())
+    header = "NRRD0004\ntype: short\ndimension: 3\nsizes: 40 34 4\nendian: little\nencoding: raw\n"
+    (folder / "ct.nhdr").write_text(
+        header + "space directions: (1,0,0) (0,1,0) (0,0,2)\nspace: LPS\n"
+        "byte skip: 0\nline skip: 0\ndata file: s%d.raw 0 3 1\n\n"
+    )
+    return folder / "ct.nhdr"
+
+
+def metaimage(name: str, compressed: bool = False) -> Seed:
+    """MetaImage, its values within or beside."""
+
+    def write(folder: Path) -> Path:
+        import zlib
+
+        content = zlib.compress(VALUES.tobytes()) if compressed else VALUES.tobytes()
+        data = "LOCAL" if name.endswith(".mha") else "ct.zraw" if compressed else "ct.raw"
+        head = (
+            "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
+            f"CompressedData = {compressed}\nCompressedDataSize = {len(content)}\n"
+            "TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 0 0 0\nElementSpacing = 0.5 0.5 2\nDimSize = 40 34 4\n"
+            f"ElementType = MET_SHORT\nElementDataFile = {data}\n"
+        )
+        if data != "LOCAL":
+            (folder / data).write_bytes(content)
+        (folder / name).write_bytes(head.encode() + (content if data == "LOCAL" else b""))
+        return folder / name
+
+    return write
+
+
+def npy(folder: Path) -> Path:
+    """NumPy."""
+    np.save(folder / "ct.npy", VALUES)
+    return folder / "ct.npy"
+
+
+def pictures(suffix: str, mode: str = "L", **options: Any) -> Seed:
+    """A folder of pictures by Pillow."""
+
+    def write(folder: Path) -> Path:
+        for number, plane in enumerate(VALUES):
+            image = Image.fromarray(plane.astype(np.uint16) * 200) if mode == "I;16" else Image.fromarray(BYTES[number])
+            if mode in ("P", "RGB", "RGBA", "LA", "1"):
+                image = image.convert(mode)
+            image.save(folder / f"s{number}.{suffix}", **options)
+        return folder
+
+    return write
+
+
+def tiff_pages(**options: Any) -> Seed:
+    """A TIFF of several pages by tifffile."""
+
+    def write(folder: Path) -> Path:
+        values = BYTES if options.pop("bytes", False) else VALUES
+        if options.get("imagej") or options.get("ome"):
+            options["metadata"] = {"axes": "ZYX", "spacing": 2.0, "unit": "um"}
+        tifffile.imwrite(folder / "ct.tif", values, photometric="minisblack", **options)
+        return folder / "ct.tif"
+
+    return write
+
+
+def tiff_by_pillow(compression: str) -> Seed:
+    """A TIFF of several pages by Pillow."""
+
+    def write(folder: Path) -> Path:
+        first, *others = (Image.fromarray(plane) for plane in BYTES)
+        first.save(folder / "ct.tif", save_all=True, append_images=others, compression=compression)
+        return folder / "ct.tif"
+
+    return write
+
+
+def ct_dataset(number: int, plane: Any, syntax: str = EXPLICIT) -> Any:
+    """One CT slice."""
+    from pydicom import uid
+    from pydicom.dataset import Dataset, FileMetaDataset
+
+    dataset = Dataset()
+    dataset.file_meta = FileMetaDataset()
+    dataset.file_meta.TransferSyntaxUID = uid.UID(syntax)
+    kind = "1.2.840.10008.5.1.4.1.1.2"
+    dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = kind
+    dataset.SOPInstanceUID = dataset.file_meta.MediaStorageSOPInstanceUID = f"1.2.3.{number + 1}"
+    dataset.SeriesInstanceUID, dataset.StudyInstanceUID, dataset.Modality = "1.2.3.4", "1.2.3", "CT"
+    dataset.FrameOfReferenceUID = "1.2.5"
+    dataset.PatientName, dataset.PatientID = "Muster^Erika", "4711"
+    dataset.InstanceNumber, dataset.SeriesNumber, dataset.SeriesDescription = number + 1, 2, "thorax"
+    dataset.ImagePositionPatient, dataset.ImageOrientationPatient = [-10, -20, 2 * number], [1, 0, 0, 0, 1, 0]
+    dataset.PixelSpacing, dataset.SliceThickness = [0.5, 0.5], 2
+    dataset.RescaleSlope, dataset.RescaleIntercept = 1, -1024
+    dataset.Rows, dataset.Columns = plane.shape
+    dataset.SamplesPerPixel, dataset.PhotometricInterpretation = 1, "MONOCHROME2"
+    dataset.BitsAllocated = dataset.BitsStored = 8 * plane.dtype.itemsize
+    dataset.HighBit, dataset.PixelRepresentation = dataset.BitsStored - 1, 0
+    dataset.PixelData = plane.astype(plane.dtype.newbyteorder(">" if syntax == BIG else "<")).tobytes()
+    dataset["PixelData"].VR = "OW" if plane.dtype.itemsize > 1 else "OB"
+    return dataset
+
+
+def dicom(syntax: str = EXPLICIT, compress: str = "", name: str = "{}.dcm") -> Seed:
+    """A DICOM series."""
+
+    def write(folder: Path) -> Path:
+        import pydicom
+        from pydicom.encaps import encapsulate
+
+        for number, plane in enumerate(BYTES if compress == JPEG else VALUES.astype(np.uint16)):
+            dataset = ct_dataset(number, plane, syntax)
+            if compress == JPEG:
+                stream = io.BytesIO()
+                Image.fromarray(plane).save(stream, "JPEG")
+                dataset.PixelData = encapsulate([stream.getvalue()])
+                dataset["PixelData"].VR, dataset["PixelData"].is_undefined_length = "OB", True
+                dataset.file_meta.TransferSyntaxUID = JPEG
+            elif compress:
+                dataset.compress(compress, generate_instance_uid=False)
+            pydicom.dcmwrite(folder / name.format(number), dataset, enforce_file_format=True)
+        return folder
+
+    return write
+
+
+def enhanced_dicom(folder: Path) -> Path:
+    """An enhanced CT: one file with functional groups."""
+    import pydicom
+    from pydicom.dataset import Dataset
+
+    dataset = ct_dataset(0, VALUES[0].astype(np.uint16))
+    kind = "1.2.840.10008.5.1.4.1.1.2.1"
+    dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = kind
+    dataset.NumberOfFrames = len(VALUES)
+    dataset.PixelData = VALUES.astype(np.uint16).tobytes()
+    shared = Dataset()
+    for sequence, name in (
+        ("PlaneOrientationSequence", "ImageOrientationPatient"),
+        ("PixelMeasuresSequence", "PixelSpacing"),
+    ):
+        item = Dataset()
+        setattr(item, name, getattr(dataset, name))
+        setattr(shared, sequence, [item])
+    frames = []
+    for number in range(len(VALUES)):
+        place, frame = Dataset(), Dataset()
+        place.ImagePositionPatient = [0, 0, number]
+        frame.PlanePositionSequence = [place]
+        frames.append(frame)
+    dataset.SharedFunctionalGroupsSequence, dataset.PerFrameFunctionalGroupsSequence = [shared], frames
+    pydicom.dcmwrite(folder / "ct.dcm", dataset, enforce_file_format=True)
+    return folder / "ct.dcm"
+
+
+def segmentation(folder: Path) -> Path:
+    """A DICOM SEG of two segments beside its CT."""
+    import pydicom
+    from pydicom.dataset import Dataset
+
+    dicom(name="ct{}.dcm")(folder)
+    enhanced_dicom(folder)
+    dataset = pydicom.dcmread(folder / "ct.dcm")
+    kind = "1.2.840.10008.5.1.4.1.1.66.4"
+    dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = kind
+    dataset.Modality, dataset.SegmentationType = "SEG", "BINARY"
+    dataset.SeriesInstanceUID, dataset.SOPInstanceUID = "1.2.3.9", "1.2.3.9.1"
+    dataset.BitsAllocated = dataset.BitsStored = 1
+    dataset.HighBit = 0
+    dataset.PixelData = np.packbits(VALUES.ravel() > 120, bitorder="little").tobytes()
+    dataset["PixelData"].VR = "OB"
+    dataset.SegmentSequence = []
+    for number, label in ((1, "liver"), (2, "spleen")):
+        segment = Dataset()
+        segment.SegmentNumber, segment.SegmentLabel = number, label
+        segment.RecommendedDisplayCIELabValue = [40000, 30000, 30000]
+        dataset.SegmentSequence.append(segment)
+    for number, frame in enumerate(dataset.PerFrameFunctionalGroupsSequence):
+        which, source = Dataset(), Dataset()
+        which.ReferencedSegmentNumber = 1 + number % 2
+        frame.SegmentIdentificationSequence = [which]
+        frame.PlanePositionSequence[0].ImagePositionPatient = [-10, -20, 2 * number]
+        source.ReferencedSOPInstanceUID = f"1.2.3.{number + 1}"
+    referenced = Dataset()
+    referenced.SeriesInstanceUID = "1.2.3.4"
+    dataset.ReferencedSeriesSequence = [referenced]
+    pydicom.dcmwrite(folder / "seg.dcm", dataset, enforce_file_format=True)
+    (folder / "ct.dcm").unlink()
+    return folder / "seg.dcm"
+
+
+def structures(folder: Path) -> Path:
+    """An RTSTRUCT of one region beside its CT."""
+    import pydicom
+    from pydicom.dataset import Dataset
+
+    dicom(name="ct{}.dcm")(folder)
+    dataset = ct_dataset(20, VALUES[0].astype(np.uint16))
+    kind = "1.2.840.10008.5.1.4.1.1.481.3"
+    dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = kind
+    dataset.Modality, dataset.SeriesInstanceUID = "RTSTRUCT", "1.2.3.8"
+    for name in ("PixelData", "Rows", "Columns", "PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
+        delattr(dataset, name)
+
+    def item(**values: Any) -> Any:
+        made = Dataset()
+        for name, value in values.items():
+            setattr(made, name, value)
+        return made
+
+    series = item(SeriesInstanceUID="1.2.3.4", ContourImageSequence=[item(ReferencedSOPInstanceUID="1.2.3.1")])
+    study = item(RTReferencedSeriesSequence=[series], ReferencedSOPInstanceUID="1.2.3")
+    dataset.ReferencedFrameOfReferenceSequence = [item(FrameOfReferenceUID="1.2.5", RTReferencedStudySequence=[study])]
+    dataset.StructureSetROISequence = [item(ROINumber=1, ROIName="GTV", ReferencedFrameOfReferenceUID="1.2.5")]
+    contours = [
+        item(
+            ContourGeometricType="CLOSED_PLANAR",
+            NumberOfContourPoints=4,
+            ContourData=[-8, -18, 2 * z, 2, -18, 2 * z, 2, -8, 2 * z, -8, -8, 2 * z],
+            ContourImageSequence=[item(ReferencedSOPInstanceUID=f"1.2.3.{z + 1}")],
+        )
+        for z in range(4)
+    ]
+    dataset.ROIContourSequence = [item(ReferencedROINumber=1, ROIDisplayColor=[255, 0, 0], ContourSequence=contours)]
+    pydicom.dcmwrite(folder / "rs.dcm", dataset, enforce_file_format=True)
+    return folder / "rs.dcm"
+
+
+def dicomdir(folder: Path) -> Path:
+    """A DICOMDIR, which is not read itself: its folder is."""
+    dicom(name="IM{}")(folder)
+    (folder / "DICOMDIR").write_bytes((folder / "IM0").read_bytes()[:600])
+    return folder / "DICOMDIR"
+
+
+def masks(folder: Path) -> Path:
+    """A folder of masks, one NIfTI for each organ."""
+    for label, name in enumerate(("liver", "spleen", "kidney_left")):
+        values = (label == VALUES.T % 5).astype(np.uint8)
+        nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), folder / f"{name}.nii.gz")
+    return folder
+
+
+def named(seed: Seed, name: str) -> Seed:
+    """The seed's one file under a name that says nothing."""
+
+    def write(folder: Path) -> Path:
+        return seed(folder).rename(folder / name)
+
+    return write
+
+
+SEEDS: dict[str, Seed] = {
+    "nii": nifti("ct.nii"),
+    "nii.gz": nifti("ct.nii.gz"),
+    "nii float": nifti("ct.nii", dtype=np.float32),
+    "nifti 2": nifti("ct.nii", second=True),
+    "nii labels": nifti("seg.nii.gz", dtype=np.uint8),
+    "nrrd raw": nrrd_file("raw"),
+    "nrrd gzip": nrrd_file("gzip"),
+    "nrrd bzip2": nrrd_file("bzip2"),
+    "nrrd ascii": nrrd_file("ascii"),
+    "nhdr": detached_nrrd,
+    "mha": metaimage("ct.mha"),
+    "mha zlib": metaimage("ct.mha", True),
+    "mhd": metaimage("ct.mhd"),
+    "mhd zlib": metaimage("ct.mhd", True),
+    "mgz": nibabel_file("MGHImage", "ct.mgz"),
+    "mgh": nibabel_file("MGHImage", "ct.mgh"),
+    "analyze": nibabel_file("Spm99AnalyzeImage", "ct.img"),
+    "npy": npy,
+    "png": pictures("png"),
+    "png 16": pictures("png", "I;16"),
+    "png palette": pictures("png", "P"),
+    "png rgba": pictures("png", "RGBA"),
+    "jpg": pictures("jpg", quality=95),
+    "bmp": pictures("bmp"),
+    "bmp 1": pictures("bmp", "1"),
+    "jp2": pictures("jp2"),
+    "tif": pictures("tif"),
+    "tif lzw": pictures("tif", compression="tiff_lzw"),
+    "pages": tiff_pages(),
+    "pages zlib": tiff_pages(compression="zlib"),
+    "pages big": tiff_pages(bigtiff=True, compression="zlib"),
+    "pages tiled": tiff_pages(tile=(16, 16), compression="zlib"),
+    "pages imagej": tiff_pages(imagej=True),
+    "pages ome": tiff_pages(ome=True),
+    "pages big endian": tiff_pages(byteorder=">", rowsperstrip=5),
+    "pages lzw": tiff_by_pillow("tiff_lzw"),
+    "pages jpeg": tiff_by_pillow("jpeg"),
+    "pages packbits": tiff_by_pillow("packbits"),
+    "no suffix": named(npy, "volume"),
+    "dicom": dicom(),
+    "dicom implicit": dicom(IMPLICIT),
+    "dicom big": dicom(BIG),
+    "dicom deflated": dicom(DEFLATED),
+    "dicom rle": dicom(compress=RLE),
+    "dicom j2k": dicom(compress=J2K),
+    "dicom jpeg": dicom(compress=JPEG),
+    "dicom no suffix": dicom(name="IM{}"),
+    "enhanced": enhanced_dicom,
+    "seg": segmentation,
+    "rtstruct": structures,
+    "dicomdir": dicomdir,
+    "masks": masks,
+}
