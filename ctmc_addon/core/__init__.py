@@ -2,7 +2,7 @@
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
-from .errors import CtmcError, LabelError, MeshError, OutputError, ReadError, SettingsError
+from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
 from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 from .memory import available_bytes
@@ -37,6 +37,7 @@ __all__ = [
     "FieldCache",
     "LabelError",
     "LabelSurfaces",
+    "MemoryLimitError",
     "MeshError",
     "OutputError",
     "Preview",

@@ -34,7 +34,7 @@ from .images import tiff
 from .nifti import NiftiFile
 from .npy import NpyFile
 from .nrrd import NrrdFile
-from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, unreadable
+from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, out_of_memory, unreadable
 
 __all__ = [
     "KNOWN_SUFFIXES",
@@ -106,6 +106,8 @@ def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
         return (yield from image_folder.open_steps(path.parent, path))
     except OSError as error:
         raise unreadable(path, error) from error
+    except MemoryError as error:
+        raise out_of_memory(path) from error
 
 
 def read_volume(

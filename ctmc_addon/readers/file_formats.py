@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import re
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -80,7 +82,12 @@ def format_of(path: Path) -> str:
     with path.open("rb") as file:
         head = file.read(352)
     if head[:2] == b"\x1f\x8b" and end == ".gz":
-        return ".nii.gz"
+        try:
+            with gzip.open(path) as inside:
+                head = inside.read(352)
+        except (OSError, EOFError, zlib.error):
+            return ""
+        return ".nii.gz" if any(head[at : at + 3] in (b"n+1", b"n+2") for at in (4, 344)) else ""
     return next((kind for at, mark, kind in SIGNATURES if head[at : at + len(mark)] == mark), "")
 
 

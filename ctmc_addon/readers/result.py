@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, SettingsError, Stages, Steps, finish, worker_count
+from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, worker_count
 from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
 from .value_kind import kind_steps, require_volume_memory
@@ -228,6 +228,8 @@ class VolumeSource(ABC):
             return (yield from steps)
         except OSError as error:
             raise unreadable(self.path, error) from error
+        except MemoryError as error:
+            raise out_of_memory(self.path) from error
 
     def _opened_steps(
         self,
@@ -310,6 +312,11 @@ def unreadable(path: Path, error: OSError) -> ReadError:
     """What the system says of a file that cannot be opened."""
     name = Path(error.filename).name if isinstance(error.filename, str) else path.name
     return ReadError(f"{name} cannot be read ({error.strerror or error}); check the file and its permissions")
+
+
+def out_of_memory(path: Path) -> MemoryLimitError:
+    """What is said of a file that claims so much memory while it is unpacked that none is left."""
+    return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
 
 
 def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:

@@ -41,6 +41,9 @@ DEFLATED = "1.2.840.10008.1.2.1.99"
 IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
 UNDEFINED_LENGTH = 0xFFFFFFFF
+MOST_UNPACKED = 1 << 26  # bytes of a small deflated file, and how many times its size a larger one may have
+MOST_UNPACKED_RATIO = 50
+UNPACKED_PIECE = 1 << 20
 SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
 
 
@@ -201,6 +204,8 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
     series, is_image = "", False
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
+        if unpacks_without_end(file):
+            return Broken(path, "", "it unpacks to far more than its size tells of")
         dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
         syntax = syntax_of(dataset)
         if syntax == DEFLATED:  # what was passed over cannot be found again in the file
@@ -221,6 +226,36 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         return Broken(path, series, damage) if damage else image_file(path, dataset, series, pixels)
     except unreadable:
         return Broken(path, series) if preamble or is_image else None
+
+
+def unpacks_without_end(file: IO[bytes]) -> bool:
+    """Whether a deflated file unpacks to more than any image: pydicom does it at once; leaves `file` at its start."""
+    head = file.read(1024)
+    unpacked, most = 0, 0
+    if DEFLATED.encode() in head:
+        most = max(MOST_UNPACKED, MOST_UNPACKED_RATIO * file.seek(0, 2))
+        # (0002,0000) is the length of the group that is never deflated (PS3.10 7.1).
+        file.seek(144 + int.from_bytes(head[140:144], "little"))
+        inflate = zlib.decompressobj(-zlib.MAX_WBITS)
+        piece = file.read(UNPACKED_PIECE)
+        while piece and unpacked <= most:
+            unpacked += len(inflate.decompress(piece, UNPACKED_PIECE))
+            piece = inflate.unconsumed_tail or file.read(UNPACKED_PIECE)
+    file.seek(0)
+    return unpacked > most
+
+
+def kind_in_words(path: Path) -> str:
+    """What a DICOM file says it stores, such as 'Encapsulated PDF'; empty where it is none, or does not say."""
+    unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)
+    try:
+        with quiet(), path.open("rb") as file:
+            if not (has_preamble(file) or looks_like_dataset(file)) or unpacks_without_end(file):
+                return ""
+            kind = sop_class(read_dataset(file, stop_before_pixels=True, force=True))
+    except unreadable:
+        return ""
+    return "of a private kind" if kind[:1].isdigit() else kind.removesuffix(" Storage")
 
 
 def syntax_of(dataset: Any) -> str:

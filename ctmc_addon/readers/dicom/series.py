@@ -17,7 +17,7 @@ from ...core import ReadError, Stages, Steps
 from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
-from .header import Broken, ImageFile, Slice, has_other_suffix, may_be_dicom, read_header
+from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed
 from .pixels import check_codec
 from .slices import values_steps
@@ -96,7 +96,9 @@ class DicomSource(VolumeSource):
             if self.content.broken:
                 raise truncated(self.content.broken[0])
             color = len(self.content.color)
-            color_images = f"; its {color} color images are not CT" if color else ""
+            color_images = ""
+            if color:
+                color_images = "; its color image is not CT" if color == 1 else f"; its {color} color images are not CT"
             raise ReadError(f"{self.path.name} has no DICOM images{color_images}; choose the folder of a CT series")
         line = self.selected_series(requested_series)
         if line is None:
@@ -139,7 +141,9 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     with quiet():
         own = read_header(path)
     if own is None or (isinstance(own, Broken) and own.stray):
-        raise ReadError(f"{path.name} is not a DICOM image; choose a CT slice or its folder")
+        kind = kind_in_words(path)
+        what = f"holds a DICOM object that is no CT: {kind}" if kind else "is not a DICOM image"
+        raise ReadError(f"{path.name} {what}; choose a CT slice or its folder")
     if isinstance(own, Broken):
         raise truncated(own)
     if len(own.frames) > 1:

@@ -25,7 +25,15 @@ DECODE_AS = {"1": "L", "P": "RGBA", "LA": "RGBA", "PA": "RGBA", "RGBX": "RGB", "
 DTYPES = dict.fromkeys((*DECODE_AS, "L", "RGB", "RGBA"), "uint8")
 DTYPES |= dict.fromkeys(("I", "I;16", "I;16B", "I;16L"), "uint16")
 CUT_TO_8_BITS = ("LA;16B", "RGB;16B", "RGBA;16B")  # Pillow's names for what it would lose the low bits of
-PILLOW_ERRORS = (OSError, ValueError, EOFError, SyntaxError, struct.error, zlib.error)  # beside its bomb error
+PILLOW_ERRORS = (
+    OSError,
+    ValueError,
+    EOFError,
+    SyntaxError,
+    LookupError,
+    struct.error,
+    zlib.error,
+)  # beside its bomb error
 JPEG_NOISE = 2  # of 255: how far JPEG's rounding separates the channels of a gray picture
 
 

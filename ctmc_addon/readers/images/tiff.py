@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import lzma
 import struct
 import zlib
 from contextlib import ExitStack
@@ -22,7 +23,10 @@ from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
 TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
-DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError)
+DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError, lzma.LZMAError)
+DEFLATE, LZMA = (8, 32946), 34925  # values of Compression
+MOST_PADDING = 1 << 16  # bytes behind the pixels of a strip
+HARMLESS = 1 << 27  # bytes that any machine can unpack
 
 
 class PageStack(NamedTuple):
@@ -185,6 +189,7 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
     keyframe = page.keyframe  # of a series, only the first page knows all of this
     try:
         check_segments(tiff, page, path)
+        check_unpacked(tiff, page, path)
         pixels = np.asarray(page.asarray())
     except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
         if "imagecodecs" not in str(error):
@@ -215,6 +220,24 @@ def check_segments(tiff: Any, page: Any, path: Path) -> None:
             f"{path.name} is truncated: {sum(page.databytecounts)} of {page.keyframe.nbytes} bytes of pixels; "
             "copy it again"
         )
+
+
+def check_unpacked(tiff: Any, page: Any, path: Path) -> None:
+    """Refuse a page that unpacks to far more than its pixels: tifffile unpacks a strip or tile however long it gets."""
+    keyframe = page.keyframe
+    if keyframe.dtype is None:  # a damaged page, which cannot be decoded
+        return
+    most = int(np.prod(keyframe.chunks)) * keyframe.dtype.itemsize + MOST_PADDING
+    code = code_of(keyframe.compression)
+    for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+        # Deflate makes at most 1032 bytes of one.
+        if code not in (*DEFLATE, LZMA) or (code in DEFLATE and 1032 * length <= max(most, HARMLESS)):
+            continue
+        tiff.filehandle.seek(start)
+        content = tiff.filehandle.read(length)
+        unpacker: Any = zlib.decompressobj() if code in DEFLATE else lzma.LZMADecompressor()
+        if len(unpacker.decompress(content, most + 1)) > most:
+            raise ReadError(f"{path.name} unpacks to far more than its size tells of; export it again")
 
 
 def _by_pillow(path: Path, number: int, keyframe: Any) -> NDArray[Any]:
