@@ -249,7 +249,9 @@ def with_flags(sentence: str) -> str:
 
 def add_input(parser: argparse.ArgumentParser) -> None:
     """INPUT and how it is read."""
-    parser.add_argument("input", metavar="INPUT", help="folder of slices, DICOM, .nii, .nii.gz, .nrrd, .nhdr or .npy")
+    parser.add_argument(
+        "input", metavar="INPUT", help="folder of slices, DICOM, or a volume such as .nii.gz, .nrrd or .mha"
+    )
     add_reading(parser)
 
 

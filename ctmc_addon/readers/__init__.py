@@ -35,6 +35,9 @@ from .nifti import NiftiFile
 from .npy import NpyFile
 from .nrrd import NrrdFile
 from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, out_of_memory, unreadable
+from .volumes import analyze
+from .volumes.metaimage import MetaImageFile
+from .volumes.mgh import MghFile
 
 __all__ = [
     "KNOWN_SUFFIXES",
@@ -97,6 +100,12 @@ def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
             return (yield from NiftiFile.open_steps(path))
         if format_name == "nrrd":
             return NrrdFile(path)
+        if format_name == "analyze":
+            return (yield from analyze.open_steps(path))
+        if format_name == "mgh":
+            return (yield from MghFile.open_steps(path))
+        if format_name == "metaimage":
+            return MetaImageFile(path)
         if format_name == "npy":
             return NpyFile(path)
         if format_name == "tiff":
@@ -128,7 +137,8 @@ def read_volume(
     ----------
     path : path
         A folder of PNG, JPEG, BMP or TIFF slices; a multi-page TIFF; a DICOM folder, file or DICOMDIR;
-        `.nii`, `.nii.gz`, `.nrrd`, `.nhdr` or `.npy`. A lone slice stands for its folder.
+        `.nii`, `.nii.gz`, `.nrrd`, `.nhdr`, `.mha`, `.mhd`, `.mgh`, `.mgz`, `.hdr`, `.img` or `.npy`. A lone slice
+        stands for its folder.
     spacing : (x, y, z) float, optional
         Millimeters between samples, in place of the file's own or of 1 mm.
     series : str or int, optional

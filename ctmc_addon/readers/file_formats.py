@@ -13,7 +13,10 @@ from pathlib import Path
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 TIFF_SUFFIXES = (".tif", ".tiff")
 DICOM_SUFFIXES = (".dcm", ".dicom", ".ima")
-VOLUME_FORMATS = {".nii": "nifti", ".nii.gz": "nifti", ".nrrd": "nrrd", ".nhdr": "nrrd", ".npy": "npy"}
+VOLUME_FORMATS = {
+    **{".nii": "nifti", ".nii.gz": "nifti", ".nrrd": "nrrd", ".nhdr": "nrrd", ".npy": "npy"},
+    **{".mha": "metaimage", ".mhd": "metaimage", ".mgh": "mgh", ".mgz": "mgh", ".hdr": "analyze"},
+}
 VOLUME_SUFFIXES = tuple(VOLUME_FORMATS)
 KNOWN_SUFFIXES = IMAGE_SUFFIXES + DICOM_SUFFIXES + VOLUME_SUFFIXES
 
@@ -21,6 +24,7 @@ KNOWN_SUFFIXES = IMAGE_SUFFIXES + DICOM_SUFFIXES + VOLUME_SUFFIXES
 SIGNATURES = (
     (0, b"NRRD", ".nrrd"),
     (0, b"\x93NUMPY", ".npy"),
+    (0, b"ObjectType =", ".mha"),
     (0, b"\x89PNG", ".png"),
     (0, b"\xff\xd8\xff", ".jpg"),
     (0, b"II*\x00", ".tif"),
@@ -79,6 +83,8 @@ def format_of(path: Path) -> str:
     end = suffix(path)
     if end in KNOWN_SUFFIXES:
         return end
+    if end == ".img" and path.with_suffix(".hdr").is_file():  # some scanners write DICOM under this name
+        return ".hdr"
     with path.open("rb") as file:
         head = file.read(352)
     if head[:2] == b"\x1f\x8b" and end == ".gz":

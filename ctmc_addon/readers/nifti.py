@@ -12,7 +12,7 @@ import logging
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from contextlib import ExitStack
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, Steps
-from ..core.volume import SliceReader
 from .optional_imports import imported_steps, needed, quiet, reason
 from .result import RawValues, ReadOptions, Series, VolumeSource
-from .stored_slices import PackedSlices, RawSlices
-from .streams import STREAM_ERRORS, is_packed, opened
+from .streams import STREAM_ERRORS, opened
 from .value_kind import scaled_steps
+from .volumes.grid import grid_slices
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
@@ -34,20 +33,22 @@ SILENT.addHandler(logging.NullHandler())
 
 
 class NiftiFile(VolumeSource):
-    """One `.nii` or `.nii.gz`."""
+    """One `.nii` or `.nii.gz`, or the `.hdr` of a pair whose values are in `data_path`."""
 
     format = "NIfTI"
     has_geometry = True
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, data_path: Path | None = None) -> None:
         name = path.name
+        self.data_path = data_path or path
         with opened(path) as stream:
-            self.header = read_header(stream, name)
-        self.size = checked_size(self.header, name)
+            self.header = read_header(stream, name, data_path is not None)
+        self.size, times = checked_size(self.header.get_data_shape(), name)
         self.dtype = checked_dtype(self.header, name)
         self.scaling = scaling(self.header, name)
         columns, rows, slices = self.size
-        super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
+        files = [path] if data_path is None else [path, data_path]
+        super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name, times),), files)
 
     @classmethod
     def open_steps(cls, path: Path) -> Steps[NiftiFile]:
@@ -59,36 +60,29 @@ class NiftiFile(VolumeSource):
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         affine, notes = placed(self.header, self.path.name)
         start = int(self.header["vox_offset"])
-        stored: SliceReader
-        if is_packed(self.path):
-            stored = PackedSlices(self.path, self._unpacked, start, self.size[::-1], self.dtype)
-        else:
-            stored = RawSlices(self.path, start, self.size[::-1], self.dtype)
+        stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name)
         return RawValues(values, affine, notes, "", label_names(self.header))
 
-    def _unpacked(self, files: ExitStack) -> IO[bytes]:
-        """The file's bytes from the first on."""
-        return files.enter_context(opened(self.path))
 
-
-def read_header(stream: IO[bytes], name: str) -> Any:
-    """Header and extensions by nibabel, of either version."""
+def read_header(stream: IO[bytes], name: str, pair: bool = False) -> Any:
+    """Header and extensions by nibabel, of either version; of a pair the values begin in another file."""
     nifti1 = needed("nibabel.nifti1", "nibabel", "NIfTI")
     nifti2 = needed("nibabel.nifti2", "nibabel", "NIfTI")
     try:
         head = stream.read(540)
         # The first number is the header's own length, in either byte order.
         second_version = 540 in (int.from_bytes(head[:4], "little"), int.from_bytes(head[:4], "big"))
-        kind = nifti2.Nifti2Header if second_version else nifti1.Nifti1Header
+        module, number = (nifti2, 2) if second_version else (nifti1, 1)
+        kind = getattr(module, f"Nifti{number}{'Pair' if pair else ''}Header")
         offset = float(kind(head[: kind.sizeof_hdr], check=False)["vox_offset"])
-        if not (math.isfinite(offset) and kind.sizeof_hdr + 4 <= offset <= MOST_HEADER):
+        if not (math.isfinite(offset) and (0 if pair else kind.sizeof_hdr + 4) <= offset <= MOST_HEADER):
             raise ReadError(
                 f"{name} says that its values begin at byte {offset:g}, which no NIfTI file has; export it again"
             )
-        head += stream.read(max(0, int(offset) - len(head)))
+        head += stream.read(MOST_HEADER if pair else max(0, int(offset) - len(head)))
         with quiet():
-            header = kind.from_fileobj(io.BytesIO(head[: int(offset)]), check=False)
+            header = kind.from_fileobj(io.BytesIO(head if pair else head[: int(offset)]), check=False)
             header.check_fix(SILENT, 40)
     except header_errors() as error:
         raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
@@ -102,20 +96,20 @@ def header_errors() -> tuple[type[Exception], ...]:
     return (spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError, *STREAM_ERRORS)
 
 
-def checked_size(header: Any, name: str) -> tuple[int, int, int]:
-    """(columns, rows, slices), or a `ReadError` for anything that is not one volume."""
-    shape = tuple(int(side) for side in header.get_data_shape())
+def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int], int]:
+    """(columns, rows, slices) and the number of times, or a `ReadError` for anything that is not a volume at times."""
+    shape = tuple(int(side) for side in sides)
     if any(side < 1 for side in shape) or len(shape) < 2:
         raise ReadError(f"{name} has the size {shape}, which is not a volume; export it again")
-    if any(side > 1 for side in shape[3:]):
+    if any(side > 1 for side in shape[4:]):
         raise ReadError(
-            f"{name} has {len(shape)} dimensions {shape}, and a volume has 3; "
-            "save one time point or channel as a file of its own"
+            f"{name} has {len(shape)} dimensions {shape}, and a volume has 3, or 4 with time; "
+            "save one channel as a file of its own"
         )
-    columns, rows, slices = (*shape, 1)[:3]
+    columns, rows, slices, times = (*shape, 1, 1)[:4]
     if slices < 2:
         raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
-    return columns, rows, slices
+    return (columns, rows, slices), times
 
 
 def checked_dtype(header: Any, name: str) -> np.dtype[Any]:

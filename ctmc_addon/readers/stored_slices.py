@@ -17,7 +17,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Steps, finish
+from ..core import ReadError, Step, Steps, finish
 from ..core.volume import SliceReader
 from .streams import check_end_steps, fill_steps, skip_steps
 
@@ -137,6 +137,24 @@ class PackedSlices(SliceReader):
         if self._next == self.shape[0] and self._stream is not None:
             finish(check_end_steps(self._stream, self.path.name))
             self._close()
+
+    def pass_to_steps(self, number: int) -> Steps[None]:
+        """Unpack up to slice `number`, some slices at a time; behind the last one up to the check sum."""
+        first = self._next if self._stream is not None else number if number == self.shape[0] else 0
+        for at in range(first, number, self.at_once):
+            yield Step(at / self.shape[0], f"Unpacking {self.path.name}")
+            self._next_at(at)
+        if number < self.shape[0]:
+            self._next_at(number)
+        elif self._stream is not None:
+            self._next_at(number)
+            yield from check_end_steps(self._stream, self.path.name)
+            self._close()
+
+    def _next_at(self, number: int) -> None:
+        """Bring the stream to a slice."""
+        self._stream_at(number)
+        self._next = number
 
     def _stream_at(self, number: int) -> IO[bytes]:
         """The stream, at a slice."""

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from ..core import ReadError, Step, Steps
 from .optional_imports import reason
+from .zlib_stream import ZlibFile
 
 CHUNK = 2**20  # about 0.005 s of unpacking gzip
 MOST_PADDING = 2**24  # bytes behind the values that are unpacked to reach the check sum
+PACKED = (gzip.GzipFile, bz2.BZ2File, ZlibFile)
 STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip and bz2
 
 
@@ -61,7 +63,7 @@ def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]
 
 def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
     """Reach the check sum that ends a compressed stream, after the last value."""
-    if not isinstance(stream, gzip.GzipFile | bz2.BZ2File):
+    if not isinstance(stream, PACKED):
         return
     for _ in range(0, MOST_PADDING, CHUNK):
         yield Step(1.0, f"Checking {name}")
@@ -75,7 +77,7 @@ def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
 
 def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
     """Pass over `count` bytes."""
-    if not isinstance(stream, gzip.GzipFile | bz2.BZ2File):
+    if not isinstance(stream, PACKED):
         stream.seek(count, 1)
         return
     for start in range(0, count, CHUNK):

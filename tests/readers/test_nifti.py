@@ -102,9 +102,43 @@ def test_a_fourth_dimension_of_one_is_fine(tmp_path):
     np.testing.assert_array_equal(read_volume(saved(tmp_path / "ct.nii", array)).values.T, array[..., 0])
 
 
-def test_a_real_fourth_dimension_is_refused(tmp_path):
-    with pytest.raises(CtmcError, match=r"4 dimensions \(5, 6, 7, 3\).*one time point"):
-        read_volume(saved(tmp_path / "ct.nii.gz", numbers("i2", (5, 6, 7, 3))))
+@pytest.mark.parametrize("name", ["ct.nii", "ct.nii.gz"])
+@pytest.mark.parametrize("dtype", ["<i2", ">i2", "f4"])
+def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
+    array = numbers(dtype, (5, 6, 7, 3))
+    path = saved(tmp_path / name, array)
+    assert open_volume(path).series[0].times == 3
+    for time in (1, 2, 3):
+        volume = read_volume(path, time=time)
+        np.testing.assert_array_equal(volume.values.T, array[..., time - 1])
+        assert volume.notes == ()
+    first = read_volume(path)
+    np.testing.assert_array_equal(first.values.T, array[..., 0])
+    assert any("3 times" in note and "time 1 was read; give the time, 1 to 3" in note for note in first.notes)
+    for time in (0, -1, 4):
+        with pytest.raises(CtmcError, match=rf"no time {time}, as {name} holds 3 times; choose from 1 to 3"):
+            read_volume(path, time=time)
+
+
+def test_a_time_of_a_volume_without_time_is_refused(tmp_path):
+    path = saved(tmp_path / "ct.nii", numbers("i2", (5, 6, 7)))
+    assert read_volume(path, time=1).notes == ()
+    with pytest.raises(CtmcError, match=r"no time 2, as .* holds a single time"):
+        read_volume(path, time=2)
+
+
+def test_one_changed_bit_in_another_time_is_noticed(tmp_path):
+    path = saved(tmp_path / "ct.nii", numbers("i2", (5, 6, 7, 3)))
+    packed = bytearray(gzip.compress(path.read_bytes(), 0))
+    packed[-20] ^= 1
+    (tmp_path / "ct.nii.gz").write_bytes(packed)
+    with pytest.raises(CtmcError, match="truncated or damaged"):
+        read_volume(tmp_path / "ct.nii.gz", time=1)
+
+
+def test_a_real_fifth_dimension_is_refused(tmp_path):
+    with pytest.raises(CtmcError, match=r"5 dimensions \(5, 6, 7, 3, 2\).*one channel"):
+        read_volume(saved(tmp_path / "ct.nii.gz", numbers("i2", (5, 6, 7, 3, 2))))
 
 
 def test_rgb_voxels_are_refused(tmp_path):

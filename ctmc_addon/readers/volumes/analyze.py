@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
+
+Header and affine by nibabel, which reads them as SPM2 does.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import ReadError, Steps
+from ..nifti import NiftiFile, checked_dtype, checked_size, header_errors, scaling
+from ..optional_imports import imported_steps, needed, quiet, reason
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..value_kind import scaled_steps
+from .grid import grid_slices
+
+HEADER = 348  # bytes
+NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
+MODULE = "nibabel.spm2analyze"
+MOST_OFFSET = 1 << 24  # bytes before the values
+DATA_SUFFIXES = (".img", ".img.gz", ".IMG")
+
+
+class AnalyzeFile(VolumeSource):
+    """The `.hdr` of a pair, its values in `data_path`."""
+
+    format = "Analyze"
+    has_geometry = True
+
+    def __init__(self, path: Path, data_path: Path) -> None:
+        self.data_path = data_path
+        self.header = read_header(path)
+        self.size, times = checked_size(self.header.get_data_shape(), path.name)
+        self.dtype: np.dtype[Any] = checked_dtype(self.header, path.name)
+        self.scaling = scaling(self.header, path.name)
+        columns, rows, slices = self.size
+        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
+        super().__init__(path, (series,), [path, data_path])
+
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+        """Read the values of one time."""
+        offset = float(self.header["vox_offset"])
+        if not (math.isfinite(offset) and 0 <= offset <= MOST_OFFSET):
+            raise ReadError(f"{self.path.name} says that its values begin at byte {offset:g}; export it again")
+        with quiet():  # of numbers that overflow
+            affine = np.array(self.header.get_best_affine(), np.float64)
+        matrix = " (the .mat beside it is not read)" if self.path.with_suffix(".mat").is_file() else ""
+        note = (
+            "Analyze has no orientation: taken as SPM does, columns towards the patient's left, rows towards the "
+            f"front, slices towards the head{matrix}; flip x, y or z changes it"
+        )
+        stored = grid_slices(
+            self.data_path, int(offset), self.size[::-1], self.dtype, options.time, self.series[0].times
+        )
+        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name)
+        return RawValues(values, affine, (note,))
+
+
+def open_steps(path: Path) -> Steps[VolumeSource]:
+    """The volume of a `.hdr`, or of the `.img` beside it."""
+    header_path = path.with_suffix(".hdr")
+    data_path = next((file for file in map(header_path.with_suffix, DATA_SUFFIXES) if file.is_file()), None)
+    for missing, there in ((".hdr", header_path.is_file()), (".img", data_path is not None)):
+        if not there:
+            raise ReadError(f"{path.name} is one half of a pair, and its {missing} is missing; keep the two together")
+    assert data_path is not None
+    yield from imported_steps(MODULE, "nibabel", "Analyze")
+    with header_path.open("rb") as stream:
+        magic = stream.read(HEADER)[-4:]
+        stream.seek(4)
+        second = stream.read(4) in NIFTI_MAGIC
+    return NiftiFile(header_path, data_path) if second or magic in NIFTI_MAGIC else AnalyzeFile(header_path, data_path)
+
+
+def read_header(path: Path) -> Any:
+    """The header by nibabel."""
+    kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
+    try:
+        with path.open("rb") as stream, quiet():
+            content = stream.read(HEADER)
+        if not kind.may_contain_header(content):
+            raise ValueError("its first number is not its length, 348")
+        with quiet():
+            header = kind(content, check=False)
+            header.get_data_dtype(), header.get_data_shape()
+    except header_errors() as error:
+        raise ReadError(f"{path.name} is not a readable Analyze header ({reason(error)}); copy it again") from error
+    return header

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""MetaImage: `.mha` with its values behind the header, `.mhd` with the files that it names.
+
+Positions are in LPS+ mm; the n-th three numbers of TransformMatrix are the direction of axis n. As ITK reads it;
+itk.org/Wiki/ITK/MetaIO/Documentation is the format's description.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError, Steps, equal_part
+from ...core.volume import SliceReader, ValuesInMemory
+from ..nrrd import data_files, open_data_file, words_steps
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..stored_slices import JoinedSlices, PackedSlices, RawSlices
+from ..value_kind import require_volume_memory
+from ..zlib_stream import ZlibFile
+from .grid import TimeSlices, check_bytes
+
+MOST_HEADER = 1 << 20  # bytes, names of data files included
+TYPES = {
+    **{"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4"},
+    **{"ULONG": "u4", "LONG_LONG": "i8", "ULONG_LONG": "u8", "FLOAT": "f4", "DOUBLE": "f8"},
+}
+TO_MM = {"um": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
+
+
+class MetaImageFile(VolumeSource):
+    """One `.mha`, or one `.mhd` with the files that it names."""
+
+    format = "MetaImage"
+    has_geometry = True
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as stream:
+            self.fields, names = read_header(stream, path.name)
+            self.start = stream.tell()
+        self.size, times = checked_size(self.fields, path.name)
+        self.dtype = checked_dtype(self.fields, path.name)
+        self.place = placed(self.fields, path.name)
+        columns, rows, slices = self.size
+        self.data_files = data_files({"data file": names}, path, slices * times) if names else []
+        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
+        super().__init__(path, (series,), [path, *self.data_files])
+
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+        """Read the values of one time."""
+        affine, notes = self.place
+        columns, rows, slices = self.size
+        times = self.series[0].times
+        files, count = self.data_files or [self.path], slices * times
+        if count % len(files):
+            raise ReadError(f"{self.path.name} names {len(files)} data files for {count} slices; repair the header")
+        parts = []
+        for number, file in enumerate(files):
+            part = self._stored_steps(file, (count // len(files), rows, columns))
+            parts.append((yield from equal_part(part, number, len(files))))
+        stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
+        if times > 1:
+            stored = TimeSlices(stored, (options.time - 1) * slices, slices)
+        return RawValues(stored, affine, notes)
+
+    def _stored_steps(self, file: Path, shape: tuple[int, int, int]) -> Steps[SliceReader]:
+        """What reads the values of one file."""
+        header_bytes = whole(self.fields.get("headersize", "0"), "HeaderSize", self.path.name)
+        packed = is_true(self.fields.get("compresseddata", "False"))
+        text = not is_true(self.fields.get("binarydata", "True"))
+        start = 0 if self.data_files else self.start
+        with open_data_file(file, self.path) as stream:
+            if text:
+                require_volume_memory(shape, self.dtype.itemsize, file.name)
+                values = np.empty(shape, self.dtype.newbyteorder("="))
+                stream.seek(start)
+                yield from words_steps(values.reshape(-1), stream, file.name)
+                return ValuesInMemory(values)
+        if header_bytes == -1 and not packed:  # the values are the file's last bytes
+            start = max(start, file.stat().st_size - math.prod(shape) * self.dtype.itemsize)
+        elif header_bytes < 0:
+            raise ReadError(f"{self.path.name} has a HeaderSize of {header_bytes}; export it again")
+        start += max(header_bytes, 0)
+        if not packed:
+            if self.series[0].times > 1:
+                check_bytes(file, start + math.prod(shape) * self.dtype.itemsize)
+            return RawSlices(file, start, shape, self.dtype)
+
+        def unpacked(files: ExitStack) -> Any:
+            stream = files.enter_context(file.open("rb"))
+            stream.seek(start)
+            return files.enter_context(ZlibFile(stream))
+
+        return PackedSlices(file, unpacked, 0, shape, self.dtype)
+
+
+def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]]:
+    """Fields by name in small letters, and the data files, none where they are behind the header.
+
+    `stream` is left at the first byte of values behind it.
+    """
+    fields: dict[str, str] = {}
+    while line := stream.readline(MOST_HEADER):
+        key, separator, value = re.sub(r"[=:]", "\0", line.decode("utf-8", "replace"), count=1).partition("\0")
+        if not separator or stream.tell() > MOST_HEADER or not key.isprintable():
+            break
+        fields[key.strip().lower()] = value.strip()
+        if key.strip().lower() != "elementdatafile":
+            continue
+        if value.strip().upper() == "LOCAL":
+            return fields, []
+        if not value.strip().upper().startswith("LIST"):
+            return fields, [value.strip()]
+        listed = stream.read(MOST_HEADER).decode("utf-8", "replace").splitlines()
+        return fields, [text.strip() for text in listed if text.strip()]
+    raise ReadError(f"{name} is not a readable MetaImage: its header lacks ElementDataFile; export or copy it again")
+
+
+def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: str) -> list[float] | None:
+    """The `count` numbers of the first of `keys` that there is, or None."""
+    key = next((key for key in keys if key.lower() in fields), None)
+    if key is None:
+        return None
+    words = fields[key.lower()].split()
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {count} numbers; export it again")
+    return values
+
+
+def whole(text: str, key: str, name: str) -> int:
+    """A field that holds a whole number."""
+    if not re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII):
+        raise ReadError(f"{name} has '{text[:60]}' as {key}, not a whole number; export it again")
+    return int(text)
+
+
+def is_true(text: str) -> bool:
+    """Whether a field says yes."""
+    return text[:1] in ("T", "t", "1", "Y", "y")
+
+
+def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, int], int]:
+    """(columns, rows, slices) and the number of times, or a `ReadError` for anything that is not one volume."""
+    sides = [whole(word, "DimSize", name) for word in fields.get("dimsize", "").split()[:9]]
+    dimensions = whole(fields.get("ndims", "0"), "NDims", name)
+    if dimensions != len(sides) or not sides or min(sides) < 1:
+        raise ReadError(f"{name} has {dimensions} dimensions and the sizes {tuple(sides)}; export it again")
+    if len(sides) > 4 or len(sides) < 2:
+        raise ReadError(f"{name} has {len(sides)} dimensions {tuple(sides)}, and a volume has 3; save one volume")
+    columns, rows, slices, times = (*sides, 1, 1)[:4]
+    if slices < 2:
+        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+    channels = whole(fields.get("elementnumberofchannels", "1"), "ElementNumberOfChannels", name)
+    if channels != 1:
+        raise ReadError(f"{name} has {channels} numbers a voxel; convert it to gray values or labels (one number)")
+    return (columns, rows, slices), times
+
+
+def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
+    """The type of the values in the file, with its byte order."""
+    word = fields.get("elementtype", "").upper()
+    code = TYPES.get(word.removeprefix("MET_"))
+    if code is None:
+        raise ReadError(f"{name} has values of type '{word[:60]}'; convert it to MET_SHORT or MET_FLOAT")
+    big = is_true(fields.get("binarydatabyteordermsb", fields.get("elementbyteordermsb", "False")))
+    return np.dtype((">" if big else "<") + code)
+
+
+def placed(fields: Mapping[str, str], name: str) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """Affine to RAS+ mm and what was assumed; None where the file has neither spacing nor direction."""
+    count = len(fields["dimsize"].split())
+    matrix = numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), count * count, name)
+    spacing = numbers(fields, ("ElementSpacing", "ElementSize"), count, name)
+    offset = numbers(fields, ("Offset", "Position", "Origin"), count, name)
+    if spacing is None and matrix is None:
+        return None, ()
+    axes = np.eye(count) if matrix is None else np.array(matrix).reshape(count, count)
+    lengths = np.abs(spacing) if spacing is not None else np.ones(count)
+    affine = np.eye(4)
+    affine[:3, :3] = (axes[:3, :3] * lengths[:3, None]).T
+    affine[:3, 3] = (offset or [0.0] * count)[:3]
+    affine[:2] *= -1.0  # LPS to RAS
+    notes = []
+    if spacing is None:
+        notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
+    unit = fields.get("distanceunits", "").lower()
+    if unit in TO_MM:
+        affine[:3] *= TO_MM[unit]
+        notes.append(f"the file's positions are in {unit} and were converted to mm")
+    slope = numbers(fields, ("ElementToIntensityFunctionSlope",), 1, name) or [1.0]
+    intercept = numbers(fields, ("ElementToIntensityFunctionOffset",), 1, name) or [0.0]
+    if (slope, intercept) != ([1.0], [0.0]):
+        notes.append("the file's ElementToIntensityFunction is not applied, as in ITK: the values are those stored")
+    return affine, tuple(notes)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""FreeSurfer's `.mgh` and `.mgz`; header and affine by nibabel, values from byte 284 on.
+
+surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat is the format's description.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import ReadError, Steps
+from ..optional_imports import imported_steps, needed, quiet, reason
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..streams import STREAM_ERRORS, opened
+from .grid import grid_slices
+
+HEADER = 284  # bytes, of which most are unused
+FIELDS = 90  # bytes that hold something
+RAS_FLAG = 28  # the byte where it stands; nibabel sets it, with directions that are not FreeSurfer's
+CORONAL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+MODULE = "nibabel.freesurfer.mghformat"
+HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # beside nibabel's own
+
+
+class MghFile(VolumeSource):
+    """One `.mgh` or `.mgz`."""
+
+    format = "MGH"
+    has_geometry = True
+
+    def __init__(self, path: Path) -> None:
+        self.header, self.is_placed = read_header(path)
+        self.dtype: np.dtype[Any] = self.header.get_data_dtype()
+        sides = [int(side) for side in self.header["dims"]]
+        if min(sides) < 1:
+            raise ReadError(f"{path.name} has the sizes {tuple(sides)}, which is not a volume; export it again")
+        columns, rows, slices, times = sides
+        if slices < 2:
+            raise ReadError(f"{path.name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
+        super().__init__(path, (series,), [path])
+
+    @classmethod
+    def open_steps(cls, path: Path) -> Steps[MghFile]:
+        """Open the file; nibabel brings much with it, so that its first import is long."""
+        yield from imported_steps(MODULE, "nibabel", "MGH")
+        return cls(path)
+
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+        """Read the values of one time."""
+        line = self.series[0]
+        with quiet():  # of numbers that overflow
+            affine = np.array(self.header.get_affine(), np.float64)
+        notes = []
+        if not self.is_placed:
+            affine[:3, :3] = CORONAL
+            affine[:3, 3] = -CORONAL @ self.header["dims"][:3] / 2
+            notes.append(
+                "the file has no orientation: taken as FreeSurfer does, columns towards the patient's left, "
+                "rows towards the feet, slices towards the front; flip x, y or z changes it"
+            )
+        values = grid_slices(self.path, HEADER, line.shape, self.dtype, options.time, line.times)
+        return RawValues(values, affine, tuple(notes))
+        yield  # the values are read where they are wanted
+
+
+def read_header(path: Path) -> tuple[Any, bool]:
+    """The header by nibabel, and whether it has directions."""
+    mgh = needed(MODULE, "nibabel", "MGH")
+    errors = (*HEADER_ERRORS, mgh.HeaderDataError, mgh.MGHError)
+    try:
+        with opened(path) as stream, quiet():
+            content = stream.read(HEADER)
+            if len(content) < HEADER:
+                raise ValueError(f"{len(content)} of {HEADER} bytes")
+            header = mgh.MGHHeader(content[:FIELDS], check=False)
+            version = int(header["version"])
+            if version != 1:
+                raise ValueError(f"version {version}")
+            header.get_data_dtype()
+    except errors as error:
+        raise ReadError(f"{path.name} is not a readable MGH file ({reason(error)}); copy it again") from error
+    return header, any(content[RAS_FLAG : RAS_FLAG + 2])

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A zlib stream as a file to read from, unpacked piece by piece: the standard library has none."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from typing import IO, Any
+
+PIECE = 1 << 16  # packed bytes
+
+
+class ZlibFile(io.RawIOBase):
+    """What `stream` holds from its place on, unpacked; zlib's header or gzip's tells which of the two it is.
+
+    Raises
+    ------
+    zlib.error, EOFError
+        While reading, of damage and of a stream that ends before its check sum.
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self.stream = stream
+        self.decoder = zlib.decompressobj(zlib.MAX_WBITS | 32)
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def readinto(self, target: Any) -> int:
+        """Fill `target`, as far as there is something."""
+        view = memoryview(target).cast("B")
+        done = 0
+        while done < len(view) and not self.decoder.eof:
+            packed = self.decoder.unconsumed_tail or self.stream.read(PIECE)
+            if not packed:
+                raise EOFError("the compressed values end too early")
+            plain = self.decoder.decompress(packed, len(view) - done)
+            view[done : done + len(plain)] = plain
+            done += len(plain)
+        return done
