@@ -138,6 +138,35 @@ def violates_link_condition_steps(collapses: Collapses, edges: Ints, locked: Fla
     return refused
 
 
+def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked: Flags) -> Steps[Flags]:
+    """Which collapses would make an edge or a face between vertices of the border alone, (n,) bool.
+
+    Beyond the border there may be the same one, and in a part of a surface nobody would see it.
+    """
+    refused = np.zeros(len(collapses.edges), bool)
+    onto = np.flatnonzero(locked[collapses.kept])  # the vertex that goes is not locked
+    if not len(onto):
+        return refused
+    keys = []
+    for ends in (collapses.dropped, collapses.kept):
+        owner = np.full(len(locked), -1, np.int32)
+        owner[ends[onto]] = onto
+        pairs = []
+        for inner, outer in (edges, edges[::-1]):
+            at = np.flatnonzero((np.take(owner, inner) >= 0) & np.take(locked, outer))
+            pairs.append(np.take(owner, inner[at]).astype(np.int64) * len(locked) + outer[at])
+            yield PAUSE
+        keys.append(np.concatenate(pairs))
+    itself = onto.astype(np.int64) * len(locked) + collapses.kept[onto]
+    new = keys[0][~np.isin(keys[0], np.append(keys[1], itself))]
+    refused[new // len(locked)] = True
+    left = np.flatnonzero(~collapses.gone & locked[collapses.kept[collapses.owner]])
+    at_border = np.take(locked, np.take(faces, collapses.faces[left], axis=1)).sum(axis=0)
+    at_dropped = (np.take(faces, collapses.faces[left], axis=1) == collapses.dropped[collapses.owner[left]]).any(axis=0)
+    refused[collapses.owner[left][at_dropped & (at_border == 2)]] = True
+    return refused
+
+
 def flips_normal_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Flags]:
     """Which collapses turn a face too far, or leave it without area, (n,) bool."""
     corners = np.take(faces, collapses.faces[~collapses.gone], axis=1)

@@ -25,6 +25,7 @@ from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapses import (
     Collapses,
+    crosses_border_steps,
     flips_normal_steps,
     independent_set_steps,
     locked_vertices_steps,
@@ -60,9 +61,14 @@ class CollapsingMesh:
     edges : (2, E) int32, vertex numbers
     cost : (E,) float32, inf where the edge cannot be collapsed as things are
     locked : (V,) bool, vertices that stay where they are
+    original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
+
+    Of `part` of a surface, components with a border go on beyond it: none of these is removed.
     """
 
-    def __init__(self, mesh: TriangleMesh, max_error: float | None = None, safety_factor: float = 1.0) -> None:
+    def __init__(
+        self, mesh: TriangleMesh, max_error: float | None = None, safety_factor: float = 1.0, part: bool = False
+    ) -> None:
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
         # A power of two: nothing is rounded, and float32 neither over- nor underflows in any unit.
@@ -81,6 +87,7 @@ class CollapsingMesh:
         self.limit = None if max_error is None else max_error * float(self.scale)
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
+        self.part = part
         self.components = Components()
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
@@ -99,13 +106,14 @@ class CollapsingMesh:
         self.locked[border] = self.locked[non_manifold] = True
         self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
         self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
-        self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, non_manifold)
+        self.original_vertex = np.arange(vertex_count, dtype=np.int32)
+        staying = np.concatenate([border, non_manifold]) if self.part else non_manifold
+        self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
         if self.limit is None:
             yield from self.components.prepare_gaps_steps(self.positions, self.component)
         self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
-            self.original_vertex = np.arange(vertex_count, dtype=np.int32)
             self.history = History(self.positions.copy(), self.normals, self.faces, self.locked)
             self.bound = ErrorBound(self.limit, self.safety_factor)
             yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
@@ -163,6 +171,8 @@ class CollapsingMesh:
             lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
             self.exceeds_error_steps,
         ]
+        if self.part:
+            checks.insert(1, lambda collapses: crosses_border_steps(collapses, self.faces, self.edges, self.locked))
         for check_steps in checks:
             refused = yield from check_steps(collapses)
             self.cost[collapses.edges[refused]] = np.inf
@@ -236,6 +246,7 @@ class CollapsingMesh:
         if self.normals is not None:
             self.normals = np.take(self.normals, vertices, axis=1)
         self.locked, self.component = self.locked[vertices], self.component[vertices]
+        self.original_vertex = np.append(self.original_vertex, np.full(cuts.loops.size, -1, np.int32))
         self.cost = np.append(self.cost, np.full(cuts.loops.size, np.inf, np.float32))
         self.vertex_becomes = np.arange(len(vertices), dtype=np.int32)
         self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
@@ -372,7 +383,7 @@ class CollapsingMesh:
         edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
         if self.bound is not None:
             self.bound.accept(face_left)
-            self.original_vertex = self.original_vertex[vertex_left]
+        self.original_vertex = self.original_vertex[vertex_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
         yield PAUSE
@@ -398,6 +409,7 @@ class CollapsingMesh:
             del self.quadrics, self.cost, self.edges, self.face_edges
             yield from roll_back_steps(history, check)
             self.positions, self.normals = history.positions, history.normals
+            self.original_vertex = np.arange(self.positions.shape[1], dtype=np.int32)
             self.faces = yield from without_components_steps(self.components, history, check)
             self.face_count = self.faces.shape[1]
 
@@ -409,6 +421,14 @@ class CollapsingMesh:
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""
+        return self._mesh_of_used()[0]
+
+    def numbered_mesh(self) -> tuple[TriangleMesh, Ints]:
+        """`mesh`, and the number that each of its vertices, (V,), had in the mesh at first; -1 of a new one."""
+        mesh, used = self._mesh_of_used()
+        return mesh, self.original_vertex[used]
+
+    def _mesh_of_used(self) -> tuple[TriangleMesh, Flags]:
         faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
         used = np.zeros(self.positions.shape[1], bool)
         used[faces] = True
@@ -420,4 +440,4 @@ class CollapsingMesh:
             length = np.sqrt(dot(normals, normals))
             length[length == 0] = 1.0
             normals = np.ascontiguousarray((normals / length).T)
-        return TriangleMesh(vertices, np.ascontiguousarray(number[faces].T), normals)
+        return TriangleMesh(vertices, np.ascontiguousarray(number[faces].T), normals), used

@@ -43,6 +43,20 @@ class Simplification:
     removed: RemovedComponents
     handles_cut: int = 0
 
+    def message(self, target: int) -> str:
+        """How many triangles there are, why not `target` where that is not 0, and what else went."""
+        count = len(self.mesh.faces)
+        message = f"{count} triangles"
+        if target and count > target:
+            message += (
+                f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+            )
+        if self.removed.count:
+            message += f"; {self.removed.count} small components were removed"
+        if self.handles_cut:
+            message += f"; small handles cut: {self.handles_cut}"
+        return message
+
 
 def simplify(
     mesh: TriangleMesh,
@@ -112,8 +126,8 @@ def simplification_steps(
     memory_limit: int | None = None,
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
-    target = _target(len(mesh.faces), reduction, target_faces, max_error)
-    _require_finite(mesh)
+    target = target_of(len(mesh.faces), reduction, target_faces, max_error)
+    require_finite(mesh)
     if target >= len(mesh.faces):
         return Simplification(mesh, RemovedComponents())
     require(
@@ -124,38 +138,35 @@ def simplification_steps(
     )
     collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
-    yield from stages.run("Simplifying", _collapse_steps(collapsing, target))
+    yield from stages.run("Simplifying", collapse_steps(collapsing, target))
     if max_error is not None:
         yield from stages.run("Checking the error", collapsing.roll_back_steps())
     removed = collapsing.removed
-    message = f"{collapsing.face_count} triangles"
-    if max_error is None and collapsing.face_count > target:
-        message += f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
-    if removed.count:
-        message += f"; {removed.count} small components were removed"
-    if collapsing.handles_cut:
-        message += f"; small handles cut: {collapsing.handles_cut}"
-    yield Step(1.0, message)
-    return Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
+    simplification = Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
+    yield Step(1.0, simplification.message(target))
+    return simplification
 
 
-def _collapse_steps(collapsing: CollapsingMesh, target: int) -> Steps[None]:
-    """Collapse edges and remove components until there are `target` faces, or nothing more can go."""
+def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -> Steps[None]:
+    """Collapse edges and remove components until there are `target` faces, or nothing more can go.
+
+    Where edges are left no more, components go at any cost, if this is the `last` that is done to the surface.
+    """
     start = collapsing.face_count
     yield from collapsing.prepare_steps()
     while (excess := collapsing.face_count - target) > 0:
-        round_ = equal_part(_round_steps(collapsing, excess), start - collapsing.face_count, start - target)
+        round_ = equal_part(_round_steps(collapsing, excess, last), start - collapsing.face_count, start - target)
         if not (yield from round_):
             return
 
 
-def _round_steps(collapsing: CollapsingMesh, excess: int) -> Steps[bool]:
+def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
     """One round, in which at most `excess` faces go; whether there was anything to try."""
     faces = collapsing.face_count
     yield from collapsing.cut_handles_steps()
     excess += collapsing.face_count - faces
     if not (yield from collapsing.can_collapse_steps()):
-        return (yield from collapsing.remove_components_steps(excess, stuck=True))
+        return last and (yield from collapsing.remove_components_steps(excess, stuck=True))
     faces = collapsing.face_count
     yield from collapsing.remove_components_steps(excess)
     excess -= faces - collapsing.face_count
@@ -169,7 +180,8 @@ def memory_needed(face_count: int, max_error: float | None) -> int:
     return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
 
 
-def _require_finite(mesh: TriangleMesh) -> None:
+def require_finite(mesh: TriangleMesh) -> None:
+    """Raise a `MeshError` where a vertex is not finite."""
     finite = np.isfinite(mesh.vertices).all(axis=1)
     if not finite.all():
         vertex = int(np.argmin(finite))
@@ -177,7 +189,8 @@ def _require_finite(mesh: TriangleMesh) -> None:
         raise MeshError(f"vertex {vertex} is at ({x:g}, {y:g}, {z:g}), which is not finite; move or delete it first")
 
 
-def _target(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:
+def target_of(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:
+    """How many triangles a goal leaves of `face_count`; 0 with a maximum error, which sets no number."""
     goals = {"reduction": reduction, "target_faces": target_faces, "max_error": max_error}
     given = [name for name, value in goals.items() if value is not None]
     if len(given) != 1:

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of a surface that share vertices at their borders, told apart and put together by the vertices' numbers.
+
+Every vertex of the whole surface has a number of its own. Two parts share the vertices whose numbers both have. While
+a part is simplified its border stays, so parts that fitted before fit afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import MeshError
+from ...mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
+from ...mesh.vectors import cross, dot
+from ...progress import Step
+
+NEW = -1  # number of a vertex that has none yet
+RINGS = 3  # of triangles beside a seam are simplified again without it
+
+T = TypeVar("T")
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a surface.
+
+    mesh : TriangleMesh
+    numbers : (V,) int64
+        Number of every vertex in the whole surface.
+    """
+
+    mesh: TriangleMesh
+    numbers: Indices
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles."""
+        return len(self.mesh.faces)
+
+    def with_faces(self, selected: Flags) -> Part:
+        """The part of the selected faces, (F,) bool."""
+        if selected.all():
+            return self
+        used, faces = compacted(self.mesh.faces[selected], len(self.numbers))
+        normals = None if self.mesh.normals is None else self.mesh.normals[used]
+        return Part(TriangleMesh(self.mesh.vertices[used], faces, normals), self.numbers[used])
+
+
+class Numbering:
+    """Hands out numbers of vertices."""
+
+    def __init__(self) -> None:
+        self.next = 0
+
+    def take(self, count: int) -> Indices:
+        """So many new numbers."""
+        self.next += count
+        return np.arange(self.next - count, self.next)
+
+    def completed(self, part: Part) -> Part:
+        """A part with numbers for its new vertices too."""
+        new = part.numbers == NEW
+        if not new.any():
+            return part
+        numbers = part.numbers.copy()
+        numbers[new] = self.take(int(new.sum()))
+        return Part(part.mesh, numbers)
+
+
+def compacted(faces: NDArray[Any], vertex_count: int) -> tuple[Flags, NDArray[np.int32]]:
+    """Which of the vertices are used, (vertex_count,) bool, and the faces with those alone counted."""
+    used = np.zeros(vertex_count, bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return used, number[faces]
+
+
+def joined(parts: Sequence[Part]) -> Part:
+    """Parts as a single one, in their order; vertices with one number are one vertex."""
+    if len(parts) == 1:
+        return parts[0]
+    numbers = np.concatenate([part.numbers for part in parts])
+    firsts = np.cumsum([0] + [len(part.numbers) for part in parts])
+    # Of the vertices with one number the first stands for all, in the order in which they come.
+    order = np.argsort(numbers, kind="stable")
+    ordered = numbers[order]
+    new = np.ones(len(ordered), bool)
+    new[1:] = ordered[1:] != ordered[:-1]
+    stands = np.empty(len(order), np.int64)
+    stands[order] = order[new][np.cumsum(new) - 1]
+    first = stands == np.arange(len(stands))
+    place = (np.cumsum(first) - 1)[stands].astype(np.int32)
+    faces = np.concatenate([place[part.mesh.faces + low] for part, low in zip(parts, firsts[:-1], strict=True)])
+    vertices = np.concatenate([part.mesh.vertices for part in parts])[first]
+    normals: Any = [part.mesh.normals for part in parts if len(part.numbers)]
+    normals = None if any(each is None for each in normals) else np.concatenate(normals)[first]
+    return Part(TriangleMesh(vertices, faces, normals), numbers[first])
+
+
+def batches_steps(pieces: SurfacePieces[T], least: int, numbering: Numbering) -> Generator[Step | Part, None, T]:
+    """Gather pieces to parts of at least so many triangles, where there are so many.
+
+    A piece's triangles can only be placed when the next has come, whose vertices they share.
+    """
+    gathered: list[Part] = []
+    before: tuple[SurfacePiece, Indices] | None = None
+    try:
+        while True:
+            try:
+                item = next(pieces)
+            except StopIteration as end:
+                result: T = end.value
+                break
+            if isinstance(item, Step):
+                yield item
+                continue
+            following = item, numbering.take(len(item.vertices))
+            if before is not None:
+                gathered.append(_placed(*before, *following))
+            before = following
+            if sum(part.face_count for part in gathered) >= least:
+                yield joined(gathered)
+                gathered = []
+    finally:
+        pieces.close()
+    if before is not None:
+        gathered.append(_placed(*before))
+    if gathered:
+        yield joined(gathered)
+    return result
+
+
+def _placed(
+    piece: SurfacePiece, numbers: Indices, following: SurfacePiece | None = None, more: Indices | None = None
+) -> Part:
+    """A piece with those vertices of the next that it has triangles at."""
+    vertices, normals = piece.vertices, piece.normals
+    top = int(piece.faces.max(initial=-1)) + 1 - len(vertices)
+    if top > 0:
+        if following is None or more is None or top > len(more):
+            raise MeshError("a piece of a surface has triangles beyond the next piece; give the pieces in order")
+        vertices = np.concatenate([vertices, following.vertices[:top]])
+        numbers = np.concatenate([numbers, more[:top]])
+        if normals is not None and following.normals is not None:
+            normals = np.concatenate([normals, following.normals[:top]])
+    used, faces = compacted(piece.faces, len(numbers))
+    return Part(TriangleMesh(vertices[used], faces, None if normals is None else normals[used]), numbers[used])
+
+
+def shared(first: Part, second: Part) -> Indices:
+    """Sorted numbers of the vertices that both have."""
+    return np.intersect1d(first.numbers, second.numbers)
+
+
+def beside(part: Part, seam: Indices) -> Flags:
+    """Faces within `RINGS` rings of triangles of the vertices with these sorted numbers, (F,) bool."""
+    near = np.zeros(len(part.numbers), bool)
+    if len(seam):
+        at = np.minimum(np.searchsorted(seam, part.numbers), len(seam) - 1)
+        near = seam[at] == part.numbers
+    faces = np.zeros(part.face_count, bool)
+    for _ in range(RINGS):
+        faces = near[part.mesh.faces].any(axis=1)
+        near[part.mesh.faces[faces]] = True
+    return faces
+
+
+def area(mesh: TriangleMesh) -> float:
+    """Sum of the areas of the triangles, added in their order."""
+    if not len(mesh.faces):
+        return 0.0
+    a, b, c = (mesh.vertices[corner].T for corner in mesh.faces.T)
+    normal = cross(b - a, c - a).astype(np.float64)
+    return float(np.cumsum(np.sqrt(dot(normal, normal)))[-1]) / 2.0
