@@ -53,10 +53,10 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     lowest = lowest_inside(threshold, grid.values.dtype)
     x, y, z = grid.x, grid.y, grid.z
     first_layer, end_layer = max(low, z.valued[0]), min(high, z.valued[1])
-    columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), (y.closed, y.count - y.closed)
+    columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), y.valued
     pitch = grid.words * WORD
     chunk = CHUNK_SAMPLES // (pitch * x.stride * y.stride)  # rows
-    rows = min(end_row - first_row, max(1, chunk))
+    rows = max(1, min(end_row - first_row, chunk))
     layers = max(1, chunk // rows) if z.stride == 1 else 1
     buffer = np.zeros((min(layers, high - low), rows, pitch), bool)
     for layer in range(first_layer, end_layer, layers):

@@ -26,6 +26,7 @@ from .trilinear_decider import trilinear_tables
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 13  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
+MIXED_ROWS = 16  # of which one is looked at to estimate them
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
@@ -57,7 +58,7 @@ def scan_steps(
         slab = find_active(grid, bits, *layer_range)
         return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
 
-    mixed = mixed_words(bits[: grid.layers])
+    mixed = mixed_words(bits[: grid.layers, ::MIXED_ROWS])
     ranges = slab_ranges(mixed, bits[0].size)
     return (yield from stages.run(FINDING, map_steps(find, ranges, threads, ""))), mixed
 
@@ -72,8 +73,8 @@ def _keep_freed_pages() -> None:
 
 
 def mixed_words(bits: NDArray[np.uint64]) -> NDArray[np.intp]:
-    """How many words of every layer have samples both inside and outside, estimated by every sixteenth row."""
-    mixed = np.count_nonzero(bits[:, ::16] + np.uint64(1) > 1, axis=(1, 2)) * 16  # neither no sample nor all
+    """How many words of every layer have samples both inside and outside, from those of one row in `MIXED_ROWS`."""
+    mixed = np.count_nonzero(bits + np.uint64(1) > 1, axis=(1, 2)) * MIXED_ROWS  # neither no sample nor all
     return np.asarray(mixed, np.intp)
 
 

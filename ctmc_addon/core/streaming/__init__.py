@@ -2,11 +2,13 @@
 """Surfaces of volumes that are not held in memory: values are fetched a slab at a time.
 
 Read in this order: `choice` (when), `field_slabs` (the values), `parts` (active voxels and vertices of a slab),
-`slab_parts` (parts grouped anew), `surface` (all of it, with the bytes of a volume in memory).
+`slab_parts` (parts grouped anew), `surface` (all of it, with the bytes of a volume in memory), `pieces` (where the
+surface does not fit either).
 """
 
 from .choice import field_steps
 from .field_slabs import FieldSlabs
+from .pieces import SurfaceFacts, surface_pieces_steps
 from .surface import slab_surface_steps
 
-__all__ = ["FieldSlabs", "field_steps", "slab_surface_steps"]
+__all__ = ["FieldSlabs", "SurfaceFacts", "field_steps", "slab_surface_steps", "surface_pieces_steps"]

@@ -45,6 +45,7 @@ class FieldSlabs:
     ) -> None:
         reach = reach_of_settings(volume.spacing, settings)
         box = field_box(volume, settings, window)
+        self._volume, self._threads = volume, worker_count(threads)
         self.origin = (box[0][0], box[1][0], box[2][0])
         self.settings, self.window, self.threshold, self.level = settings, window, threshold, threshold
         self.window_in_values = relative_box(window, self.origin)
@@ -52,7 +53,6 @@ class FieldSlabs:
         self.kind = volume.kind if settings.label is None else "label"
         self.place = WHOLE_VOLUME if settings.region is None else "the region"
         self._needed = relative_box(grown_box(window, reach, volume.size), self.origin)
-        self._threads = worker_count(threads)
         self._values = volume.part(box)
         self.shape = self._values.shape
         smooths = settings.smoothing_method == "gaussian"
@@ -62,6 +62,10 @@ class FieldSlabs:
         self._planes: dict[int, NDArray[np.float32]] = {}  # slices that are smoothed along x and y
         self._masks: dict[int, NDArray[np.uint8]] = {}
         self._seen_below = self._seen_above = False
+
+    def again(self) -> FieldSlabs:
+        """The same field, to be fetched from its first slice."""
+        return FieldSlabs(self._volume, self.settings, self.window, self.threshold, self._threads)
 
     def affine(self, volume: Placed) -> NDArray[np.float64]:
         """The affine of the values: index (x, y, z) to RAS+ mm, (4, 4)."""

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extraction.active_voxels import Slab
+from ..extraction.classify import inside_bits
 from ..extraction.gradients import Sampler
 from ..extraction.grid import WORD, Axis, Grid
 from ..extraction.marching_cubes import fill_vertices
-from ..extraction.scan import SCAN_STAGES, scan_steps, slab_ranges
+from ..extraction.scan import MIXED_ROWS, SCAN_STAGES, mixed_words, scan_steps, slab_ranges
 from ..extraction.vertices import VertexArrays
 from ..parallel import map_steps
-from ..progress import Stages, Steps, equal_part
+from ..progress import Stages, Step, Steps, equal_part
 from .slab_parts import SlabPart
 
 SLAB_BYTES = 1 << 25  # of values fetched at once, or those of one layer of samples
@@ -95,6 +96,23 @@ class PartMaker:
         for number, low in enumerate(starts):
             steps = self._slab_steps(low, min(low + self.height, layers))
             yield equal_part(steps, number, len(starts))
+
+    def ranges_steps(self) -> Steps[list[tuple[int, int]]]:
+        """`ranges` alone, before any part is made: from every sixteenth row of the samples."""
+        _, y, z = self.axes
+        layers, normals = z.count, self.normals
+        self.normals = False  # which would fetch more slices
+        rows = np.minimum(np.arange(0, y.count + 1, MIXED_ROWS), y.count - 1)
+        rough = replace(y, position=y.position[rows], index=y.index[rows], stride=MIXED_ROWS * y.stride)
+        mixed = []
+        for low in range(0, layers, self.height):
+            yield Step(low / layers)
+            grid = replace((yield from self._grid_steps(low, min(low + self.height, layers))), y=rough)
+            bits = np.zeros((grid.z.count + 1, len(rows) + 1, grid.words), np.uint64)
+            inside_bits(grid, self.level, 0, grid.layers, bits)
+            mixed.append(mixed_words(bits[: grid.layers, :-1]))
+        self.normals, self.mixed = normals, mixed
+        return self.ranges()
 
     def _slab_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
         grid = yield from self._grid_steps(low, high)
