@@ -5,6 +5,7 @@ import numpy as np
 
 from ctmc_addon.core import TriangleMesh, distances
 from ctmc_addon.core.mesh.face_normals import face_vectors
+from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 
 
 def as_mesh(vertices, faces, normals=None):
@@ -63,6 +64,21 @@ def joined(*meshes):
         np.concatenate([m.vertices for m in meshes]),
         np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=False)]),
     )
+
+
+def pieces_of(mesh, count):
+    """The pieces of a mesh, cut along z where it is long enough for its triangles."""
+    z = mesh.vertices[:, 2]
+    piece = np.searchsorted(np.linspace(z.min(), z.max(), count + 1)[1:-1], z, side="right")
+    first = piece[mesh.faces].min(axis=1)
+    assert (piece[mesh.faces].max(axis=1) - first <= 1).all()
+    for number in range(count):
+        own, following = np.flatnonzero(piece == number), np.flatnonzero(piece == number + 1)
+        place = np.full(len(z), -1, np.int32)
+        place[own] = np.arange(len(own))
+        place[following] = len(own) + np.arange(len(following))
+        normals = None if mesh.normals is None else mesh.normals[own]
+        yield SurfacePiece(mesh.vertices[own], place[mesh.faces[first == number]], normals)
 
 
 def assert_sound(mesh):

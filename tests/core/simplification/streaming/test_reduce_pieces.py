@@ -3,30 +3,20 @@
 
 import numpy as np
 import pytest
-from meshes import assert_sound, icosphere, joined, torus
+from meshes import assert_sound, icosphere, joined, pieces_of, torus
 
 from ctmc_addon.core import Step, TriangleMesh, finish, marching_cubes, simplify
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh import surface_distance
-from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.simplification.streaming import reduce_pieces
 from ctmc_addon.core.simplification.streaming.reduce_pieces import reduce_pieces_steps
 
 
-def pieces_of(mesh, count):
-    """The pieces of a mesh, cut along z where it is long enough for its triangles."""
-    z = mesh.vertices[:, 2]
-    piece = np.searchsorted(np.linspace(z.min(), z.max(), count + 1)[1:-1], z, side="right")
-    first = piece[mesh.faces].min(axis=1)
-    assert (piece[mesh.faces].max(axis=1) - first <= 1).all()
-    for number in range(count):
-        own, following = np.flatnonzero(piece == number), np.flatnonzero(piece == number + 1)
-        place = np.full(len(z), -1, np.int32)
-        place[own] = np.arange(len(own))
-        place[following] = len(own) + np.arange(len(following))
+def stream(mesh, count):
+    """Pieces of a mesh as their maker yields them."""
+    for number, piece in enumerate(pieces_of(mesh, count)):
         yield Step(number / count)
-        normals = None if mesh.normals is None else mesh.normals[own]
-        yield SurfacePiece(mesh.vertices[own], place[mesh.faces[first == number]], normals)
+        yield piece
     return "info"
 
 
@@ -38,7 +28,7 @@ def foam(size=48, wavelength=24.0, noise=0.0, **options):
 
 
 def reduced(mesh, pieces, **goal):
-    return finish(reduce_pieces_steps(pieces_of(mesh, pieces), **goal)).simplification
+    return finish(reduce_pieces_steps(stream(mesh, pieces), **goal)).simplification
 
 
 @pytest.fixture(autouse=True)
@@ -131,7 +121,7 @@ def test_a_component_across_a_seam_stays_one_piece():
 def test_what_is_done_is_handed_on_with_what_the_maker_returned():
     mesh = foam(32)
     steps, result = [], None
-    generator = reduce_pieces_steps(pieces_of(mesh, 8), reduction=0.9)
+    generator = reduce_pieces_steps(stream(mesh, 8), reduction=0.9)
     while result is None:
         try:
             steps.append(next(generator))
@@ -148,7 +138,7 @@ def test_closing_ends_the_maker_of_the_pieces():
 
     def pieces():
         try:
-            yield from pieces_of(foam(32), 8)
+            yield from stream(foam(32), 8)
         finally:
             ended.append(True)
 
@@ -173,6 +163,6 @@ def test_refusals_are_those_of_a_whole_mesh():
 
 
 def test_pieces_that_do_not_fit_are_refused():
-    first = next(item for item in pieces_of(foam(16), 3) if isinstance(item, SurfacePiece))
+    first = next(pieces_of(foam(16), 3))
     with pytest.raises(MeshError, match="in order"):
         finish(reduce_pieces_steps((piece for piece in [first]), reduction=0.5))
