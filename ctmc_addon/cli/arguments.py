@@ -248,11 +248,24 @@ def with_flags(sentence: str) -> str:
 
 
 def add_input(parser: argparse.ArgumentParser) -> None:
-    """INPUT and how it is read."""
+    """INPUT, how it is read and what it is called."""
     parser.add_argument(
         "input", metavar="INPUT", help="folder of slices, DICOM, or a volume such as .nii.gz, .nrrd or .mha"
     )
     add_reading(parser)
+    parser.add_argument(
+        "--name",
+        type=name_of,
+        help="what the volume, its objects and the report call it, in place of the file's or folder's name",
+    )
+
+
+def name_of(text: str) -> str:
+    """A name that can be shown on one line."""
+    name = text.strip()
+    if not name or not name.isprintable():
+        raise argparse.ArgumentTypeError("write a name of letters that can be shown")
+    return name
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
@@ -272,6 +285,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--time", type=at_least(1), metavar="N", help="which of several time points or phases, from 1 on (see info)"
     )
     group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
+    group.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="read data files that an .nhdr or .mhd names outside its own folder; only for headers you trust",
+    )
 
 
 def add_work(parser: Any) -> None:

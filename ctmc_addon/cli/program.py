@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
 
 from ..core import VERSION, CtmcError
+from ..readers import outside_allowed
 from .arguments import Parser, UsageError, with_flags
 from .batch import case as batch_case
 from .batch import command as batch
@@ -44,6 +45,8 @@ def run(argv: Sequence[str] | None) -> int:
                     nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
                     undo.enter_context(redirect_stdout(nowhere))
                     undo.enter_context(redirect_stderr(nowhere))
+                if getattr(args, "allow_outside", False):
+                    undo.enter_context(outside_allowed())
                 args.run(args)
         except UsageError as error:
             args.parser.error(with_flags(str(error)))

@@ -33,7 +33,7 @@ from .images import folder as image_folder
 from .images import tiff
 from .nifti import NiftiFile
 from .npy import NpyFile
-from .nrrd import NrrdFile
+from .nrrd import NrrdFile, outside_allowed
 from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, out_of_memory, unreadable
 from .volumes import analyze
 from .volumes.metaimage import MetaImageFile
@@ -49,11 +49,13 @@ __all__ = [
     "checked_spacing",
     "estimate_voxels",
     "existing_path",
+    "files_below",
     "holds_slices",
     "is_volume_file",
     "natural_key",
     "open_volume",
     "open_volume_steps",
+    "outside_allowed",
     "read_volume",
     "read_volume_steps",
     "segmentation_sibling",

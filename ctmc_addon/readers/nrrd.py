@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from contextlib import ExitStack
-from pathlib import Path, PurePosixPath
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
+from pathlib import Path, PurePath, PurePosixPath
 from typing import IO, Any
 
 import numpy as np
@@ -49,6 +50,7 @@ TYPES = {
     "f4": ("float",),
     "f8": ("double",),
 }
+_outside: ContextVar[bool] = ContextVar("outside", default=False)
 WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
 TO_MM = {"mm": 1.0, "millimeter": 1.0, "um": 0.001, "µm": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
 
@@ -180,13 +182,26 @@ def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]
     return [path.parent / inner_path(name, path.name) for name in names]
 
 
-def inner_path(name: str, header_name: str) -> PurePosixPath:
+@contextmanager
+def outside_allowed() -> Iterator[None]:
+    """Let headers name data files anywhere, as only the command line can."""
+    before = _outside.set(True)
+    try:
+        yield
+    finally:
+        _outside.reset(before)
+
+
+def inner_path(name: str, header_name: str) -> PurePath:
     """A data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
+    if _outside.get() and "\0" not in name:
+        return PurePath(name)
     inner = PurePosixPath(name.replace("\\", "/"))
     if inner.is_absolute() or ".." in inner.parts or ":" in name or "\0" in name or not inner.name:
         raise ReadError(
             f"{header_name} names the data file '{name[:80]}', and only a file in the header's own folder or below "
-            "is read; put the two together and name the file alone"
+            "is read; put the two together and name the file alone, or trust the header and read it by `ctmc` with "
+            "--allow-outside"
         )
     return inner
 

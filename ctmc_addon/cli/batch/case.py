@@ -15,7 +15,8 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,8 @@ def run(_args: argparse.Namespace) -> None:
     unfinished = own_unfinished_folder(task)
     threading.Thread(target=leave_with_the_batch, args=(unfinished,), daemon=True).start()
     try:
-        do_case(task, unfinished)
+        with readers.outside_allowed() if task["allow_outside"] else nullcontext():
+            do_case(task, unfinished)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 
@@ -148,7 +150,8 @@ class Case:
             opened = finish(readers.open_volume_steps(source))
             self.input_key = input_key(opened, self.task["verify"])
             reading = {**self.task["reading"], "threads": self.task["threads"]}
-            self.volume = finish(values_steps(opened, path, reading, label))
+            volume = finish(values_steps(opened, path, reading, label))
+            self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume
 

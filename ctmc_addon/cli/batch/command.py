@@ -22,7 +22,7 @@ from .cases import Case, collect
 from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
 from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, Events, run_here
-from .summary import SummaryRow, counts, numbers, row_of, write_summary
+from .summary import SummaryRow, counts, numbers, row_of, write_summary, write_summary_if_possible
 
 if TYPE_CHECKING:
     from .cluster import Cluster
@@ -143,7 +143,7 @@ def batch_steps(
         for row in stopped:
             row.status = "waiting"
         if stopped:
-            write_summary(folder, list(rows.values()), True)
+            write_summary_if_possible(folder, list(rows.values()))
     return list(rows.values())
 
 
@@ -160,6 +160,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "space": args.space,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
+        "allow_outside": args.allow_outside,
         "threads": args.threads,
         "version": VERSION,
     }

@@ -20,11 +20,12 @@ from typing import Any
 from ...core import VERSION, CtmcError, OutputError
 from ...core.files.atomic_write import made_folder, refused, write_json
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
-from ...readers import VolumeSource, open_volume
+from ...readers import VolumeSource, files_below, open_volume
 
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
+SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
 
 
 def record_path(folder: Path, name: str) -> Path:
@@ -194,8 +195,25 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     for path in sorted({*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)}, key=depth):
         if path.name and path.is_absolute():
             text = text.replace(str(path), path.name)
+    text = without_slices(text, task)
     text = re.sub(r"(?:(?<![\w.:/\\])(?:[A-Za-z]:)?|(?<=:)(?=[\\/][^\\/]))[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)
     return " ".join(text.split())
+
+
+def without_slices(text: str, task: Mapping[str, Any]) -> str:
+    """The sentence with the files of the input's folder called 'file 3 of 20': names of slices often are identifiers.
+
+    A file that names the case stays as it is.
+    """
+    path = Path(task["input"])
+    folder = path if path.is_dir() else path.parent
+    if not folder.is_dir() or (folder != path and path.name.startswith(str(task.get("case", path.name)))):
+        return text
+    files = list(files_below(folder))
+    for number, file in sorted(enumerate(files, 1), key=lambda pair: depth(Path(pair[1].name))):
+        if len(file.name) >= SHORTEST_NAME and file.name in text:
+            text = re.sub(rf"(?<![\w.-]){re.escape(file.name)}(?![\w-])", f"file {number} of {len(files)}", text)
+    return text
 
 
 def depth(path: Path) -> int:

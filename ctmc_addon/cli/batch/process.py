@@ -14,10 +14,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ...core import CtmcError
+from ...core import CtmcError, OutputError
 from ...core.files.atomic_write import write_json
 from .case import COMMAND
 from .files import failed_record, read_record, record_path, without_folders
@@ -137,7 +138,12 @@ def settle(task: Task, error: str, seconds: float | None = None, printed: str = 
             record = failed_record(task, output, error, None if seconds is None else round(seconds, 3))
             if "Traceback " in printed:
                 record["traceback"] = [without_folders(line, task) for line in printed.splitlines()]
-            write_json(record_path(folder, output["name"]), record)
+            path = record_path(folder, output["name"])
+            try:
+                write_json(path, record)
+            except OutputError:  # a full disk ends no batch; an older JSON would say that all is well
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
 
 
 def run_task(task: Task) -> None:

@@ -37,7 +37,7 @@ class SummaryRow:
     def fill(self, record: dict[str, Any] | None) -> None:
         """Fill the row from an output's JSON."""
         if record is None:
-            self.status, self.error = "failed", "the case left no JSON"
+            self.status, self.error = "failed", "the case left no JSON; is the disk full?"
             return
         self.status = record["status"]
         self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
@@ -61,6 +61,14 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         except OutputError:
             if over:
                 raise
+
+
+def write_summary_if_possible(folder: Path, rows: Sequence[SummaryRow]) -> None:
+    """Write the last summary of a batch that is interrupted; on a full disk the older one stays."""
+    try:
+        write_summary(folder, rows, True)
+    except OutputError:
+        pass
 
 
 def html_text(folder: Path, rows: Sequence[SummaryRow], over: bool) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     with Progress() as progress:
         source = progress.finish(stages.run("Reading headers", readers.open_volume_steps(args.input)))
         volume = progress.finish(stages.run("Reading values", source.read_steps(**reading_of(args))))
-    facts = facts_of(volume, source)
+    facts = facts_of(replace(volume, name=args.name or volume.name), source)
     print(json_text(facts) if args.json else text_of(facts), end="" if args.json else "\n")
 
 

@@ -120,7 +120,8 @@ def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None
 
 def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
     """Read INPUT as the flags say."""
-    return (yield from volume_steps(args.input, reading_of(args), settings.label))
+    volume = yield from volume_steps(args.input, reading_of(args), settings.label)
+    return replace(volume, name=args.name or volume.name)
 
 
 def values_steps(

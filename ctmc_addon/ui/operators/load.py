@@ -137,6 +137,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         setattr(stored, f"flip_{axis}", axis in reading["flip"])
     stored.series = str(reading["series"] or "")
     if is_another_ct:
+        stored.volume_name = ""
         names = loaded.volume.label_names
         stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.statistics.labels])
     if loaded.volume.kind == "label" and loaded.statistics.labels and not (stored.use_threshold or stored.use_label):

@@ -88,7 +88,8 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
             )
             for run in runs
         ]
-        return surfaces_steps(loaded.volume, requests, scene.session_uid)
+        volume = replace(loaded.volume, name=scene.ctmc.volume_name.strip() or loaded.volume.name)
+        return surfaces_steps(volume, requests, scene.session_uid)
 
 
 def require_labels(loaded: volumes.Loaded, label: int | None) -> None:

@@ -59,6 +59,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     columns, rows, slices = volume.size
     x, y, z = volume.spacing
     right, down, up = (translate(side) for side in directions(volume.orientation))
+    layout.prop(stored, "volume_name")
     facts = [
         (translate("Size"), f"{columns} x {rows} x {slices}"),
         (translate("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),

@@ -235,6 +235,7 @@ def volume_properties() -> dict[str, Any]:
     turned = "The files cannot say it: {} lie the other way round than assumed"
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
+        "volume_name": text("Name", "What surfaces of this CT are called. Empty = as its file or folder"),
         "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
         "series": text("Series", "UID of the DICOM series. Empty = the one with most slices"),
         "spacing": decimals(

@@ -403,3 +403,16 @@ def test_many_small_components_are_counted_with_the_flag_that_removes_them(ctmc,
     outcome = ctmc(*words, "-o", tmp_path / "one.stl", "--min-part", "10")
     assert "smaller than" not in outcome.out
     assert "1 part" in outcome.out
+
+
+def test_a_given_name_takes_the_place_of_the_files(ctmc, misused, tmp_path):
+    values = np.zeros((8, 8, 8), np.uint8)
+    values[2:6, 2:6, 2:6] = 200
+    np.save(tmp_path / "Muster_Erika.npy", values)
+    words = ["reconstruct", tmp_path / "Muster_Erika.npy", "--threshold", "100", "--name", "case 7"]
+    outcome = ctmc(*words, "-o", tmp_path / "a.ply", "--report", tmp_path / "a.json")
+    assert outcome.code == 0
+    assert outcome.out.startswith("case 7: ")
+    assert json.loads((tmp_path / "a.json").read_text("utf-8"))["name"] == "case 7"
+    assert "Erika" not in outcome.out + (tmp_path / "a.json").read_text("utf-8")
+    assert "name" in misused(*words[:-1], " ", "-o", tmp_path / "a.ply")

@@ -609,3 +609,12 @@ def test_simplify_after_apply_leaves_the_surface_in_its_place(loaded):
         vertices = evaluated_triangles(obj).vertices
         for end in (np.min, np.max):
             assert np.abs(end(vertices, axis=0) - end(full.vertices, axis=0)).max() < 0.5
+
+
+def test_a_name_in_the_panel_is_the_surfaces(loaded, labels_file):
+    loaded.ctmc.volume_name = " case 7 "
+    bpy.ops.ctmc.reconstruct()
+    assert active().name.startswith("case 7")
+    assert "ball" not in active().name
+    bpy.ops.ctmc.load(filepath=str(labels_file))
+    assert loaded.ctmc.volume_name == ""
