@@ -15,6 +15,9 @@ from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_cou
 from ..core.volume import Volume
 from .dicom import series as dicom_series
 from .dicom.header import is_multi_frame, may_be_dicom
+from .dicom.labels.label_file import SEGMENTATION, STRUCTURES, label_class
+from .dicom.labels.segmentation import SegmentationSource
+from .dicom.labels.structures import StructureSource
 from .file_formats import (
     DICOM_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -96,6 +99,10 @@ def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
         if path.is_dir():
             return (yield from _open_folder_steps(path))
         format_name = file_format(path)
+        if format_name == "dicom" and label_class(path) == SEGMENTATION:
+            return (yield from SegmentationSource.open_steps(path))
+        if format_name == "dicom" and label_class(path) == STRUCTURES:
+            return (yield from StructureSource.open_steps(path))
         if format_name == "dicom":
             return (yield from dicom_series.open_steps(path))
         if format_name == "nifti":
@@ -282,7 +289,7 @@ def volume_name(path: Path) -> str:
         return stem(path)
     try:
         format_name = file_format(path)
-        alone = is_multi_frame(path) if format_name == "dicom" else format_name != "image"
+        alone = bool(label_class(path)) or is_multi_frame(path) if format_name == "dicom" else format_name != "image"
         alone = alone and (format_name != "tiff" or tiff.page_count(path) > 1)
     except (CtmcError, OSError):
         alone = True

@@ -32,7 +32,7 @@ KEYWORDS = [
     *("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient"),
     *("TemporalPositionIdentifier", "TriggerTime", "AcquisitionTime", "ContentTime"),
     *("RescaleType", "ModalityLUTSequence", "PixelPaddingValue", "PixelPaddingRangeLimit"),
-    *("NumberOfFrames", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
+    *("FrameOfReferenceUID", "NumberOfFrames", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
 ]
 LONGEST_CALLED = 64  # letters of a description
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
@@ -76,6 +76,7 @@ class ImageFile:
     rows: int
     columns: int
     uid: str  # SOPInstanceUID
+    frame_of_reference: str  # UID of the coordinates, which other series may share
     instance: int
     called: Called  # for the screen alone
     scout: bool
@@ -307,6 +308,7 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
         rows=options["rows"],
         columns=options["columns"],
         uid=str(dataset.get("SOPInstanceUID", None) or ""),
+        frame_of_reference=str(dataset.get("FrameOfReferenceUID", None) or ""),
         instance=int(dataset.get("InstanceNumber", None) or 0),
         called=Called(*(one_line(dataset.get(keyword, None)) for keyword in CALLED_KEYWORDS)),
         scout="LOCALIZER" in words,

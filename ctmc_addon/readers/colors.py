@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Colors of labels as sRGB, 0 to 255, from the ways in which files write them.
+
+DICOM PS3.3 C.10.7.1.1 stores CIELab as three numbers of 16 bits. The white point is D65, as in PixelMed, dcmqi and
+highdicom; sRGB is that of IEC 61966-2-1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+RGB = tuple[int, int, int]
+WHITE = (0.95047, 1.0, 1.08883)  # XYZ of D65
+TO_LINEAR_RGB = ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570))
+MOST = 0xFFFF
+
+
+def rgb_of_cielab(stored: Sequence[int]) -> RGB:
+    """The sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
+
+    Parameters
+    ----------
+    stored : 3 int
+        L* from 0 to 100, a* and b* from -128 to 127, each spread over 0 to 65535.
+
+    Examples
+    --------
+    >>> rgb_of_cielab((65535, 32896, 32896)), rgb_of_cielab((34885, 53485, 50171))
+    ((255, 255, 255), (255, 0, 0))
+    """
+    lightness = stored[0] * 100.0 / MOST
+    a, b = (value * 255.0 / MOST - 128.0 for value in stored[1:3])
+    middle = (lightness + 16.0) / 116.0
+    roots = (middle + a / 500.0, middle, middle - b / 200.0)
+    xyz = [white * _of_root(root) for white, root in zip(WHITE, roots, strict=True)]
+    linear = [sum(share * value for share, value in zip(row, xyz, strict=True)) for row in TO_LINEAR_RGB]
+    red, green, blue = (min(255, max(0, round(255.0 * _companded(value)))) for value in linear)
+    return (red, green, blue)
+
+
+def _of_root(root: float) -> float:
+    """The inverse of CIELab's cube root with its straight part near black."""
+    cube = root**3
+    return cube if cube > 0.008856 else (root - 16.0 / 116.0) / 7.787
+
+
+def _companded(linear: float) -> float:
+    """The sRGB value of a linear one."""
+    return float(1.055 * linear ** (1 / 2.4) - 0.055) if linear > 0.0031308 else 12.92 * linear

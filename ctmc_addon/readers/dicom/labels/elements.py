@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The elements of a DICOM dataset by their place in the file, for sequences too long for pydicom.
+
+A segmentation has an item for every frame and a structure set one for every contour, tens of thousands of each.
+pydicom makes objects of all elements in them, about 1 ms a frame; here only what is asked for is read.
+Little endian, implicit and explicit: DICOM PS3.5, clauses 7.1 and 7.5.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from typing import IO, Any, NamedTuple
+
+from ....core import Step, Steps
+
+ITEM, ITEM_END, SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
+UNDEFINED = 0xFFFFFFFF
+PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)  # float, double, integer; nothing behind them is read
+LONG_FORM = frozenset((b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"))
+LONGEST_VALUE = 1 << 16  # bytes of a value that is read
+DEEPEST = 16  # sequences within sequences
+MOST_ITEMS = 2_000_000
+ITEMS_PER_STEP = 256
+
+# What to read: a tag leads to VALUE (its bytes), PLACE (where its bytes are) or to the tags of a sequence's items.
+VALUE, PLACE = "value", "place"
+Wanted = Mapping[int, Any]
+Found = dict[int, Any]
+
+
+class Place(NamedTuple):
+    """Where a value stands in the file."""
+
+    vr: str  # empty where the file does not say it
+    start: int
+    length: int
+
+
+class Damaged(Exception):
+    """The file ends too early or breaks the rules of its encoding; the text says where."""
+
+
+class Elements:
+    """Elements of an open file.
+
+    Parameters
+    ----------
+    file : binary file
+        At the first element of the dataset.
+    size : int
+        Bytes of the file.
+    implicit : bool
+        Whether elements lack their type.
+    """
+
+    def __init__(self, file: IO[bytes], size: int, implicit: bool) -> None:
+        self.file, self.size, self.implicit = file, size, implicit
+        self.at = file.tell()
+        self.items = 0
+
+    def dataset_steps(self, wanted: Wanted) -> Steps[Found]:
+        """The wanted elements, and the place of the pixels; steps within long sequences."""
+        found: Found = {}
+        while self.at < self.size:
+            tag, vr, length = self._header(self.implicit)
+            if tag in PIXELS:
+                found[tag] = Place(vr, self.at, length)
+                break
+            inner = wanted.get(tag)
+            if not isinstance(inner, Mapping):
+                self._take(found, tag, vr, length, inner, 0)
+                continue
+            items: list[Found] = []
+            for item in self._items(length, inner, vr, 1):
+                items.append(item)
+                if len(items) % ITEMS_PER_STEP == 0:
+                    yield Step(min(1.0, self.at / self.size), "Reading headers")
+            found[tag] = items
+        return found
+
+    def _items(self, length: int, wanted: Wanted, vr: str, depth: int) -> Iterator[Found]:
+        """The items of the sequence whose value begins here."""
+        if depth > DEEPEST:
+            raise Damaged(f"more than {DEEPEST} sequences within each other")
+        stop = self._stop(length)
+        # PS3.5 6.2.2: a sequence of unknown type and length has implicit elements.
+        implicit = self.implicit or (vr == "UN" and length == UNDEFINED)
+        while self.at < stop:
+            tag, _, item_length = self._header(implicit)
+            if tag == SEQUENCE_END:
+                return
+            if tag != ITEM:
+                raise Damaged(f"no item at byte {self.at} of a sequence")
+            self.items += 1
+            if self.items > MOST_ITEMS:
+                raise Damaged(f"more than {MOST_ITEMS} items in sequences")
+            yield self._item(item_length, wanted, implicit, depth)
+        self._check_end(stop, length)
+
+    def _item(self, length: int, wanted: Wanted, implicit: bool, depth: int) -> Found:
+        stop, outer = self._stop(length), self.implicit
+        found: Found = {}
+        self.implicit = implicit
+        while self.at < stop:
+            tag, vr, inner_length = self._header(implicit)
+            if tag == ITEM_END:
+                self.implicit = outer
+                return found
+            self._take(found, tag, vr, inner_length, wanted.get(tag), depth)
+        self.implicit = outer
+        self._check_end(stop, length)
+        return found
+
+    def _take(self, found: Found, tag: int, vr: str, length: int, inner: Any, depth: int) -> None:
+        """Read or pass over one element whose header was read."""
+        if isinstance(inner, Mapping):
+            found[tag] = list(self._items(length, inner, vr, depth + 1))
+        elif length == UNDEFINED:
+            for _ in self._items(length, {}, vr, depth + 1):
+                pass
+        else:
+            start, end = self.at, self._stop(length)
+            if inner == VALUE:
+                if length > LONGEST_VALUE:
+                    raise Damaged(f"a value of {length} bytes at byte {start}")
+                found[tag] = self.file.read(length)
+            else:
+                if inner == PLACE:
+                    found[tag] = Place(vr, start, length)
+                self.file.seek(end)
+            self.at = end
+
+    def _header(self, implicit: bool) -> tuple[int, str, int]:
+        """Tag, type and length of the element that begins here; the items of a sequence have no type."""
+        head = self._read(8)
+        group, element, length = struct.unpack("<HHI", head)
+        tag = group << 16 | element
+        if implicit or group == 0xFFFE:
+            return tag, "", length
+        if head[4:6] in LONG_FORM:
+            return tag, head[4:6].decode("ascii"), int.from_bytes(self._read(4), "little")
+        return tag, head[4:6].decode("latin-1"), length >> 16
+
+    def _read(self, count: int) -> bytes:
+        piece = self.file.read(count)
+        self.at += count
+        if len(piece) < count:
+            raise Damaged(f"the end of the file in the midst of an element, after {self.size} bytes")
+        return piece
+
+    def _stop(self, length: int) -> int:
+        """Where a value of `length` bytes that begins here ends; the file's end where the length is not known."""
+        if length == UNDEFINED:
+            return self.size
+        if self.at + length > self.size:
+            raise Damaged(f"{self.size - self.at} of {length} bytes of a value at byte {self.at}")
+        return self.at + length
+
+    def _check_end(self, stop: int, length: int) -> None:
+        if self.at != stop or length == UNDEFINED:
+            raise Damaged(f"a sequence that does not end where it should, at byte {stop}")
+
+
+def after_meta(file: IO[bytes]) -> tuple[str, int]:
+    """Transfer syntax UID and where the dataset begins; the UID is empty where the file has no meta information.
+
+    PS3.10, clause 7.1: 128 bytes, 'DICM', then group 2 in explicit little endian.
+    """
+    file.seek(0)
+    if file.read(132)[128:] != b"DICM":
+        file.seek(0)
+        return "", 0
+    syntax, at = "", 132
+    while True:
+        head = file.read(8)
+        if len(head) < 8 or head[:2] != b"\x02\x00":
+            file.seek(at)
+            return syntax, at
+        length = int.from_bytes(head[6:8], "little")
+        start = at + 8
+        if head[4:6] in LONG_FORM:
+            length, start = int.from_bytes(file.read(4), "little"), at + 12
+        if head[2:4] == b"\x10\x00":
+            syntax = file.read(min(length, 64)).rstrip(b"\0 ").decode("ascii", "replace")
+        at = start + length
+        file.seek(at)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Segmentations and structure sets: which files are one, and their elements read from them.
+
+Only what makes labels is asked for; nothing about the patient is read.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from ....core import ReadError
+from ...optional_imports import needed, quiet
+from ..header import DEFLATED, EXPLICIT_BIG, IMPLICIT_LITTLE
+from .elements import Damaged, Elements, Found, after_meta
+from .references import Reference
+
+SEGMENTATION, STRUCTURES = "segmentation", "structure set"
+CLASSES = {
+    b"1.2.840.10008.5.1.4.1.1.66.4": SEGMENTATION,
+    b"1.2.840.10008.5.1.4.1.1.66.7": SEGMENTATION,  # label maps
+    b"1.2.840.10008.5.1.4.1.1.481.3": STRUCTURES,
+}
+# SOPClassUID of the meta information or of the dataset, explicit or implicit.
+CLASS_ELEMENT = re.compile(rb"(?:\x02\x00\x02\x00|\x08\x00\x16\x00)(?:UI..|..\x00\x00)([0-9.]{10,64})", re.DOTALL)
+HEAD = 2048  # bytes in which it stands
+MOST_UNPACKED = 1 << 31  # bytes of a deflated dataset
+READ_ERRORS = (Damaged, ValueError, OverflowError, zlib.error)
+
+
+def label_class(path: Path) -> str:
+    """'segmentation' or 'structure set' where a DICOM file is one, else empty."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+    except OSError:
+        return ""
+    if head[128:132] != b"DICM" and head[:2] != b"\x08\x00":
+        return ""
+    match = CLASS_ELEMENT.search(head)
+    return CLASSES.get(match[1].rstrip(b"."), "") if match else ""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[Elements, str]]:
+    """The elements of a file and its transfer syntax; what breaks within is a `ReadError` that names the file."""
+    try:
+        with path.open("rb") as file:
+            syntax, start = after_meta(file)
+            stream: IO[bytes] = file
+            if syntax == DEFLATED:
+                stream = io.BytesIO(_inflated(file.read(), path.name))
+            if syntax == EXPLICIT_BIG:
+                raise ReadError(f"{path.name} is stored in big endian, which is retired; convert it to little endian")
+            head = file.read(8)[4:6] if not syntax else b""
+            stream.seek(0 if syntax == DEFLATED else start)
+            implicit = syntax == IMPLICIT_LITTLE or (not syntax and not head.isalpha())
+            size = stream.seek(0, 2)
+            stream.seek(0 if syntax == DEFLATED else start)
+            yield Elements(stream, size, implicit), syntax
+    except READ_ERRORS as error:
+        reason = str(error) if isinstance(error, Damaged) else "its values are not those of its type"
+        raise ReadError(f"{path.name} is truncated or damaged ({reason}); copy or export it again") from error
+
+
+def _inflated(packed: bytes, name: str) -> bytes:
+    stream = zlib.decompressobj(-zlib.MAX_WBITS)
+    plain = stream.decompress(packed, MOST_UNPACKED)
+    if stream.unconsumed_tail:
+        raise ReadError(f"{name} unpacks to more than {MOST_UNPACKED} bytes; export it without compression")
+    return plain
+
+
+def numbers(value: bytes, count: int) -> tuple[float, ...]:
+    """`count` decimal numbers of a size that occurs; a `ValueError` where there are others."""
+    found = tuple(float(text) for text in value.rstrip(b"\0").split(b"\\"))
+    if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
+        raise Damaged(f"{len(found)} numbers such as {found[0]:g} where {count} in mm belong")
+    return found
+
+
+def whole(value: bytes) -> int:
+    """A number in words: IS."""
+    return int(value.rstrip(b"\0"))
+
+
+def unsigned(value: bytes) -> tuple[int, ...]:
+    """Numbers of 16 bits: US."""
+    return tuple(int.from_bytes(value[at : at + 2], "little") for at in range(0, len(value) // 2 * 2, 2))
+
+
+def uid(value: bytes) -> str:
+    """A UID, without its padding."""
+    return value.rstrip(b"\0 ").decode("ascii", "replace")
+
+
+def texts(found: Found) -> Any:
+    """A function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
+    charset = needed("pydicom.charset", "pydicom", "DICOM")
+    names = [name.strip().decode("ascii", "replace") for name in found.get(0x00080005, b"").split(b"\\")]
+
+    def decoded(value: bytes) -> str:
+        with quiet():
+            try:
+                text = charset.decode_bytes(value, charset.convert_encodings(names), set())
+            except (LookupError, ValueError):
+                text = value.decode("latin-1")
+        return str(text)
+
+    return decoded
+
+
+def reference_of(found: Found, series: list[Found], instances: int, uids: str = "") -> Reference:
+    """What a dataset says of the series it belongs to; `series` are the items with its UID.
+
+    `instances` is the tag of the sequence in them that names images.
+    """
+    named = [image[0x00081155] for item in series for image in item.get(instances, ()) if 0x00081155 in image]
+    return Reference(
+        frozenset(uid(item[0x0020000E]) for item in series if item.get(0x0020000E)),
+        frozenset(map(uid, named)),
+        uids or uid(found.get(0x00200052, b"")),
+    )

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The series that a segmentation or structure set was drawn on, looked for near the file.
+
+Looked through are the file's folder, the folders in it, and those beside it: as exports and archives lay them out.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ....core import ReadError, Steps
+from ..acquisitions import one_acquisition
+from ..header import ImageFile, Slice
+from ..series import headers_steps, one_geometry
+from ..stack_geometry import stack_up
+from .slice_grid import SliceGrid, grid_of_ct
+
+DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # folders in folders that are looked through
+MOST_FILES = 20_000  # looked at
+FEWEST_SLICES = 2
+
+
+class Reference(NamedTuple):
+    """What a file says of the series it belongs to; empty where it does not say it."""
+
+    series: frozenset[str]
+    instances: frozenset[str]
+    frame_of_reference: str
+
+    def matches(self, images: list[ImageFile]) -> list[ImageFile]:
+        """The images of the referenced series; of several the one with most of the slices that are named."""
+        candidates = [image for image in images if image.gray and not image.scout]
+        named = [image for image in candidates if image.uid in self.instances]
+        of_series = [image for image in candidates if image.series in self.series]
+        if not named and not of_series and self.frame_of_reference:
+            of_series = [image for image in candidates if image.frame_of_reference == self.frame_of_reference]
+        best = Counter(image.series for image in named or of_series).most_common(1)
+        return [image for image in candidates if best and image.series == best[0][0]]
+
+
+def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
+    """The slices of the referenced series that lie near `path`; none where there are too few."""
+    if not any(reference):
+        return []
+    for files in (below(path.parent, DEEPEST_BELOW), beside(path.parent)):
+        listed = [file for _, file in zip(range(MOST_FILES), files, strict=False)]
+        headers = yield from headers_steps(listed)
+        images = reference.matches([header for header in headers if isinstance(header, ImageFile)])
+        slices = [Slice(image, frame) for image in images for frame in range(len(image.frames))]
+        if len(slices) >= FEWEST_SLICES:
+            return slices
+    return []
+
+
+def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, list[str]]:
+    """The grid of the volume that these slices make, and what was done to make it."""
+    slices, notes = one_geometry(slices, path)
+    slices, left_out = one_acquisition(slices)
+    spacing = slices[0].geometry.spacing
+    if spacing is None or min(spacing) <= 0:
+        raise ReadError(f"the series that {path.name} refers to has no PixelSpacing; export it again")
+    geometry = slices[0].geometry
+    positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
+    names = [ct_slice.name for ct_slice in slices]
+    stack = stack_up(positions, geometry.orientation or (), spacing, names, strict)
+    return grid_of_ct(slices, stack, spacing), [*notes, *left_out, *stack.notes]
+
+
+def below(folder: Path, deepest: int) -> Iterator[Path]:
+    """Files of a folder and of those in it; hidden ones and what cannot be listed are passed over."""
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    inner = []
+    for entry in entries:
+        if entry.name.startswith("."):
+            continue
+        if entry.is_dir(follow_symlinks=False):
+            inner.append(Path(entry.path))
+        elif entry.is_file():
+            yield Path(entry.path)
+    if deepest:
+        for path in inner:
+            yield from below(path, deepest - 1)
+
+
+def beside(folder: Path) -> Iterator[Path]:
+    """Files of the folders beside `folder`; none where those would be a home's or the whole disk's."""
+    folder = folder.resolve()
+    around = folder.parent
+    if around in (folder, around.parent, Path.home().parent, Path.home()):
+        return
+    try:
+        siblings = sorted(entry.path for entry in os.scandir(around) if entry.is_dir(follow_symlinks=False))
+    except OSError:
+        return
+    for sibling in map(Path, siblings):
+        if sibling != folder and not sibling.name.startswith("."):
+            yield from below(sibling, DEEPEST_BESIDE)

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a DICOM segmentation says of its frames and segments, checked before anything is made of it.
+
+Positions are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core import ReadError, Steps
+from ...colors import RGB, rgb_of_cielab
+from ...label_map import MOST_LABELS, clean_name
+from ..header import UNCOMPRESSED, ImageFile, Pixels, missing_pixels
+from .elements import PIXELS, VALUE, Damaged, Found
+from .label_file import numbers, opened, reference_of, texts, uid, unsigned, whole
+from .references import Reference
+
+FRAME_GROUP = {
+    0x00209113: {0x00200032: VALUE},  # position
+    0x00209116: {0x00200037: VALUE},  # orientation
+    0x00289110: {0x00280030: VALUE, 0x00180050: VALUE, 0x00180088: VALUE},  # spacing, thickness, gap
+    0x0062000A: {0x0062000B: VALUE},  # segment
+}
+WANTED = {
+    0x00080005: VALUE,
+    0x00081115: {0x0020000E: VALUE, 0x0008114A: {0x00081155: VALUE}},  # referenced series and their images
+    0x0020000E: VALUE,
+    0x00200052: VALUE,
+    0x00280008: VALUE,
+    0x00280010: VALUE,
+    0x00280011: VALUE,
+    0x00280100: VALUE,
+    0x00280120: VALUE,
+    0x00620001: VALUE,
+    0x00620002: {0x00620004: VALUE, 0x00620005: VALUE, 0x0062000D: VALUE},
+    0x0062000E: VALUE,
+    0x52009229: FRAME_GROUP,
+    0x52009230: FRAME_GROUP,
+}
+SAME_WAY = 1e-4
+TYPES = {"BINARY": (1, 8), "FRACTIONAL": (8,), "LABELMAP": (8, 16)}  # bits of a pixel
+
+
+class Frames(NamedTuple):
+    """Where the frames of a file lie, LPS+ mm."""
+
+    positions: NDArray[np.float64]  # (n, 3)
+    segments: NDArray[np.int64]  # (n,), 0 in a label map
+    orientation: tuple[float, ...]
+    spacing: tuple[float, ...]  # between rows, between columns
+    gap: float  # between slices, 0 where the file does not say it
+
+
+class Header(NamedTuple):
+    """What one file says of its segmentation."""
+
+    image: ImageFile
+    kind: str  # BINARY, FRACTIONAL or LABELMAP
+    half: float  # of the largest fraction
+    padding: int  # value of a label map that means 'no segment'
+    names: dict[int, str]
+    colors: dict[int, RGB]
+    frames: Frames
+    reference: Reference
+
+
+def header_steps(path: Path) -> Steps[Header]:
+    """What the file says of its frames and segments, checked."""
+    with opened(path) as (elements, syntax):
+        found = yield from elements.dataset_steps(WANTED)
+        kind = uid(found.get(0x00620001, b"")).upper()
+        if kind not in TYPES:
+            raise ReadError(f"{path.name} is a segmentation of type '{kind}', and {', '.join(TYPES)} are read")
+        image = image_of(path, found, syntax, kind, elements.size)
+        decoded = texts(found)
+        names, colors = segments_of(found, decoded, path.name)
+        largest = unsigned(found.get(0x0062000E, b"\xff\0"))[0]
+        padding = unsigned(found.get(0x00280120, b"\0\0"))[0] if kind == "LABELMAP" else 0
+        series = found.get(0x00081115, [])
+        reference = reference_of(found, series, 0x0008114A)
+        frames = frames_of_header(found, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
+    unknown = sorted(set(frames.segments.tolist()) - set(names)) if kind != "LABELMAP" else []
+    if unknown:
+        raise ReadError(f"{path.name} has frames of segment {unknown[0]}, which it does not describe; export it again")
+    return Header(image, kind, largest / 2, padding, names, colors, frames, reference)
+
+
+def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> ImageFile:
+    """Size and place of the pixels."""
+    pixels = found.get(PIXELS[-1])
+    if pixels is None:
+        raise ReadError(f"{path.name} is a truncated segmentation: it has no pixels; copy it again")
+    frame_count = whole(found.get(0x00280008, b"0"))
+    rows, columns, bits = (unsigned(found.get(tag, b"\0\0"))[0] for tag in (0x00280010, 0x00280011, 0x00280100))
+    if min(frame_count, rows, columns) < 1 or bits not in TYPES[kind]:
+        raise ReadError(
+            f"{path.name} says it has {frame_count} frames of {columns} x {rows} pixels of {bits} bits, which no "
+            f"segmentation of type {kind} has; export it again"
+        )
+    options = {
+        "number_of_frames": frame_count,
+        "rows": rows,
+        "columns": columns,
+        "bits_allocated": bits,
+        "bits_stored": bits,
+        "samples_per_pixel": 1,
+        "photometric_interpretation": "MONOCHROME2",
+        "pixel_representation": 0,
+        "pixel_keyword": "PixelData",
+        "pixel_vr": pixels.vr or "OW",
+    }
+    stored = Pixels(syntax, bool(syntax) and syntax not in UNCOMPRESSED, False, None, pixels.start, options)
+    damage = missing_pixels(stored, pixels.length, size)
+    if damage:
+        raise ReadError(f"{path.name} is truncated or damaged ({damage}); copy it again")
+    return ImageFile(
+        path=path,
+        series=uid(found.get(0x0020000E, b"")),
+        modality="SEG",
+        rows=rows,
+        columns=columns,
+        uid="",
+        frame_of_reference=uid(found.get(0x00200052, b"")),
+        instance=0,
+        acquisition=("", ""),
+        scout=False,
+        gray=True,
+        hounsfield=False,
+        lookup=False,
+        pixels=stored,
+        frames=(),
+    )
+
+
+def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tuple[dict[int, str], dict[int, RGB]]:
+    """Names and colors of the segments by number; a map's number 0 is what lies around them."""
+    names: dict[int, str] = {}
+    colors: dict[int, RGB] = {}
+    for item in found.get(0x00620002, ()):
+        number = unsigned(item.get(0x00620004, b""))
+        if not number or number[0] in names:
+            raise ReadError(f"{name} has two segments of one number or one without; export it again")
+        names[number[0]] = clean_name(decoded(item.get(0x00620005, b"")), f"segment {number[0]}")
+        cielab = unsigned(item.get(0x0062000D, b""))
+        if len(cielab) == 3:
+            colors[number[0]] = rgb_of_cielab(cielab)
+    if not names:
+        raise ReadError(f"{name} describes no segment; export it again")
+    return names, colors
+
+
+def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frames:
+    """Place and segment of every frame, its own or shared by all."""
+    groups = found.get(0x52009230, [])
+    if len(groups) != count:
+        raise Damaged(f"{len(groups)} functional groups for {count} frames")
+    shared = (found.get(0x52009229) or [{}])[0]
+
+    def of(group: Found, sequence: int, tag: int) -> bytes:
+        for source in (group, shared):
+            items = source.get(sequence)
+            if items and items[0].get(tag):
+                return bytes(items[0][tag])
+        return b""
+
+    places, segments, ways = [], [], set()
+    for group in groups:
+        position = of(group, 0x00209113, 0x00200032)
+        if not position:
+            raise ReadError(
+                f"the frames of {name} have no position in the patient (ImagePositionPatient), as those of slide "
+                "microscopy; export the segmentation of a CT"
+            )
+        places.append(position)
+        ways.add((of(group, 0x00209116, 0x00200037), of(group, 0x00289110, 0x00280030)))
+        segment = unsigned(of(group, 0x0062000A, 0x0062000B))
+        if not is_map and not (segment and 0 < segment[0] <= MOST_LABELS):
+            raise Damaged("a frame without a segment")
+        segments.append(0 if is_map else segment[0])
+    if not all(part for way in ways for part in way):
+        raise ReadError(f"the frames of {name} have no orientation or no PixelSpacing; export it again")
+    orientation, spacing = one_way({(numbers(turn, 6), numbers(sides, 2)) for turn, sides in ways}, name)
+    unique = {place: numbers(place, 3) for place in set(places)}
+    first = groups[0]
+    gap = of(first, 0x00289110, 0x00180088) or of(first, 0x00289110, 0x00180050)
+    return Frames(
+        np.array([unique[place] for place in places], np.float64),
+        np.array(segments, np.int64),
+        orientation,
+        spacing,
+        abs(numbers(gap, 1)[0]) if gap else 0.0,
+    )
+
+
+def one_way(
+    ways: set[tuple[tuple[float, ...], tuple[float, ...]]], name: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Orientation and spacing of all frames, or a `ReadError` where there are several."""
+    first = min(ways)
+    for orientation, spacing in ways:
+        turn = max(abs(a - b) for a, b in zip(orientation, first[0], strict=True))
+        scale = max(abs(a - b) for a, b in zip(spacing, first[1], strict=True))
+        if turn > SAME_WAY or scale > SAME_WAY * max(spacing):
+            raise ReadError(f"the frames of {name} have {len(ways)} orientations or spacings; export each by itself")
+        if min(spacing) <= 0:
+            raise ReadError(f"the frames of {name} have a PixelSpacing of {min(spacing):g} mm; export it again")
+    return first

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The grid on which a segmentation or structure set becomes labels: that of its CT, or one made of its own frames.
+
+Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core import ReadError
+from ..header import Slice
+from ..stack_geometry import SAME_MM, Stack, checked_normal, dot
+
+EVEN = 0.1  # shares of a gap that a frame may stand beside its place
+ON_PIXEL = 0.1  # pixels that a frame may lie beside those of the grid
+MOST_SLICES = 65536
+FINEST_MM = 1e-3
+
+
+class SliceGrid(NamedTuple):
+    """Slices of one orientation and spacing.
+
+    Parameters
+    ----------
+    positions : (n, 3) float64
+        Of the first pixel of each slice that was scanned, LPS+ mm, along the normal.
+    orientation : 6 floats
+        Direction of a row, then of a column.
+    spacing : (row_mm, column_mm)
+        Between rows, then between columns.
+    shape : (slices, rows, columns) int
+        Of the volume.
+    affine : (4, 4) float64
+        Of the volume, to RAS+ mm.
+    source : (slices,) int64
+        For every slice of the volume the scanned slice whose labels it has; they differ where a CT was resampled.
+    """
+
+    positions: NDArray[np.float64]
+    orientation: tuple[float, ...]
+    spacing: tuple[float, ...]
+    shape: tuple[int, int, int]
+    affine: NDArray[np.float64]
+    source: NDArray[np.int64]
+
+    @property
+    def gap(self) -> float:
+        """Usual distance between slices, mm."""
+        heights = dot(self.positions, self._axes()[2])
+        return float(np.median(np.diff(heights)))
+
+    def _axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        row, column = np.array(self.orientation[:3], np.float64), np.array(self.orientation[3:], np.float64)
+        return row, column, checked_normal(row, column)
+
+    def located(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The nearest scanned slice of each point (n, 3), its column and row there, and the way to it along the normal.
+
+        Columns and rows are pixels and not rounded; the way is in mm.
+        """
+        row, column, normal = self._axes()
+        heights, along = dot(self.positions, normal), dot(points, normal)
+        above = np.clip(np.searchsorted(heights, along), 1, len(heights) - 1)
+        nearest = above - (along - heights[above - 1] <= heights[above] - along)
+        offset = points - self.positions[nearest]
+        x, y = dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]
+        return nearest, x, y, along - heights[nearest]
+
+    def on_slice(self, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float, float]:
+        """The scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
+
+        Then its way to the slice, and how far it leaves a plane parallel to it, mm.
+        """
+        row, column, normal = self._axes()
+        heights, along = dot(self.positions, normal), dot(points, normal)
+        middle = float(along.min() + along.max()) / 2
+        above = int(np.clip(np.searchsorted(heights, middle), 1, len(heights) - 1))
+        nearest = above - int(middle - heights[above - 1] <= heights[above] - middle)
+        offset = points - self.positions[nearest]
+        corners = np.stack([dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]], axis=1)
+        return nearest, corners, middle - float(heights[nearest]), float(np.ptp(along)) / 2
+
+    def places(
+        self,
+        positions: NDArray[np.float64],
+        orientation: Sequence[float],
+        spacing: Sequence[float],
+        size: tuple[int, int],
+    ) -> NDArray[np.int64] | None:
+        """Slice, first row and first column of frames of `size` (rows, columns), (n, 3); None if they do not fit."""
+        turn = max(abs(a - b) for a, b in zip(orientation, self.orientation, strict=True))
+        reach = ON_PIXEL / max(size)  # what a frame's far end may be beside
+        scale = max(abs(a / b - 1) for a, b in zip(spacing, self.spacing, strict=True))
+        if turn > reach or scale > reach:
+            return None
+        nearest, x, y, way = self.located(positions)
+        first = np.stack([nearest, np.rint(y), np.rint(x)], axis=1).astype(np.int64)  # (n, 3)
+        beside = max(float(np.abs(y - first[:, 1]).max()), float(np.abs(x - first[:, 2]).max()))
+        inside = (first[:, 1:] >= 0).all() and (first[:, 1:] + size <= self.shape[1:]).all()
+        fits = beside <= ON_PIXEL and inside and float(np.abs(way).max()) <= EVEN * self.gap
+        return first if fits else None
+
+
+def grid_of_ct(slices: Sequence[Slice], stack: Stack, spacing: Sequence[float]) -> SliceGrid:
+    """The grid of the volume that is read from `slices` in the order of `stack`."""
+    ordered = [slices[at] for at in stack.order]
+    image = ordered[0].image
+    positions = np.array([ct_slice.geometry.position for ct_slice in ordered], np.float64)
+    source = stack.below + (stack.weight >= 0.5)
+    shape = (len(stack.below), image.rows, image.columns)
+    return SliceGrid(
+        positions, ordered[0].geometry.orientation or (), tuple(spacing), shape, stack.affine, source.astype(np.int64)
+    )
+
+
+def grid_of_frames(
+    positions: NDArray[np.float64],
+    orientation: Sequence[float],
+    spacing: Sequence[float],
+    size: tuple[int, int],
+    gap_hint: float,
+    name: str,
+) -> tuple[SliceGrid, list[str]]:
+    """An even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
+
+    `gap_hint` is the distance between slices that the file tells, 0 where it tells none. A `ReadError` that calls the
+    file `name` where the frames do not stand on an even grid.
+    """
+    row, column = np.array(orientation[:3], np.float64), np.array(orientation[3:], np.float64)
+    normal = checked_normal(row, column)
+    heights, first = np.unique(np.round(dot(positions, normal) / SAME_MM).astype(np.int64), return_index=True)
+    ends = positions[first[0]], positions[first[-1]]
+    height = dot(positions[first], normal)
+    notes = []
+    if len(heights) == 1:
+        gap = gap_hint or 1.0
+        step, count, start = normal * gap, 3, ends[0] - normal * gap
+        notes.append(f"all frames lie in one slice; an empty slice was added on both sides, {gap:.4g} mm away")
+    else:
+        total = float(height[-1] - height[0])
+        count = next((count for count in counts(height, gap_hint) if count), 0)
+        if not count:
+            raise ReadError(
+                f"the frames of {name} do not stand at even distances, and the series that it refers to is not beside "
+                "it; put the two in one folder"
+            )
+        step, start = (ends[1] - ends[0]) / (count - 1), ends[0]
+        share = (height - height[0]) / total
+        off = positions[first] - (ends[0] + share[:, None] * (ends[1] - ends[0]))
+        if math.sqrt(float((off * off).sum(axis=1).max())) > 0.5 * min(spacing):
+            raise ReadError(f"the frames of {name} do not stand behind each other; export it with frames of one size")
+    slices = np.arange(count, dtype=np.int64)
+    affine = np.eye(4)
+    affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start
+    affine[:2] *= -1.0  # LPS to RAS
+    return SliceGrid(
+        start + slices[:, None] * step, tuple(orientation), tuple(spacing), (count, *size), affine, slices
+    ), notes
+
+
+def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
+    """Slices of an even grid through all `heights`, for the gap that the file tells and for the narrowest one found.
+
+    0 where the grid would not be even, or too fine to be meant.
+    """
+    total = float(heights[-1] - heights[0])
+    found = []
+    for gap in (gap_hint, float(np.diff(heights).min())):
+        steps = round(total / gap) if gap >= FINEST_MM and total / gap < MOST_SLICES else 0
+        even = False
+        if steps:
+            index = (heights - heights[0]) * (steps / total)
+            even = bool(np.abs(index - np.rint(index)).max() <= EVEN)
+            even = even and len(np.unique(np.rint(index))) == len(heights)
+        found.append(steps + 1 if even else 0)
+    return found

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""DICOM segmentations: every frame in its place, of every type, alone and beside the CT."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pydicom
+import pytest
+
+from ctmc_addon.core import CtmcError
+from ctmc_addon.readers import open_volume, read_volume, volume_name
+
+DEFLATED, DEFLATED_FRAMES, RLE = "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.8.1", "1.2.840.10008.1.2.5"
+
+
+def said(volume, text):
+    return any(text in note for note in volume.notes)
+
+
+def masks(count, shape=(5, 7), seed=3):
+    """Random pixels; 5 x 7 bits do not end with a byte."""
+    return np.random.default_rng(seed).integers(0, 2, (count, *shape)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("undefined", [False, True])
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.1", DEFLATED, DEFLATED_FRAMES])
+def test_frames_of_one_bit_in_any_order_stand_where_they_belong(tmp_path, save_segmentation, syntax, undefined):
+    planes = masks(4)
+    order = [2, 0, 3, 1]
+    frames = [(1, (-10, -20, 2.5 * z), planes[z]) for z in order]
+    save_segmentation(tmp_path / "organs.dcm", frames, syntax=syntax, undefined=undefined)
+    volume = read_volume(tmp_path / "organs.dcm")
+    np.testing.assert_array_equal(volume.values, planes)
+    assert (volume.kind, volume.name, volume.values.dtype) == ("label", "organs", np.uint8)
+    assert volume.label_names == {1: "liver", 2: "tumor", 3: "vessel"}
+    assert volume.label_colors == {1: (0, 255, 0), 2: (255, 0, 0), 3: (0, 255, 0)}
+    np.testing.assert_allclose(
+        volume.affine, [[-0.5, 0, 0, 10], [0, -0.8, 0, 20], [0, 0, 2.5, 0], [0, 0, 0, 1]], atol=1e-12
+    )
+    assert said(volume, "2 of 3 segments are empty: tumor, vessel")
+
+
+def test_frames_left_out_are_empty_slices_and_the_ct_beside_it_tells_how_many(tmp_path, save_segmentation, save_stack):
+    planes = masks(2)
+    frames = [(1, (-10, -20, 4), planes[0]), (2, (-10, -20, 10), planes[1])]
+    save_segmentation(tmp_path / "seg.dcm", frames, gap=2.0)
+    alone = read_volume(tmp_path / "seg.dcm")
+    assert alone.values.shape == (4, 5, 7)
+    np.testing.assert_array_equal(alone.values[[0, 3]], planes * [[[1]], [[2]]])
+    assert not alone.values[1:3].any()
+    save_stack(tmp_path / "ct", range(0, 16, 2))
+    beside = read_volume(tmp_path / "seg.dcm")
+    assert beside.values.shape == (8, 5, 7)
+    np.testing.assert_array_equal(beside.values[2:6], alone.values)
+    np.testing.assert_allclose(beside.affine, read_volume(tmp_path / "ct").affine)
+    assert open_volume(tmp_path / "seg.dcm").series[0].shape == (8, 5, 7)
+
+
+def test_the_ct_is_found_in_a_folder_beside_that_of_the_segmentation(tmp_path, save_segmentation, save_stack):
+    save_segmentation(tmp_path / "study" / "seg" / "1-1.dcm", [(1, (-10, -20, 2), masks(1)[0])])
+    save_stack(tmp_path / "study" / "ct", range(0, 10, 2))
+    assert read_volume(tmp_path / "study" / "seg" / "1-1.dcm").values.shape == (5, 5, 7)
+
+
+def test_a_smaller_segmentation_is_put_into_its_place_in_the_ct(tmp_path, save_segmentation, save_stack):
+    plane = masks(1, (3, 2))[0]
+    save_segmentation(tmp_path / "seg.dcm", [(1, (-10 + 2 * 0.5, -20 + 0.8, 2), plane)])
+    save_stack(tmp_path / "ct", range(0, 10, 2))
+    volume = read_volume(tmp_path / "seg.dcm")
+    expected = np.zeros((5, 5, 7), np.uint8)
+    expected[1, 1:4, 2:4] = plane
+    np.testing.assert_array_equal(volume.values, expected)
+
+
+def test_a_ct_of_another_grid_is_said_and_the_frames_make_their_own(tmp_path, save_segmentation, save_stack):
+    frames = [(1, (-10.25, -20, z), plane) for z, plane in zip((0, 2, 4), masks(3), strict=True)]
+    save_segmentation(tmp_path / "seg.dcm", frames)
+    save_stack(tmp_path / "ct", range(0, 10, 2))
+    volume = read_volume(tmp_path / "seg.dcm")
+    assert volume.values.shape == (3, 5, 7)
+    assert said(volume, "its frames do not lie on the slices")
+
+
+def test_labels_of_a_resampled_ct_take_the_nearest_slice(tmp_path, save_segmentation, save_stack):
+    heights = (0, 2, 4, 5, 6)
+    planes = masks(5) + np.arange(5, dtype=np.uint8)[:, None, None] * 0
+    frames = [(1, (-10, -20, z), plane) for z, plane in zip(heights, planes, strict=True)]
+    save_segmentation(tmp_path / "seg.dcm", frames)
+    save_stack(tmp_path / "ct", heights)
+    volume = read_volume(tmp_path / "seg.dcm")
+    np.testing.assert_array_equal(volume.values, planes[[0, 1, 1, 2, 2, 3, 4]][: len(volume.values)])
+    assert volume.values.shape == read_volume(tmp_path / "ct").values.shape
+
+
+def test_where_segments_overlap_the_higher_number_keeps_the_voxel_in_any_order(tmp_path, save_segmentation):
+    first, second = np.zeros((2, 5, 7), np.uint8)
+    first[1:4, 1:4], second[2:5, 2:5] = 1, 1
+    expected = np.maximum(first, 2 * second)
+    frames = [(segment, (0, 0, z), plane) for z in (0, 1) for segment, plane in ((1, first), (2, second))]
+    for order in (frames, frames[::-1]):
+        save_segmentation(tmp_path / "seg.dcm", order)
+        volume = read_volume(tmp_path / "seg.dcm")
+        np.testing.assert_array_equal(volume.values, [expected, expected])
+        assert said(volume, "the one with the higher number keeps the voxel: lost to others are liver 8 voxels")
+
+
+def test_a_fraction_of_a_half_or_more_is_inside(tmp_path, save_segmentation):
+    plane = np.arange(35, dtype=np.uint8).reshape(5, 7)
+    frames = [(3, (0, 0, z), plane) for z in (0, 1)]
+    save_segmentation(tmp_path / "seg.dcm", frames, "FRACTIONAL", MaximumFractionalValue=20)
+    np.testing.assert_array_equal(read_volume(tmp_path / "seg.dcm").values[1], 3 * (plane >= 10))
+    save_segmentation(tmp_path / "seg.dcm", frames, "FRACTIONAL", MaximumFractionalValue=21)
+    np.testing.assert_array_equal(read_volume(tmp_path / "seg.dcm").values[1], 3 * (plane >= 11))
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("compress", [None, RLE])
+def test_a_label_map_keeps_its_numbers_and_padding_is_background(tmp_path, save_segmentation, bits, compress):
+    plane = np.random.default_rng(0).choice([0, 1, 2, 5], (5, 7)).astype(np.uint8)
+    frames = [(None, (0, 0, z), plane) for z in (0, 2)]
+    save_segmentation(tmp_path / "seg.dcm", frames, "LABELMAP", gap=1.0, bits=bits, PixelPaddingValue=5)
+    if compress:
+        dataset = pydicom.dcmread(tmp_path / "seg.dcm")
+        dataset.compress(compress, generate_instance_uid=False)
+        dataset.save_as(tmp_path / "seg.dcm")
+    volume = read_volume(tmp_path / "seg.dcm")
+    labels = np.where(plane == 5, 0, plane)
+    np.testing.assert_array_equal(volume.values, [labels, 0 * labels, labels])
+    assert volume.values.dtype == (np.uint8 if bits == 8 else np.uint16)
+
+
+def test_an_oblique_segmentation_lies_where_its_positions_say(tmp_path, save_segmentation):
+    row, column = np.array([0.8, 0.6, 0.0]), np.array([0.0, 0.0, -1.0])
+    normal = np.cross(row, column)
+    planes = masks(3)
+    start = np.array([3.0, -4.0, 5.0])
+    frames = [(1, start + 1.5 * at * normal, planes[at]) for at in (1, 2, 0)]
+    save_segmentation(tmp_path / "seg.dcm", frames, orientation=(*row, *column))
+    volume = read_volume(tmp_path / "seg.dcm")
+    np.testing.assert_array_equal(volume.values, planes)
+    expected = (start + 6 * 0.5 * row + 4 * 0.8 * column + 2 * 1.5 * normal) * (-1, -1, 1)
+    np.testing.assert_allclose((volume.affine @ (6, 4, 2, 1))[:3], expected, atol=1e-9)
+
+
+def test_a_single_frame_gets_an_empty_slice_on_both_sides(tmp_path, save_segmentation):
+    plane = masks(1)[0]
+    save_segmentation(tmp_path / "seg.dcm", [(1, (0, 0, 7), plane)], gap=2.5)
+    volume = read_volume(tmp_path / "seg.dcm")
+    np.testing.assert_array_equal(volume.values, [0 * plane, plane, 0 * plane])
+    assert volume.affine[2, 3] == pytest.approx(4.5)
+    assert said(volume, "an empty slice was added on both sides, 2.5 mm away")
+
+
+def test_names_are_decoded_and_nothing_of_the_patient_is_kept(tmp_path, save_segmentation):
+    save_segmentation(tmp_path / "s.dcm", [(1, (0, 0, 7), masks(1)[0])], names=["Leber ä\n肝", ""])
+    volume = read_volume(tmp_path / "s.dcm")
+    assert volume.label_names == {1: "Leber ä 肝", 2: "segment 2"}
+    assert "Muster" not in repr(vars(open_volume(tmp_path / "s.dcm"))) + repr(volume)
+    assert volume_name(tmp_path / "s.dcm") == "s"
+
+
+@pytest.mark.parametrize(
+    ("tags", "words"),
+    [
+        ({"NumberOfFrames": 2_000_000_000}, "bytes of pixels"),
+        ({"NumberOfFrames": 0}, "0 frames"),
+        ({"Rows": 0}, "0 pixels"),
+        ({"BitsAllocated": 32}, "32 bits"),
+        ({"SegmentationType": "SURFACE"}, "type 'SURFACE'"),
+        ({"SegmentSequence": None}, "describes no segment"),
+        ({"PerFrameFunctionalGroupsSequence": None}, "0 functional groups for 3 frames"),
+        ({"SharedFunctionalGroupsSequence": None}, "no orientation or no PixelSpacing"),
+        ({"PixelData": None}, "no pixels"),
+    ],
+)
+def test_headers_that_cannot_be_are_refused_in_a_sentence(tmp_path, save_segmentation, tags, words):
+    frames = [(1, (0, 0, z), plane) for z, plane in enumerate(masks(3))]
+    save_segmentation(tmp_path / "seg.dcm", frames, **tags)
+    with pytest.raises(CtmcError, match=words):
+        read_volume(tmp_path / "seg.dcm")
+
+
+@pytest.mark.parametrize(
+    ("heights", "words"),
+    [
+        ((0, 1, 2.5), "do not stand at even distances"),
+        ((0, 1, 1e9), "numbers such as 0 where 3 in mm belong"),
+        ((0, 123456, 1), "where 3 in mm belong"),
+        ((0, 1, 1), "2 frames of a segment|1 frames of a segment"),
+    ],
+)
+def test_places_that_make_no_grid_are_refused_in_a_sentence(tmp_path, save_segmentation, heights, words):
+    frames = [(1, (0, 0, str(z)), plane) for z, plane in zip(heights, masks(3), strict=True)]
+    path = tmp_path / "seg.dcm"
+    save_segmentation(path, frames)
+    path.write_bytes(path.read_bytes().replace(b"123456", b"   nan"))
+    with pytest.raises(CtmcError, match=words):
+        read_volume(tmp_path / "seg.dcm")
+
+
+def test_slices_farther_apart_than_memory_holds_are_refused_before_anything_is_made(tmp_path, save_segmentation):
+    frames = [(1, (0, 0, z), np.ones((3000, 3000), np.uint8)) for z in (0, 900_000, 900_000 + 14)]
+    save_segmentation(tmp_path / "seg.dcm", frames)
+    with pytest.raises(CtmcError, match="memory"):
+        read_volume(tmp_path / "seg.dcm")
+
+
+# What highdicom 0.28.2 reads: Segmentation.get_volume, the higher number over the lower (see the digests' recipe).
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("liver", {1: 107098}),
+        ("partial_overlaps", {1: 6518, 2: 11838, 3: 10743, 4: 6693, 5: 4713}),
+        ("sparse-labelmap-noppv", {1: 630}),
+        ("sparse-labelmap-ppv5", {1: 630}),
+    ],
+)
+def test_real_segmentations_are_what_highdicom_reads(real, name, counts):
+    volume = read_volume(real(f"seg_dcmqi/{name}.dcm"))
+    values, voxels = np.unique(volume.values[volume.values > 0], return_counts=True)
+    assert dict(zip(values.tolist(), voxels.tolist(), strict=True)) == counts
+
+
+def test_the_real_liver_is_dcmqis_own_export_of_it(real):
+    labels = read_volume(real("seg_dcmqi/liver_seg.nrrd"))
+    volume = read_volume(real("seg_dcmqi/liver.dcm"))
+    assert hashlib.sha256(volume.values).hexdigest() == hashlib.sha256(labels.values.astype(np.uint8)).hexdigest()
+    np.testing.assert_allclose(volume.affine, labels.affine, atol=1e-5)
+    assert (volume.label_names, volume.label_colors) == ({1: "Liver"}, {1: (221, 130, 101)})
