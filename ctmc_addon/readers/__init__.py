@@ -15,7 +15,7 @@ from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_cou
 from ..core.volume import Volume
 from .dicom import series as dicom_series
 from .dicom.header import is_multi_frame, may_be_dicom
-from .dicom.labels.label_file import SEGMENTATION, STRUCTURES, label_class
+from .dicom.labels.classes import SEGMENTATION, STRUCTURES, label_class
 from .dicom.labels.segmentation import SegmentationSource
 from .dicom.labels.structures import StructureSource
 from .file_formats import (

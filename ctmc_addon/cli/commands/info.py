@@ -70,13 +70,18 @@ def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
 
 
 def labels_of(volume: Volume) -> list[dict[str, Any]]:
-    """Every label with its value, its name if it has one, and its voxels."""
+    """Every label with its value, its name and sRGB color if it has them, and its voxels."""
     if volume.kind != "label":
         return []
     counts = {value: extent.voxels for value, extent in finish(label_extents_steps(volume)).items()}
     counts[0] = volume.values.size - sum(counts.values())
     return [
-        {"value": value, "name": volume.label_names.get(value, ""), "voxels": count}
+        {
+            "value": value,
+            "name": volume.label_names.get(value, ""),
+            "color": "#{:02x}{:02x}{:02x}".format(*color) if (color := volume.label_colors.get(value)) else None,
+            "voxels": count,
+        }
         for value, count in sorted(counts.items())
         if count
     ]
@@ -97,6 +102,7 @@ def text_of(facts: dict[str, Any]) -> str:
         labels.append(f"and {len(facts['labels']) - MOST_LABELS} more")
     lines = [
         ("name", facts["name"]),
+        ("format", facts["format"]),
         ("shape", f"{dimensions(facts['size'])} (columns x rows x slices)"),
         ("spacing", f"{dimensions(facts['spacing_mm'])} mm"),
         (

@@ -18,8 +18,10 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import CtmcError, ReadError
+from ...core import CtmcError, ReadError, finish
 from ..dicom.header import ImageFile, read_header
+from ..dicom.labels.classes import SEGMENTATION, label_class
+from ..dicom.labels.segmentation_header import header_steps
 from ..dicom.pixels import stored_frames
 from ..optional_imports import needed, quiet
 
@@ -85,6 +87,8 @@ def decoded(path: Path, frame: int) -> NDArray[Any]:
 @lru_cache(1)
 def header_of(path: Path) -> ImageFile:
     """The header, kept for a file's next frame."""
+    if label_class(path) == SEGMENTATION:
+        return finish(header_steps(path)).image
     header = read_header(path)
     if not isinstance(header, ImageFile):
         raise ReadError(f"{path.name} is no longer the DICOM image that it was; read it again")

@@ -18,6 +18,7 @@ from typing import IO, Any, NamedTuple
 from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
 from ..optional_imports import needed, quiet
 from .frames import FrameGeometry, frame_geometries
+from .labels.classes import label_class
 
 PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
 CALLED_KEYWORDS = ["SeriesNumber", "SeriesDescription", "ConvolutionKernel"]
@@ -186,6 +187,8 @@ def read_header(path: Path) -> ImageFile | Broken | None:
         return None
     with path.open("rb") as file:
         preamble = has_preamble(file)
+        if label_class(path):
+            return None
         if preamble or looks_like_dataset(file):
             return _parsed(path, file, preamble)
         size = file.seek(0, 2)

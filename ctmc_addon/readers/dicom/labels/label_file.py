@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Segmentations and structure sets: which files are one, and their elements read from them.
+"""Elements of segmentations and structure sets, and their values.
 
 Only what makes labels is asked for; nothing about the patient is read.
 """
@@ -7,7 +7,6 @@ Only what makes labels is asked for; nothing about the patient is read.
 from __future__ import annotations
 
 import io
-import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,34 +15,11 @@ from typing import IO, Any
 
 from ....core import ReadError
 from ...optional_imports import needed, quiet
-from ..header import DEFLATED, EXPLICIT_BIG, IMPLICIT_LITTLE
+from ..header import DEFLATED, EXPLICIT_BIG, IMPLICIT_LITTLE, unpacks_without_end
 from .elements import Damaged, Elements, Found, after_meta
 from .references import Reference
 
-SEGMENTATION, STRUCTURES = "segmentation", "structure set"
-CLASSES = {
-    b"1.2.840.10008.5.1.4.1.1.66.4": SEGMENTATION,
-    b"1.2.840.10008.5.1.4.1.1.66.7": SEGMENTATION,  # label maps
-    b"1.2.840.10008.5.1.4.1.1.481.3": STRUCTURES,
-}
-# SOPClassUID of the meta information or of the dataset, explicit or implicit.
-CLASS_ELEMENT = re.compile(rb"(?:\x02\x00\x02\x00|\x08\x00\x16\x00)(?:UI..|..\x00\x00)([0-9.]{10,64})", re.DOTALL)
-HEAD = 2048  # bytes in which it stands
-MOST_UNPACKED = 1 << 31  # bytes of a deflated dataset
 READ_ERRORS = (Damaged, ValueError, OverflowError, zlib.error)
-
-
-def label_class(path: Path) -> str:
-    """'segmentation' or 'structure set' where a DICOM file is one, else empty."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-    except OSError:
-        return ""
-    if head[128:132] != b"DICM" and head[:2] != b"\x08\x00":
-        return ""
-    match = CLASS_ELEMENT.search(head)
-    return CLASSES.get(match[1].rstrip(b"."), "") if match else ""
 
 
 @contextmanager
@@ -54,7 +30,10 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
             syntax, start = after_meta(file)
             stream: IO[bytes] = file
             if syntax == DEFLATED:
-                stream = io.BytesIO(_inflated(file.read(), path.name))
+                if unpacks_without_end(file):
+                    raise ReadError(f"{path.name} unpacks to far more than its size tells of; copy it again")
+                file.seek(start)
+                stream = io.BytesIO(zlib.decompress(file.read(), -zlib.MAX_WBITS))
             if syntax == EXPLICIT_BIG:
                 raise ReadError(f"{path.name} is stored in big endian, which is retired; convert it to little endian")
             head = file.read(8)[4:6] if not syntax else b""
@@ -66,14 +45,6 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
     except READ_ERRORS as error:
         reason = str(error) if isinstance(error, Damaged) else "its values are not those of its type"
         raise ReadError(f"{path.name} is truncated or damaged ({reason}); copy or export it again") from error
-
-
-def _inflated(packed: bytes, name: str) -> bytes:
-    stream = zlib.decompressobj(-zlib.MAX_WBITS)
-    plain = stream.decompress(packed, MOST_UNPACKED)
-    if stream.unconsumed_tail:
-        raise ReadError(f"{name} unpacks to more than {MOST_UNPACKED} bytes; export it without compression")
-    return plain
 
 
 def numbers(value: bytes, count: int) -> tuple[float, ...]:

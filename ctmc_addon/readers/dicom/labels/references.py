@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ....core import ReadError, Steps
-from ..acquisitions import one_acquisition
 from ..header import ImageFile, Slice
 from ..series import headers_steps, one_geometry
 from ..stack_geometry import stack_up
+from ..times import times_of
 from .slice_grid import SliceGrid, grid_of_ct
 
 DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # folders in folders that are looked through
@@ -61,7 +61,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
 def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, list[str]]:
     """The grid of the volume that these slices make, and what was done to make it."""
     slices, notes = one_geometry(slices, path)
-    slices, left_out = one_acquisition(slices)
+    slices = max(times_of(slices), key=len)  # all times stand at the same places
     spacing = slices[0].geometry.spacing
     if spacing is None or min(spacing) <= 0:
         raise ReadError(f"the series that {path.name} refers to has no PixelSpacing; export it again")
@@ -69,7 +69,7 @@ def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, l
     positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     names = [ct_slice.name for ct_slice in slices]
     stack = stack_up(positions, geometry.orientation or (), spacing, names, strict)
-    return grid_of_ct(slices, stack, spacing), [*notes, *left_out, *stack.notes]
+    return grid_of_ct(slices, stack, spacing), [*notes, *stack.notes]
 
 
 def below(folder: Path, deepest: int) -> Iterator[Path]:

@@ -8,7 +8,7 @@ are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups),
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,7 +20,8 @@ from ...label_map import LabelMap
 from ...optional_imports import imported_steps, needed, reason
 from ...result import RawValues, ReadOptions, Series, VolumeSource
 from ..header import ImageFile, Slice, pydicom_errors
-from ..pixels import check_codec, stored_frames
+from ..pixels import check_codec
+from ..stored import StoredPixels
 from .elements import Damaged
 from .label_file import opened
 from .references import found_steps, grid_of
@@ -89,12 +90,17 @@ class SegmentationSource(VolumeSource):
         label_map = LabelMap(grid.shape, header.names, header.colors, self.path.name, highest)
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
         size = (header.image.rows, header.image.columns)
-        for number, stored in enumerate(frames_of(header.image)):
-            at, row, column = places[number].tolist()
-            for slice_number in volume_slices[at].tolist():
-                window = label_map.values[slice_number, row : row + size[0], column : column + size[1]]
-                paint(label_map, window, stored, header, int(header.frames.segments[number]))
-            yield Step((number + 1) / len(places), "Reading frames")
+        slices = [Slice(header.image, number) for number in range(len(places))]
+        plain = plain_frames(header.image)
+        with StoredPixels(slices) as decoded:
+            for number in range(len(places)):
+                step = Step(number / len(places), "Reading frames")
+                yield step
+                stored = next(plain) if plain else (yield from decoded.slice_steps(number, step))
+                at, row, column = places[number].tolist()
+                for slice_number in volume_slices[at].tolist():
+                    window = label_map.values[slice_number, row : row + size[0], column : column + size[1]]
+                    paint(label_map, window, stored, header, int(header.frames.segments[number]))
         notes += label_map.overlap_note("segments", "the one with the higher number")
         notes += label_map.empty_note("segments")
         return RawValues(label_map.values, grid.affine, tuple(notes), "label", label_map.names, label_map.colors)
@@ -120,15 +126,20 @@ def check_single(places: NDArray[np.int64], segments: NDArray[np.int64], name: s
         )
 
 
-def frames_of(image: ImageFile) -> Iterator[NDArray[Any]]:
-    """The stored frames (rows, columns), one at a time, in the file's order."""
-    pixels = image.pixels
-    if pixels.compressed and pixels.syntax != DEFLATED_FRAMES:
-        yield from stored_frames(image, range(pixels.options["number_of_frames"]))
-        return
+def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
+    """The stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
+    if image.pixels.syntax == DEFLATED_FRAMES:
+        return read_frames(image, deflated_frames)
+    return None if image.pixels.compressed else read_frames(image, native_frames)
+
+
+def read_frames(
+    image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
+) -> Iterator[NDArray[Any]]:
+    """Frames from the opened file."""
     with opened(image.path) as (elements, _):
-        elements.file.seek(pixels.start)
-        yield from (deflated_frames if pixels.compressed else native_frames)(elements.file, image)
+        elements.file.seek(image.pixels.start)
+        yield from read(elements.file, image)
 
 
 def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ....core import ReadError, Steps
 from ...colors import RGB, rgb_of_cielab
 from ...label_map import MOST_LABELS, clean_name
-from ..header import UNCOMPRESSED, ImageFile, Pixels, missing_pixels
+from ..header import UNCOMPRESSED, Called, ImageFile, Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Found
 from .label_file import numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
@@ -128,7 +128,7 @@ def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> Ima
         uid="",
         frame_of_reference=uid(found.get(0x00200052, b"")),
         instance=0,
-        acquisition=("", ""),
+        called=Called("", "", ""),
         scout=False,
         gray=True,
         hounsfield=False,

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which DICOM files hold labels in place of slices, by their first bytes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+SEGMENTATION, STRUCTURES = "segmentation", "structure set"
+CLASSES = {
+    b"1.2.840.10008.5.1.4.1.1.66.4": SEGMENTATION,
+    b"1.2.840.10008.5.1.4.1.1.66.7": SEGMENTATION,  # label maps
+    b"1.2.840.10008.5.1.4.1.1.481.3": STRUCTURES,
+}
+# SOPClassUID of the meta information or of the dataset, explicit or implicit.
+CLASS_ELEMENT = re.compile(rb"(?:\x02\x00\x02\x00|\x08\x00\x16\x00)(?:UI..|..\x00\x00)([0-9.]{10,64})", re.DOTALL)
+HEAD = 2048  # bytes in which it stands
+
+
+def label_class(path: Path) -> str:
+    """'segmentation' or 'structure set' where a DICOM file is one, else empty."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+    except OSError:
+        return ""
+    if head[128:132] != b"DICM" and head[:2] != b"\x08\x00":
+        return ""
+    match = CLASS_ELEMENT.search(head)
+    return CLASSES.get(match[1].rstrip(b"."), "") if match else ""
