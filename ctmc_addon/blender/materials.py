@@ -84,6 +84,16 @@ def material_color(obj: bpy.types.Object) -> Color:
     return red, green, blue
 
 
+def recolor(obj: bpy.types.Object, color: Color) -> None:
+    """Give the material that has an object's name another color, where it still has the shader it came with."""
+    for material in obj.data.materials:
+        if material is not None and material.name == obj.name and material.library is None:
+            for node in material.node_tree.nodes:
+                if node.type == "BSDF_PRINCIPLED":
+                    node.inputs["Base Color"].default_value = (*color, 1.0)
+            material.diffuse_color = (*color, 1.0)
+
+
 def use_nodes(block: bpy.types.ID) -> None:
     """Give a material or world its nodes; from Blender 5 it always has them and asking is deprecated."""
     if bpy.app.version < (5, 0, 0):

@@ -8,11 +8,11 @@ def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
     from .properties import figure, preferences, settings, view
-    from .state import session, volumes
+    from .state import label_looks, session, volumes
     from .viewport import live, overlays, region
 
     return (
-        *(translations, preferences, session, volumes, settings, view, figure, jobs, live),
+        *(translations, preferences, session, volumes, settings, view, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
         *(region, overlays),

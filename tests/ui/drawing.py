@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A layout that writes down what a panel asks for."""
+"""A layout that writes down what a panel asks for, and the meshes of a scene."""
 
 from __future__ import annotations
 
@@ -48,3 +48,8 @@ def drawn(panel):
     holder = type("Panel", (), {"layout": Layout(), "names": getattr(panel, "names", ())})()
     panel.draw(holder, bpy.context)
     return holder.layout
+
+
+def meshes_in(scene):
+    """The scene's objects but the boxes of CTs."""
+    return [obj for obj in scene.objects if obj.type == "MESH"]

@@ -41,7 +41,7 @@ def phantom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module", params=list(SUITES))
+@pytest.fixture(scope="module", params=list(SUITES), ids=[f"Blender{v}" for v in SUITES.values()])
 def desk(request: pytest.FixtureRequest, package: Path, phantom: Path) -> Iterator[Desk]:
     """A Blender with the extension installed, its window open on an empty scene."""
     suite = request.param

@@ -27,6 +27,7 @@ DRAG_STEPS = 6
 SCAN = 10  # pixels; buttons are at least twice as high
 PAGE = 20  # clicks of the wheel
 PAGES = 3
+FIELDS = 0.65  # of the sidebar's width, where most fields and buttons are
 
 
 class Desk:
@@ -173,17 +174,17 @@ class Desk:
         with Image.open(self.pictures / f"{name}.png") as picture:
             return picture.convert("RGB")
 
-    def find(self, button: str) -> tuple[int, int]:
+    def find(self, button: str, at: float = FIELDS) -> tuple[int, int]:
         """Where a button of the sidebar is, with the mouse on it: a property's path or an operator's call.
 
-        Blender says what is under the mouse, which goes up the fields' part of the sidebar, page by page.
+        Blender says what is under the mouse, which goes up the sidebar at this share of its width, page by page.
         """
         left, top, width, height = self.ask("""
 view = viewport()
 bar = view.sidebar
 answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 """)
-        x = left + round(0.65 * width)
+        x = left + round(at * width)
         if button in self.places and self.under(x, self.places[button]) == button:
             return x, self.places[button]
         seen: list[str] = []
@@ -224,10 +225,10 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
         self.hand("click", "--repeat", str(clicks), "--delay", "1", "4" if up else "5")
         self.ask("answer = 'turned'")
 
-    def press(self, button: str, operator: str) -> None:
+    def press(self, button: str, operator: str, at: float = FIELDS) -> None:
         """Click on a button of an operator that can be pressed."""
         assert self.ask(f"answer = bpy.ops.ctmc.{operator}.poll()"), f"{button} is grayed out"
-        self.find(button)
+        self.find(button, at)
         for action in ("mousedown", "mouseup"):
             self.hand(action, "1")
             self.ask("answer = 'pressed'")

@@ -20,14 +20,15 @@ STATE = """
 answer = {
     "objects": sorted(
         (o.name, o.data.name, len(o.data.vertices), len(o.modifiers), o.hide_viewport, o.select_get())
-        for o in bpy.data.objects
+        for o in bpy.data.objects if o.type == "MESH"
     ),
-    "active": getattr(viewport().window.view_layer.objects.active, "name", None),
+    "active": getattr(getattr(viewport().window.view_layer.objects.active, "data", None), "name", None),
     "meshes": sorted(m.name for m in bpy.data.meshes),
     "materials": sorted(m.name for m in bpy.data.materials),
 }
 """
 JOB = "(lambda job: None if job is None else job.step.fraction)(ours('ui.jobs').running())"
+SURFACE = "len(bpy.data.meshes) == 1"
 IDLE = "ours('ui.jobs').running() is None"
 BEFORE = 7  # a frame that is the present one only from the step before the first surface
 TABLE = "ours('ui.state.session').of(bpy.context.scene).rotation"
@@ -159,7 +160,7 @@ def test_reconstruct_makes_one_object_and_one_mesh(desk):
     desk.ask(FROM_THE_FRONT)
     desk.ask(f"bpy.context.scene.frame_current = {BEFORE}; bpy.ops.ed.undo_push(message='Before')")
     desk.press(RECONSTRUCT, "reconstruct")
-    desk.wait("len(bpy.data.objects) == 1")
+    desk.wait(SURFACE)
     desk.wait(IDLE)
     state = desk.ask(STATE)
     desk.look("08-reconstructed")
@@ -193,7 +194,7 @@ def test_the_same_run_goes_through_afterwards(desk):
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (3, 3, 1); s.reduction = 0.5")
     before = desk.ask(STATE)["objects"]
     desk.press(RECONSTRUCT, "reconstruct")
-    desk.wait(f"({IDLE}) and len(bpy.data.objects[0].data.vertices) != {before[0][2]}")
+    desk.wait(f"({IDLE}) and len(bpy.data.meshes[0].vertices) != {before[0][2]}")
     desk.look("13-again")
     after = desk.ask(STATE)["objects"]
     assert len(after) == 1, "the selected surface is updated, not joined by another"

@@ -7,6 +7,7 @@ from .mesh_data import edges_steps
 from .objects import (
     add_reconstruction,
     apply_shape_and_modifiers,
+    call,
     refresh_normals,
     require_editable,
     require_updatable,
@@ -24,6 +25,7 @@ __all__ = [
     "add_reconstruction",
     "apply_shape_and_modifiers",
     "as_shown",
+    "call",
     "decimated",
     "edges_steps",
     "evaluated_triangles",

@@ -24,8 +24,9 @@ from .provenance import Provenance, provenance_of_result, require_provenance, wr
 from .readback import evaluated_alpha, keep_positions_mm, placement_of, positions_mm
 
 DECIMATE = "CTMC Decimate"
+NAMED = "ctmc_name"
+"""The object's custom property with the name that we gave it."""
 NAME_BYTES = 63  # Blender 4 cuts longer names
-STRUCTURE_BYTES = 40  # of them for a label's name at most
 
 
 def add_reconstruction(
@@ -48,7 +49,7 @@ def add_reconstruction(
     mesh : Mesh or None
         What `surface_mesh` has made of it at this scale; None makes it now.
     structure : str
-        What the label is called, for the object's name; empty where the CT does not say.
+        What the surface is of, for the object's name; empty takes the volume's name and the label.
     fingerprint : str
         Of the volume's values.
 
@@ -63,6 +64,7 @@ def add_reconstruction(
     placement = placed_at_center(result.mesh.vertices, scale)
     mesh.materials.append(surface_material(name, color or color_of(result.settings.label)))
     obj = bpy.data.objects.new(name, mesh)
+    obj[NAMED] = obj.name
     obj.location = placement.origin
     scene.collection.objects.link(obj)
     if result.surface is not None:
@@ -160,10 +162,23 @@ def refresh_normals(obj: bpy.types.Object) -> None:
 
 
 def object_name(result: Reconstruction, structure: str = "") -> str:
-    """The file's stem and the label or what it is called, short enough for every Blender to keep the label."""
-    label = "" if result.settings.label is None else f" {structure or f'label {result.settings.label}'}"
-    label = shortened(label, STRUCTURE_BYTES)
-    return shortened(result.name, NAME_BYTES - 4 - len(label.encode())) + label  # 4 for the .001 of a second one
+    """What the surface is of, else the file's stem and its label; short enough for every Blender to keep the label."""
+    room = NAME_BYTES - 4  # for the .001 of a second one
+    if structure:
+        return shortened(structure, room)
+    label = "" if result.settings.label is None else f" label {result.settings.label}"
+    return shortened(result.name, room - len(label)) + label
+
+
+def call(obj: bpy.types.Object, name: str) -> None:
+    """Call a surface, and mesh and materials that have its name, otherwise; one that a user has named stays."""
+    before, name = obj.name, shortened(name, NAME_BYTES - 4)
+    if obj.get(NAMED) != before or before.rpartition(".")[0] == name or before == name:
+        return
+    for block in (obj, obj.data, *[material for material in obj.data.materials if material is not None]):
+        if block.name == before and block.library is None:
+            block.name = name
+    obj[NAMED] = obj.name
 
 
 def shortened(text: str, size: int) -> str:

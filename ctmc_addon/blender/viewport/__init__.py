@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is drawn over a 3D viewport and stored nowhere."""
+"""What is drawn over a 3D viewport and stored nowhere, and where it looks from."""
 
+from .eye import frame, is_held
 from .overlay import Picture, draw_letters, draw_lines
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
@@ -11,5 +12,7 @@ __all__ = [
     "can_draw",
     "draw_letters",
     "draw_lines",
+    "frame",
     "free_shader",
+    "is_held",
 ]

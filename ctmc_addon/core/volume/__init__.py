@@ -35,7 +35,7 @@ from .slices import (
 )
 from .statistics import VolumeStatistics, histogram_picture, slabs_of, value_range, volume_statistics_steps
 from .thresholding import otsu, quick_threshold, used_threshold_steps
-from .tissues import TISSUES
+from .tissues import TISSUES, surface_name
 from .volume import Volume
 
 __all__ = [
@@ -72,6 +72,7 @@ __all__ = [
     "slice_values",
     "spacing_of",
     "stepped_position",
+    "surface_name",
     "transform_faces",
     "transform_normals",
     "transform_points",

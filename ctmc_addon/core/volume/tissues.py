@@ -27,3 +27,19 @@ TISSUES = {
     "compact": Tissue("Compact Bone", 500.0, "Hard bone only"),
     "metal": Tissue("Metal", 2000.0, "Implants and fillings"),
 }
+
+
+def surface_name(kind: str, threshold: float) -> str:
+    """Return what the surface at a threshold is called: after the tissue that begins below it, where values are HU.
+
+    Examples
+    --------
+    >>> surface_name("HU", 226.0), surface_name("HU", -900.0), surface_name("grey value", 120.0)
+    ('Bone 226 HU', 'Surface -900 HU', 'Surface 120')
+    """
+    number = f"{threshold:.6g}"
+    if kind != "HU":
+        return f"Surface {number}"
+    below = [tissue for tissue in TISSUES.values() if tissue.threshold <= threshold]
+    name = max(below, key=lambda tissue: tissue.threshold).name if below else "Surface"
+    return f"{name} {number} HU"

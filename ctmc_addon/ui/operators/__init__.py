@@ -6,6 +6,19 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Every module that registers, in order; imported only when Blender asks."""
-    from . import export, figure, figure_view, load, reconstruct, region, results, rotation, simplify, slice, threshold
+    from . import (
+        export,
+        figure,
+        figure_view,
+        load,
+        reconstruct,
+        region,
+        results,
+        rotation,
+        simplify,
+        slice,
+        threshold,
+        view,
+    )
 
-    return (load, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure, figure_view)
+    return (load, view, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure, figure_view)

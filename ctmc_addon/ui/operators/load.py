@@ -11,14 +11,16 @@ from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, Str
 
 from ... import readers
 from ...blender.colors import color_of
+from ...blender.ct_box import show_box
 from ...core import ReadError, Stages, Steps
-from ...core.volume import volume_statistics_steps
+from ...core.volume import volume_box, volume_statistics_steps
 from ...readers import KNOWN_SUFFIXES
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import change_events, session, volumes
+from ..state import change_events, session, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
+from .view import frame_everywhere
 
 STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
 # Blender looks at the last suffix only.
@@ -148,8 +150,23 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
         scene_session.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")
+    show_in_scene(scene, loaded, is_another_ct)
     columns, rows, slices = loaded.volume.size
     return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+
+
+def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:
+    """Give a CT its box in the scene; one that has just come is selected and framed."""
+    folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
+    corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
+    place = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, place)
+    if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
+        for obj in bpy.context.selected_objects:
+            obj.select_set(False)
+        box.select_set(True)  # not active: nothing of the panel or the status bar is about it
+    if (is_new or is_another_ct) and bpy.context.scene == scene:
+        frame_everywhere(loaded.volume)
 
 
 class CTMC_FH_stack(bpy.types.FileHandler):

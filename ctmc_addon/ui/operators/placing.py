@@ -11,8 +11,17 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...blender.surface import add_reconstruction, edges_steps, require_updatable, surface_mesh, update_reconstruction
+from ...blender.ct_box import collection_of_ct
+from ...blender.surface import (
+    add_reconstruction,
+    call,
+    edges_steps,
+    require_updatable,
+    surface_mesh,
+    update_reconstruction,
+)
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
+from ...core.volume import surface_name
 from ..properties.preferences import machine
 from ..state import measurements, session
 from ..state.measurements import Measurement
@@ -21,13 +30,26 @@ from ..translations import translate
 
 @dataclass(frozen=True)
 class SurfaceRequest:
-    """A surface to make: settings, color, the object that takes it or None, its label's name, its CT's fingerprint."""
+    """A surface to make.
+
+    Parameters
+    ----------
+    color : (red, green, blue) or None
+        Linear; None takes that of the label.
+    target : int or None
+        `session_uid` of the object that takes it; None makes a new one.
+    structure : str
+        What the label is called; empty for a threshold.
+    fingerprint, kind : str
+        Of its CT; without a kind, an object that is updated keeps its name.
+    """
 
     settings: ReconstructionSettings
     color: tuple[float, float, float] | None = None
     target: int | None = None
     structure: str = ""
     fingerprint: str = ""
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,10 +129,13 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
             # Undo may have taken the mesh, and a deleted object its place: then another is made.
             mesh = blocks.get(new.mesh) if new.target == (None if obj is None else request.target) else None
             if obj is None:
-                color, structure, fingerprint = request.color, request.structure, request.fingerprint
-                obj = add_reconstruction(result, scene, machine().scale, color, mesh, structure, fingerprint)
+                color, name, fingerprint = request.color, name_of(request, result), request.fingerprint
+                obj = add_reconstruction(result, scene, machine().scale, color, mesh, name, fingerprint)
+                move_to(obj, collection_of_ct(scene, fingerprint))
             else:
                 update_reconstruction(obj, result, mesh, request.fingerprint)
+                if request.structure or request.kind:
+                    call(obj, name_of(request, result))
             # The measurement is of this alpha and no modifiers; the object may have others.
             state = measurements.plain_state(obj, result.settings.alpha)
             measurements.keep(obj, surface.measurement, state)
@@ -119,6 +144,19 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
         remove_unused(meshes)
     select(scene, objects)
     return objects
+
+
+def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
+    """What a surface is called: its label, else tissue and threshold."""
+    return request.structure or surface_name(request.kind, result.threshold)
+
+
+def move_to(obj: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    """Bring an object from the collections that it is in to another."""
+    for owner in [owner for owner in obj.users_collection if owner != collection]:
+        owner.objects.unlink(obj)
+    if obj.name not in collection.objects:
+        collection.objects.link(obj)
 
 
 def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:

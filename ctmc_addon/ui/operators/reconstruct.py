@@ -79,12 +79,17 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
         targets = {} if self.new else surfaces.targets(context, runs)
-        names, fingerprint = loaded.volume.label_names, loaded.statistics.fingerprint
+        fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
         for run in runs:
             require_labels(loaded, run.label)
         requests = [
             SurfaceRequest(
-                run, scene.ctmc.color_of(run.label), targets.get(run), names.get(run.label or 0, ""), fingerprint
+                run,
+                scene.ctmc.color_of(run.label),
+                targets.get(run),
+                "" if run.label is None else scene.ctmc.name_of(run.label),
+                fingerprint,
+                kind,
             )
             for run in runs
         ]

@@ -94,7 +94,11 @@ class CTMC_UL_labels(bpy.types.UIList):
         color = row.row()
         color.ui_units_x = 1.2
         color.prop(item, "color", text="")
-        row.label(text=f"{item.value}  {item.name}".rstrip(), translate=False)
+        number = row.row()
+        number.ui_units_x = 1.6
+        number.alignment = "RIGHT"
+        number.label(text=str(item.value), translate=False)
+        row.prop(item, "name", text="", emboss=False, placeholder=translate("Name"))
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

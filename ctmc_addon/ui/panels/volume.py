@@ -9,6 +9,7 @@ import bpy
 
 from ...reporting.formatting import count, directions, kind_text
 from .. import jobs
+from ..operators.view import AS_IT_IS, SIDES
 from ..state import session, volumes
 from ..translations import translate
 from .layout import draw_facts, draw_job, draw_text
@@ -72,6 +73,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         ),
     ]
     draw_facts(layout, context, facts)
+    draw_views(layout)
     if len(loaded.series) > 1:
         draw_series(layout, loaded)
     if not loaded.geometry:
@@ -95,6 +97,15 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     if loaded.sibling is not None:
         button = layout.operator("ctmc.load", text="Load Its Labels", icon="OUTLINER_OB_GROUP_INSTANCE")
         button.filepath = str(loaded.sibling)
+
+
+def draw_views(layout: Any) -> None:
+    """A button that frames the CT, and one for every side of the patient."""
+    row = layout.split(factor=0.4, align=True)
+    row.operator("ctmc.view", icon="ZOOM_SELECTED").side = AS_IT_IS
+    row = row.row(align=True)
+    for side in (side for side in SIDES if side != AS_IT_IS):
+        row.operator("ctmc.view", text=side, translate=False).side = side
 
 
 def draw_series(layout: Any, loaded: volumes.Loaded) -> None:

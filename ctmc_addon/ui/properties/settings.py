@@ -63,12 +63,19 @@ class SettingsMethods:
         """The color chosen in the list for a label; None for one that is not in it."""
         return next((tuple(item.color) for item in self.labels if item.value == label), None)
 
+    def name_of(self, label: int) -> str:
+        """What a label's surface is called: its name in the list, else its number."""
+        named = next((item.name for item in self.labels if item.value == label), "")
+        return named or f"Label {label}"
+
     def show_labels(self, labels: list[tuple[int, str, tuple[float, float, float]]]) -> None:
         """Fill the list of labels: value, name and color of each."""
+        _filling.append(True)
         self.labels.clear()
         for value, name, color in labels:
             item = self.labels.add()
             item.value, item.name, item.color = value, name, color
+        _filling.clear()
         tick_only(self, self.label if self.use_label else None)
 
     def show_preset(self, **values: Any) -> None:
@@ -212,12 +219,36 @@ def on_tick(item: Any, _context: Any) -> None:
     notify(properties, "label")
 
 
+_filling: list[bool] = []  # not empty while code fills the list
+
+
+def on_look(event: str) -> Callable[[Any, Any], None]:
+    """A label has another name or color: its surfaces follow."""
+
+    def update(item: Any, _context: Any) -> None:
+        if not _filling:
+            notify(item.id_data.ctmc, event)
+
+    return update
+
+
 class CTMCLabel(PropertyGroup):
-    """A label of the volume: its value, its name as `name`, its color, and whether a surface is made of it."""
+    """A label of the volume: its value, its name, its color, and whether a surface is made of it."""
 
     value: integer("Value", "Value of the label in the volume")
     chosen: boolean("Reconstruct", "Make a surface of this label", update=on_tick)
-    color: decimals("Color", "Color of the label's surface", subtype="COLOR", size=3, min=0.0, max=1.0)
+    name: text(
+        "Name", "What the label is; its surface is called so. Double-click to change it", update=on_look("label_name")
+    )
+    color: decimals(
+        "Color",
+        "Color of the label's surface",
+        subtype="COLOR",
+        size=3,
+        min=0.0,
+        max=1.0,
+        update=on_look("label_color"),
+    )
 
 
 def all_properties() -> dict[str, Any]:

@@ -18,7 +18,7 @@ from ...blender.viewport import free_shader
 from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import change_events, session, volumes
+from ..state import change_events, label_looks, session, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, preview
 
@@ -63,6 +63,9 @@ live = Live()
 def mark(properties: Any, name: str) -> None:
     """A setting has changed: cheap, for it runs within the slider's own event."""
     scene = properties.id_data
+    if name in (label_looks.NAME, label_looks.COLOR):
+        preview.recolor(scene)
+        return
     start(scene, stale=name not in SILENT)
     if name == "alpha":
         live.alpha_moved = True

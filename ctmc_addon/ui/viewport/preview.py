@@ -76,8 +76,14 @@ def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     state.scene, state.shown = scene.session_uid, None
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
-        label = settings.label if settings.use_label else None
-        state.color = settings.color_of(label) or color_of(label)
+    recolor(scene)
+
+
+def recolor(scene: bpy.types.Scene) -> None:
+    """Show the preview in the color that its surface will have."""
+    settings = scene.ctmc
+    label = settings.label if settings.use_label else None
+    state.color = settings.color_of(label) or color_of(label)
     session.redraw_viewports()
 
 

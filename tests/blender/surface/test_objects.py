@@ -12,6 +12,7 @@ from ctmc_addon.blender.surface import (
     add_reconstruction,
     apply_shape_and_modifiers,
     as_shown,
+    call,
     evaluated_triangles,
     own_mesh,
     read_back,
@@ -83,16 +84,25 @@ def test_edges_are_in_the_order_of_their_ends_whatever_blenders_threads(scene, t
             assert set(ends[here.edge_index]) == {here.vertex_index, there.vertex_index}
 
 
-def test_the_name_is_the_files_and_the_label(scene, torus):
+def test_the_name_is_the_structures_else_the_files_and_the_label(scene, torus):
     assert add_reconstruction(torus(label=2, threshold=None, name="volume-3"), scene).name == "volume-3 label 2"
     long = add_reconstruction(torus(label=31, threshold=None, name="肝臓" * 40), scene)
     assert long.name.endswith(" label 31")
     assert long.name.startswith("肝臓肝臓")
     known = add_reconstruction(torus(label=5, threshold=None, name="volume-3"), scene, structure="liver")
-    assert (known.name, known.data.name, known.data.materials[0].name) == ("volume-3 liver",) * 3
+    assert (known.name, known.data.name, known.data.materials[0].name) == ("liver",) * 3
     long = add_reconstruction(torus(label=5, threshold=None, name="ct" * 40), scene, structure="肝臓" * 40)
-    assert long.name.startswith("ctctct")
-    assert " 肝臓肝臓" in long.name
+    assert long.name.startswith("肝臓肝臓")
+    assert len(long.name.encode()) <= 59
+
+
+def test_another_name_goes_to_mesh_and_material_but_not_over_one_that_a_user_gave(scene, torus):
+    obj = add_reconstruction(torus(), scene, structure="Bone 200 HU")
+    call(obj, "Bone 300 HU")
+    assert (obj.name, obj.data.name, obj.data.materials[0].name) == ("Bone 300 HU",) * 3
+    obj.name = "Femur"
+    call(obj, "Bone 400 HU")
+    assert obj.name == "Femur"
 
 
 def test_labels_have_different_colors_and_a_given_color_wins(scene, torus):

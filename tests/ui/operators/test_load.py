@@ -13,6 +13,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui.drawing import meshes_in
+
 import ctmc_addon
 from ctmc_addon.blender.surface import evaluated_triangles
 from ctmc_addon.core import reconstruct
@@ -33,7 +35,7 @@ def test_the_panels_surface_is_cores(scene, ball_file):
     thing = bpy.context.view_layer.objects.active
     expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), scene.ctmc.to_settings()).mesh
     seen = evaluated_triangles(thing)
-    assert thing.name == "ball"
+    assert thing.name == "Surface 100"
     assert thing.select_get()
     assert (seen.faces == expected.faces).all()
     assert np.abs(seen.vertices - expected.vertices.astype(np.float64)).max() <= 1e-4
@@ -46,7 +48,7 @@ def test_one_reading_serves_several_surfaces(scene, ball_file):
     for threshold in (90.0, 110.0):
         scene.ctmc.threshold = threshold
         assert bpy.ops.ctmc.reconstruct(new=True) == {"FINISHED"}
-    assert len(scene.objects) == 2
+    assert len(meshes_in(scene)) == 2
 
 
 def test_a_folder_can_be_loaded(scene, tmp_path):
@@ -90,7 +92,7 @@ def test_mistakes_are_one_sentence_and_change_nothing(scene, ball_file, tmp_path
         bpy.ops.ctmc.reconstruct()
     with pytest.raises(RuntimeError, match="Choose a surface first"):
         bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"))
-    assert not scene.objects
+    assert not meshes_in(scene)
 
 
 def test_the_active_surface_is_exported(scene, ball_file, tmp_path):

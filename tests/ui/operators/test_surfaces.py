@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui.drawing import meshes_in
+
 from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.core.volume import otsu
@@ -54,14 +56,14 @@ def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded
     before = len(thing.data.polygons)
     loaded.ctmc.threshold = 120.0
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
-    assert list(loaded.objects) == [thing]
+    assert meshes_in(loaded) == [thing]
     assert len(thing.data.polygons) < before
     assert thing.data.materials[0] == material
     assert [one.name for one in thing.modifiers] == ["Mine"]
     assert len(bpy.data.meshes) == 1
     thing.select_set(False)
     bpy.ops.ctmc.reconstruct()
-    assert len(loaded.objects) == 2
+    assert len(meshes_in(loaded)) == 2
 
 
 def test_an_update_refuses_what_it_cannot_change(loaded):
@@ -73,7 +75,7 @@ def test_an_update_refuses_what_it_cannot_change(loaded):
         bpy.ops.ctmc.export()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
-    assert len(loaded.objects) == 1
+    assert len(meshes_in(loaded)) == 1
 
 
 def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
@@ -110,7 +112,7 @@ def test_a_deleted_target_becomes_a_new_object(loaded):
     conclude = finish(steps_of(loaded, target=active().session_uid))
     bpy.data.objects.remove(active())
     conclude()
-    assert len(loaded.objects) == 1
+    assert len(meshes_in(loaded)) == 1
 
 
 @pytest.mark.parametrize("meshes", [0, 1, 2])
@@ -118,9 +120,9 @@ def test_a_job_left_while_blender_makes_meshes_leaves_none(loaded, meshes):
     settings = loaded.ctmc.to_settings()
     steps = steps_of(loaded, settings, settings)
     assert any(len(bpy.data.meshes) == meshes for step in steps if step.message == "Adding the surface")
-    assert (len(bpy.data.meshes), len(loaded.objects)) == (meshes, 0)
+    assert (len(bpy.data.meshes), len(meshes_in(loaded))) == (meshes, 0)
     steps.close()
-    assert (len(bpy.data.meshes), len(bpy.data.objects)) == (0, 0)
+    assert (len(bpy.data.meshes), len(meshes_in(loaded))) == (0, 0)
 
 
 def test_a_mesh_that_undo_has_taken_is_made_again(loaded):
@@ -137,7 +139,7 @@ def test_a_mesh_made_for_an_object_that_is_gone_goes_too(loaded):
     conclude = finish(steps_of(loaded, target=active().session_uid))
     bpy.data.meshes.remove(active().data)
     conclude()
-    assert [thing.data for thing in loaded.objects] == list(bpy.data.meshes)
+    assert [thing.data for thing in meshes_in(loaded)] == list(bpy.data.meshes)
     # A new object has its origin in the middle of its own surface.
     corners = np.array(active().bound_box)
     assert np.abs(corners.min(axis=0) + corners.max(axis=0)).max() < 1e-5
@@ -152,13 +154,13 @@ def test_several_labels_give_several_objects_in_line_each_with_its_color(scene, 
     assert [one.label for one in scene.ctmc.all_settings()] == [1, 5]
     scene.ctmc.labels[2].color = (0.1, 0.9, 0.2)
     bpy.ops.ctmc.reconstruct()
-    first, second = scene.objects
-    assert (first.name, second.name) == ("labels label 1", "labels label 5")
+    first, second = meshes_in(scene)
+    assert (first.name, second.name) == ("Label 1", "Label 5")
     assert second.data.materials[0].diffuse_color[:3] == pytest.approx((0.1, 0.9, 0.2))
     assert first.location.x - second.location.x == pytest.approx(0.14)  # columns run to the left, 14 mm apart
     scene.ctmc.smoothing_mm = 0.5
     bpy.ops.ctmc.reconstruct()
-    assert len(scene.objects) == 2
+    assert len(meshes_in(scene)) == 2
     scene.ctmc.alpha = 0.25  # both are selected
     assert [thing.data.shape_keys.key_blocks["alpha"].value for thing in (first, second)] == [0.25, 0.25]
     first.select_set(False)
@@ -178,7 +180,7 @@ def test_a_label_that_has_a_name_gives_it_to_its_object(scene, tmp_path):
     for item in scene.ctmc.labels:
         item.chosen = True
     bpy.ops.ctmc.reconstruct()
-    assert [thing.name for thing in scene.objects] == ["organs spleen", "organs label 5"]
+    assert [thing.name for thing in meshes_in(scene)] == ["spleen", "Label 5"]
 
 
 def test_ticks_and_the_label_setting_go_together(scene, labels_file):
@@ -465,7 +467,7 @@ def namesake(tmp_path):
 
 
 def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, ball_file, namesake):
-    from ui.drawing import drawn
+    from ui.drawing import drawn, meshes_in
 
     from ctmc_addon.ui.panels import main as panels
 
@@ -477,7 +479,7 @@ def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, bal
     assert not surfaces.is_of_ct(first, loaded)
     assert "ctmc.reconstruct Reconstruct Surface" in drawn(panels.CTMC_PT_main).buttons
     bpy.ops.ctmc.reconstruct()
-    assert (len(loaded.objects), len(first.data.polygons)) == (2, faces)
+    assert (len(meshes_in(loaded)), len(first.data.polygons)) == (2, faces)
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     assert surfaces.is_of_ct(first, loaded)
     del first["ctmc"]["fingerprint"]  # as an older file has it
@@ -550,7 +552,7 @@ def noise(scene, tmp_path):
 
 
 def test_many_small_components_are_removed_by_a_button_without_extraction(noise, tmp_path, monkeypatch):
-    from ui.drawing import drawn
+    from ui.drawing import drawn, meshes_in
 
     from ctmc_addon.ui.operators import reconstruct as operators
     from ctmc_addon.ui.panels import main as panels
@@ -570,7 +572,7 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     assert np.abs(seen.vertices - expected.vertices).max() <= 1e-4
     assert read_provenance(active()).settings == settings
     assert measurements.of(active()).measures.components == 1
-    assert len(noise.objects) == 1
+    assert len(meshes_in(noise)) == 1
     assert "ctmc.remove_small" not in drawn(panels.CTMC_PT_main).buttons
 
 

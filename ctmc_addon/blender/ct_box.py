@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CT's own object in the scene: an empty as large as its box, in a collection that takes its surfaces too.
+
+Slice and preview are only drawn, so Blender would not know that anything stands there. Home and View Selected frame
+the empty.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+PROPERTY = "ctmc_ct"
+"""The empty's custom property: fingerprint and path of its CT."""
+FOLDER = "ctmc_folder"
+"""The collection's: the folder that its CTs lie in."""
+
+
+def is_box(obj: bpy.types.Object) -> bool:
+    """Whether an object is the box of a CT."""
+    return obj.type == "EMPTY" and hasattr(obj.get(PROPERTY), "keys")
+
+
+def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.types.Object | None:
+    """The box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
+    boxes = [obj for obj in scene.objects if is_box(obj)]
+    same = [obj for obj in boxes if obj[PROPERTY].get("fingerprint") == fingerprint]
+    read_before = [obj for obj in boxes if path and obj[PROPERTY].get("path") == path]
+    return next(iter(same + read_before), None)
+
+
+def show_box(
+    scene: bpy.types.Scene,
+    corners: NDArray[np.float64],
+    name: str,
+    fingerprint: str,
+    path: str,
+    folder: tuple[str, str],
+) -> tuple[bpy.types.Object, bool]:
+    """The box of a CT, made where the scene has none yet, else brought to its place; and whether it is new.
+
+    Parameters
+    ----------
+    corners : (8, 3) float64
+        Of the volume, Blender units.
+    name : str
+        What the CT is called.
+    folder : (path, name)
+        Where the CT lies: its collection is found by the path and called by the name.
+    """
+    obj = box_of(scene, fingerprint, path)
+    is_new = obj is None
+    if obj is None:
+        obj = bpy.data.objects.new(name, None)
+        obj.empty_display_type, obj.empty_display_size = "CUBE", 1.0
+        collection_for(scene, *folder).objects.link(obj)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    obj.location, obj.scale = (low + high) / 2, (high - low) / 2
+    obj[PROPERTY] = {"fingerprint": fingerprint, "path": path}
+    return obj, is_new
+
+
+def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.Collection:
+    """The collection of a patient's folder in a scene, made where there is none."""
+    for collection in scene.collection.children_recursive:
+        if collection.get(FOLDER) == folder:
+            return collection
+    collection = bpy.data.collections.new(name)
+    collection[FOLDER] = folder
+    scene.collection.children.link(collection)
+    return collection
+
+
+def collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
+    """Where the surfaces of a CT belong: beside its box, else in the scene's own collection."""
+    box = box_of(scene, fingerprint) if fingerprint else None
+    inside = {collection.session_uid for collection in scene.collection.children_recursive}
+    owners = [] if box is None else [owner for owner in box.users_collection if owner.session_uid in inside]
+    return next(iter(owners), scene.collection)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a 3D viewport looks from: framed on a box, from a side of the patient.
+
+RAS axes are Blender's axes, so a side of the patient is an axis of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+from numpy.typing import NDArray
+
+# The eye stands there; what points up in the picture. From the head and the feet the patient's front is up.
+SIDES = {
+    "A": ((0, 1, 0), (0, 0, 1)),
+    "P": ((0, -1, 0), (0, 0, 1)),
+    "L": ((-1, 0, 0), (0, 0, 1)),
+    "R": ((1, 0, 0), (0, 0, 1)),
+    "S": ((0, 0, 1), (0, 1, 0)),
+    "I": ((0, 0, -1), (0, 1, 0)),
+}
+SENSOR = 36.0  # mm; half of what a viewport's lens sees along its longer side at its own focal length
+AIR = 1.08  # room around what is framed
+SIDEBARS = {"RIGHT": 1.0, "LEFT": -1.0}  # which way the free part of a viewport lies from the middle of a covered one
+
+
+def rotation_from(side: str) -> Any:
+    """How a viewport is turned that looks from a side, one letter of A P L R S I."""
+    back, up = (Vector(axis) for axis in SIDES[side])
+    right = up.cross(back)
+    return Matrix((right, up, back)).transposed().to_quaternion()
+
+
+def is_held(space: Any, view: Any) -> bool:
+    """Whether a camera, an object or the cursor holds a viewport: it must not be moved unless someone asks for it."""
+    return bool(view.view_perspective == "CAMERA" or space.lock_object is not None or space.lock_cursor)
+
+
+def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: str = "") -> None:
+    """Bring a box into the part of a viewport that no sidebar covers, seen from `side`, else as it is seen now.
+
+    Parameters
+    ----------
+    area, space, view : bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3D
+    corners : (8, 3) float64
+        Of the box, Blender units.
+    """
+    if side and not view.lock_rotation:
+        view.view_rotation = rotation_from(side)
+    if view.view_perspective == "CAMERA":
+        view.view_perspective = "PERSP"
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    covered = dict.fromkeys(SIDEBARS, 0.0)
+    for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
+        if bar.type in ("UI", "TOOLS") and bar.alignment in covered and bar.width > 1:
+            covered[bar.alignment] += min(bar.width, region.width / 3)
+    free = region.width - sum(covered.values())
+    longer = max(region.width, region.height, 1)
+    # As far away as the shorter free side needs it for the sphere about the box.
+    slope = SENSOR / space.lens * max(1.0, min(free, region.height)) / longer
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    radius = max(float(np.linalg.norm(corners - (low + high) / 2, axis=1).max()), 1e-6) * AIR
+    distance = radius / (slope if view.view_perspective == "ORTHO" else math.sin(math.atan(slope)))
+    unit = 2 * distance * SENSOR / space.lens / longer  # of a pixel
+    shift = sum(SIDEBARS[way] * width for way, width in covered.items()) / 2 * unit
+    view.view_location = Vector((low + high) / 2) + view.view_rotation @ Vector((shift, 0.0, 0.0))
+    view.view_distance = distance

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A name or color that a label is given in the list goes to the surfaces that were made of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...blender.materials import recolor
+from ...blender.surface import call, read_provenance
+from . import change_events
+
+NAME, COLOR = "label_name", "label_color"
+
+
+def follow(properties: Any, name: str) -> None:
+    """Bring the surfaces of the scene's CT to the names and colors of the list."""
+    if name not in (NAME, COLOR):
+        return
+    scene = properties.id_data
+    items = {item.value: item for item in properties.labels}
+    for obj in scene.objects:
+        provenance = read_provenance(obj)
+        if provenance is None or provenance.fingerprint != properties.volume_fingerprint or obj.library is not None:
+            continue
+        item = items.get(provenance.settings.label)
+        if item is None:
+            continue
+        if name == NAME:
+            call(obj, properties.name_of(item.value))
+        else:
+            recolor(obj, tuple(item.color))
+
+
+def register() -> None:
+    """Listen for changes of the list."""
+    change_events.subscribe(follow)
+
+
+def unregister() -> None:
+    """Listen no more."""
+    change_events.unsubscribe(follow)
