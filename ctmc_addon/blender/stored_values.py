@@ -43,6 +43,11 @@ def finite(value: Any) -> float:
     return float(value)
 
 
+def measured(value: Any) -> float:
+    """A finite number, or NaN for what cannot be measured, as the volume of an open surface."""
+    return value if isinstance(value, float) and math.isnan(value) else finite(value)
+
+
 def positive(value: Any) -> float:
     """A finite number above 0."""
     number = finite(value)
@@ -66,14 +71,14 @@ def texts(values: Any) -> tuple[str, ...]:
 
 
 def from_stored(kind: Any, values: Any) -> Any:
-    """A dataclass of truth values, whole and finite numbers from the dictionary that `asdict` makes of it.
+    """A dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
 
     Parameters
     ----------
     kind : type
         The dataclass; its annotations are texts.
     """
-    readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": finite}
+    readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
     if not isinstance(values, dict):
         raise ValueError(f"{type(values).__name__} is not a dictionary")
     known = {field.name: readers[str(field.type)] for field in fields(kind)}

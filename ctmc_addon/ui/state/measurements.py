@@ -8,6 +8,7 @@ shown. It is of the patient: where the object stands in the scene, and how large
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -108,6 +109,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
         if stored["state"] != mesh_state(obj):
             return None
         measures, distance = from_stored(Measures, stored["measures"]), stored["distance"]
+        if measures.closed == math.isnan(measures.volume):
+            return None  # an open surface has no volume, and every other has one
         return Measurement(measures, None if distance is None else from_stored(SurfaceDistance, distance))
     except (KeyError, TypeError, ValueError):
         return None  # of an older version, or another add-on's property
