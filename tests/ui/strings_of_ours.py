@@ -107,12 +107,32 @@ def drawn_strings() -> set[str]:
     return strings
 
 
+def named_constants() -> dict[str, str]:
+    """The strings that modules give a name in capitals."""
+    found = {}
+    for node in nodes("core", "readers", "blender", "ui"):
+        if not isinstance(node, ast.Assign):
+            continue
+        for target in node.targets:
+            pairs = [(target, node.value)]
+            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = list(zip(target.elts, node.value.elts, strict=False))
+            for name, value in pairs:
+                if name_of(name).isupper() and isinstance(getattr(value, "value", None), str):
+                    found[name_of(name)] = value.value
+    return found
+
+
 def step_strings() -> set[str]:
     """Messages of steps and names of stages, which status bar and panel show, if no name or number is in them."""
-    strings = set()
+    strings, constants = set(), named_constants()
     for node in nodes("core", "readers", "blender", "ui"):
+        if isinstance(node, ast.Dict):  # of stages and their weights, or their messages
+            named = (value.id for value in (*node.keys, *node.values) if isinstance(value, ast.Name))
+            strings |= {constants[name] for name in named if " " in constants.get(name, "")}
         if isinstance(node, ast.Call) and name_of(node.func) in STEPS:
             strings |= {text for arg in node.args for text in literals(arg)}
+            strings |= {constants[arg.id] for arg in node.args if isinstance(arg, ast.Name) and arg.id in constants}
         elif isinstance(node, (ast.Assign, ast.AnnAssign)) and isinstance(node.value, ast.Dict):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(name_of(target).endswith("STAGES") for target in targets):
