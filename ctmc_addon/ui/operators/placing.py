@@ -42,6 +42,8 @@ class SurfaceRequest:
         What the label is called; empty for a threshold.
     fingerprint, kind : str
         Of its CT; without a kind, an object that is updated keeps its name.
+    prefix : str
+        What the CT is called in the panel, before the name of the surface.
     """
 
     settings: ReconstructionSettings
@@ -50,6 +52,7 @@ class SurfaceRequest:
     structure: str = ""
     fingerprint: str = ""
     kind: str = ""
+    prefix: str = ""
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
 
 def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
     """What a surface is called: its label, else tissue and threshold."""
-    return request.structure or surface_name(request.kind, result.threshold)
+    return f"{request.prefix} {request.structure or surface_name(request.kind, result.threshold)}".strip()
 
 
 def move_to(obj: bpy.types.Object, collection: bpy.types.Collection) -> None:

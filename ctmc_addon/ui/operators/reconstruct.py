@@ -90,6 +90,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 "" if run.label is None else scene.ctmc.name_of(run.label),
                 fingerprint,
                 kind,
+                scene.ctmc.volume_name.strip(),
             )
             for run in runs
         ]

@@ -26,7 +26,7 @@ def follow(properties: Any, name: str) -> None:
         if item is None:
             continue
         if name == NAME:
-            call(obj, properties.name_of(item.value))
+            call(obj, f"{properties.volume_name} {properties.name_of(item.value)}".strip())
         else:
             recolor(obj, tuple(item.color))
 
