@@ -19,12 +19,13 @@ from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
-from .simplification.simplify import simplification_steps
-from .streaming import FieldSlabs, field_steps, slab_surface_steps
+from .simplification.simplify import Simplification, simplification_steps
+from .simplification.streaming.reduce_pieces import reduce_pieces_steps
+from .streaming import FieldSlabs, SurfaceFacts, field_pieces_steps, field_steps, slab_surface_steps
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
-from .volume.scalar_field import refinement_of
+from .volume.scalar_field import ScalarField, refinement_of
 from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
@@ -171,7 +172,10 @@ def reconstruct_steps(
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels."""
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
-    full = yield from _full_steps(stages, volume, settings, threads, memory_limit)
+    field = yield from _field_steps(stages, volume, settings, threads, memory_limit)
+    if isinstance(field, FieldSlabs) and _simplifies(settings) and not _drops(settings):
+        return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit))
+    full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit)
     return (yield from _simplified_steps(stages, full, settings, memory_limit))
 
 
@@ -182,7 +186,9 @@ def full_steps(
     memory_limit: int | None = None,
 ) -> Steps[Reconstruction]:
     """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
-    return (yield from _full_steps(Stages(_extraction_of(settings)), volume, settings, threads, memory_limit))
+    stages = Stages(_extraction_of(settings))
+    field = yield from _field_steps(stages, volume, settings, threads, memory_limit)
+    return (yield from _full_steps(stages, field, volume, settings, threads, memory_limit))
 
 
 def simplified_steps(
@@ -227,19 +233,29 @@ def _simplifies(settings: ReconstructionSettings) -> bool:
     return settings.simplifies and settings.simplifier == "builtin"
 
 
-def _full_steps(
+def _field_steps(
     stages: Stages,
     volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
-) -> Steps[Reconstruction]:
+) -> Steps[ScalarField | FieldSlabs]:
     region = region_box(volume, settings)
     steps = refinement_of(volume.spacing, settings)
     first, last = region[2][0] * steps, (region[2][1] - 1) * steps
     check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
     preparing = field_steps(volume, settings, threads, memory_limit)
-    field = yield from stages.run("Preparing values", preparing)
+    return (yield from stages.run("Preparing values", preparing))
+
+
+def _full_steps(
+    stages: Stages,
+    field: ScalarField | FieldSlabs,
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None,
+    memory_limit: int | None,
+) -> Steps[Reconstruction]:
     gradient = settings.normals == "gradient"
     if isinstance(field, FieldSlabs):
         extracting = slab_surface_steps(field, gradient, settings.topology, threads, memory_limit)
@@ -256,19 +272,50 @@ def _full_steps(
         keeping = keep_components_steps(surface, mesh, settings.keep_parts, settings.min_part_mm3)
         surface = yield from stages.run("Keeping components", keeping)
         mesh = surface.at(settings.alpha)
+    return replace(
+        _described(volume, settings, field, mesh), surface=surface, stages=_seconds_of(stages, EXTRACTION_STAGES)
+    )
+
+
+def _streamed_steps(
+    stages: Stages,
+    field: FieldSlabs,
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None,
+    memory_limit: int | None,
+) -> Steps[Reconstruction]:
+    """Simplify a surface while it is extracted, so that it is never held as a whole."""
+    gradient = settings.normals == "gradient"
+    pieces = field_pieces_steps(field, field.affine(volume), settings, threads, gradient, any_order=True)
+    goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
+    reducing = reduce_pieces_steps(pieces, *goals, memory_limit, threads)
+    streamed = yield from stages.run("Simplifying", reducing)
+    full = _described(volume, settings, streamed.info, streamed.simplification.mesh)
+    full = replace(full, full_faces=streamed.full_faces, stages=_seconds_of(stages, EXTRACTION_STAGES))
+    return (yield from _finished_steps(stages, full, streamed.simplification, settings))
+
+
+def _described(
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    about: ScalarField | FieldSlabs | SurfaceFacts,
+    mesh: TriangleMesh,
+) -> Reconstruction:
+    """A reconstruction with what is known besides its mesh."""
     return Reconstruction(
         mesh=mesh,
-        surface=surface,
+        surface=None,
         settings=settings,
-        threshold=field.threshold,
+        threshold=about.threshold,
         full_faces=len(mesh.faces),
-        voxels_visited=_voxels_visited(region, settings.stride, field.slice_steps),
-        stages=_seconds_of(stages, EXTRACTION_STAGES),
+        voxels_visited=_voxels_visited(region_box(volume, settings), settings.stride, about.slice_steps),
+        stages=(),
         spacing_mm=volume.spacing,
-        notes=volume.notes + field.notes,
+        notes=volume.notes + about.notes,
         name=volume.name,
-        slice_steps=field.slice_steps,
-        wrong_side=field.wrong_side,
+        slice_steps=about.slice_steps,
+        wrong_side=about.wrong_side,
         label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
         label_color=None if settings.label is None else volume.label_colors.get(settings.label),
     )
@@ -283,11 +330,19 @@ def _voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int)
 def _simplified_steps(
     stages: Stages, full: Reconstruction, settings: ReconstructionSettings, memory_limit: int | None
 ) -> Steps[Reconstruction]:
-    mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
+    simplification = None
     if _simplifies(settings):
         goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-        simplifying = simplification_steps(mesh, *goals, memory_limit)
-        simplification = yield from stages.run("Simplifying", simplifying)
+        simplification = yield from stages.run("Simplifying", simplification_steps(full.mesh, *goals, memory_limit))
+    return (yield from _finished_steps(stages, full, simplification, settings))
+
+
+def _finished_steps(
+    stages: Stages, full: Reconstruction, simplification: Simplification | None, settings: ReconstructionSettings
+) -> Steps[Reconstruction]:
+    """What is known of a surface after simplification, and the mesh's own normals where the settings ask for them."""
+    mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
+    if simplification is not None:
         mesh, removed, surface = simplification.mesh, simplification.removed, None
         if removed.count:
             notes += (f"{removed.sentence('mm3')}.",)

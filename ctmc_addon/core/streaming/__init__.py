@@ -6,9 +6,17 @@ Read in this order: `choice` (when), `field_slabs` (the values), `parts` (active
 surface does not fit either).
 """
 
-from .choice import field_steps
+from .choice import field_steps, fits_in_memory
 from .field_slabs import FieldSlabs
-from .pieces import SurfaceFacts, surface_pieces_steps
+from .pieces import SurfaceFacts, field_pieces_steps, surface_pieces_steps
 from .surface import slab_surface_steps
 
-__all__ = ["FieldSlabs", "SurfaceFacts", "field_steps", "slab_surface_steps", "surface_pieces_steps"]
+__all__ = [
+    "FieldSlabs",
+    "SurfaceFacts",
+    "field_pieces_steps",
+    "field_steps",
+    "fits_in_memory",
+    "slab_surface_steps",
+    "surface_pieces_steps",
+]

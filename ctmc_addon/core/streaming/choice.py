@@ -57,8 +57,13 @@ def in_memory(volume: SlabVolume, settings: ReconstructionSettings, window: Box,
     needed = bytes_in_memory(volume, settings, window)
     if needed <= SMALL_BYTES:
         return True
+    return max(settings.stride) == 1 and fits_in_memory(needed, memory_limit)
+
+
+def fits_in_memory(value_bytes: int, memory_limit: int | None = None) -> bool:
+    """Return whether so many bytes leave enough memory for a surface beside them."""
     limit = available_bytes() if memory_limit is None else memory_limit
-    return max(settings.stride) == 1 and (limit is None or needed <= SHARE * limit)
+    return limit is None or value_bytes <= SHARE * limit
 
 
 def bytes_in_memory(volume: SlabVolume, settings: ReconstructionSettings, window: Box) -> int:

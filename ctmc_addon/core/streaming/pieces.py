@@ -34,7 +34,7 @@ from .field_slabs import FieldSlabs
 from .parts import PartMaker
 from .slab_parts import Regrouping, SlabPart, faces_of
 
-FIELD, COUNTING, EXTRACTING = "Preparing values", "Counting slab by slab", "Extracting slab by slab"
+COUNTING, EXTRACTING = "Counting slab by slab", "Extracting slab by slab"
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,21 @@ def surface_pieces_steps(
     any_order : bool
         Whether vertices may stand in another order than in memory, which saves fetching all values twice.
     """
+    field = yield from field_steps(volume, settings, threads, memory_limit)
     normals = settings.normals == "gradient" if normals is None else normals
-    stages = Stages({FIELD: 1, COUNTING: 3, EXTRACTING: 10} if not any_order else {FIELD: 1, EXTRACTING: 10})
-    field = yield from stages.run(FIELD, field_steps(volume, settings, threads, memory_limit))
+    return (yield from field_pieces_steps(field, field.affine(volume), settings, threads, normals, any_order))
+
+
+def field_pieces_steps(
+    field: ScalarField | FieldSlabs,
+    affine: NDArray[np.float64],
+    settings: ReconstructionSettings,
+    threads: int | None,
+    normals: bool,
+    any_order: bool,
+) -> SurfacePieces[SurfaceFacts]:
+    """`surface_pieces_steps` of a field whose values have this affine."""
+    stages = Stages({COUNTING: 3, EXTRACTING: 10} if not any_order else {EXTRACTING: 10})
     axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
     threads = worker_count(threads)
 
@@ -112,7 +124,7 @@ def surface_pieces_steps(
     if not any_order:
         regrouping = Regrouping((yield from stages.run(COUNTING, maker().ranges_steps())))
     extracting = maker()
-    placing = Placing(field.affine(volume), settings.alpha, normals, regrouping, threads)
+    placing = Placing(affine, settings.alpha, normals, regrouping, threads)
     for steps in extracting.parts_steps():
         parts = yield from stages.run(EXTRACTING, steps)
         yield from placing.add(parts)
