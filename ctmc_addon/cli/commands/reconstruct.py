@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from ... import readers
 from ...core import (
@@ -27,11 +30,14 @@ from ...core import (
 from ...core.files import mesh_files
 from ...core.files.atomic_write import require_writable, whole_files, write_json
 from ...core.mesh import SMALL
+from ...core.streaming import fits_in_memory
+from ...core.volume import SlabVolume
 from ...reporting.formatting import count
 from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..terminal import Progress, dimensions, listing, table, titled
 
+AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
 
 
@@ -103,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
         require_blender(purpose)
     stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
+        volume = progress.finish(stages.run("Reading", fetched_steps(args, settings)))
         result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, settings, args.threads)))
         result = replace(result, stages=(Stage("Reading", stages.seconds["Reading"]), *result.stages))
         result = progress.finish(stages.run("Writing", written_steps(result, outputs)))
@@ -124,11 +130,40 @@ def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> S
     return replace(volume, name=args.name or volume.name)
 
 
+def fetched_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume | SlabVolume]:
+    """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later."""
+    path, reading = Path(args.input), reading_of(args)
+    stages = Stages({"Reading headers": 1, "Reading values": 4})
+    opening = readers.open_volume_steps(source_of(path, settings.label))
+    source = yield from stages.run("Reading headers", opening)
+    volume: Volume | SlabVolume
+    if reads_whole(source, reading, settings):
+        volume = yield from stages.run("Reading values", values_steps(source, path, reading, settings.label))
+    else:
+        volume = yield from stages.run("Reading values", source.slabs_steps(**reading))
+        volume = checked(volume, source, path, settings.label)
+    return replace(volume, name=args.name or volume.name)
+
+
+def reads_whole(source: readers.VolumeSource, reading: Mapping[str, Any], settings: ReconstructionSettings) -> bool:
+    """Whether all values are wanted and leave memory for a surface."""
+    series = source.selected_series(reading["series"])
+    if settings.region is not None or max(settings.stride) > 1:
+        return False
+    if series is None or not series.dtype:
+        return True
+    return fits_in_memory(series.slices * math.prod(series.size) * np.dtype(series.dtype).itemsize)
+
+
 def values_steps(
     source: readers.VolumeSource, path: Path, reading: Mapping[str, Any], label: int | None
 ) -> Steps[Volume]:
     """Read what was opened for `path`."""
-    volume = yield from source.read_steps(**reading)
+    return checked((yield from source.read_steps(**reading)), source, path, label)
+
+
+def checked(volume: AnyVolume, source: readers.VolumeSource, path: Path, label: int | None) -> AnyVolume:
+    """The volume with a note of where its label is taken from, or an error where it cannot have one."""
     if label is not None and volume.kind == "HU":
         raise LabelError(
             f"{path.name} holds HU, in which {label} is a density and not a label; "
@@ -136,7 +171,7 @@ def values_steps(
         )
     if source.path != path:
         note = f"{path.name} holds gray values: label {label} is taken from {source.path.name} beside it"
-        volume = replace(volume, notes=(note, *volume.notes))
+        return replace(volume, notes=(note, *volume.notes))
     return volume
 
 
@@ -214,7 +249,7 @@ def small_components_lines(result: Reconstruction) -> list[str]:
     return [f"{counts} are smaller than {SMALL:g} mm3; --min-part {SMALL:g} removes them"]
 
 
-def summary(result: Reconstruction, volume: Volume, outputs: Outputs) -> str:
+def summary(result: Reconstruction, volume: Volume | SlabVolume, outputs: Outputs) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon import core, readers
+from ctmc_addon.core import streaming
 from ctmc_addon.core.pipeline import Reconstruction
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -52,6 +53,25 @@ def test_a_label_becomes_the_mesh_that_python_makes(ctmc, phantom_folder, tmp_pa
     assert all(stage["seconds"] >= 0 for stage in said["stages"])
     assert str(tmp_path) not in report.read_text("utf-8")
     assert str(phantom_folder) not in report.read_text("utf-8")
+
+
+@pytest.mark.parametrize("flags", [[], ["--stride", "2", "2", "1"], ["--region", "10", "20", "4", "60", "50", "15"]])
+def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
+    ctmc, phantom_folder, tmp_path, monkeypatch, flags
+):
+    words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", *flags]
+    assert ctmc("reconstruct", *words, "-o", tmp_path / "memory.ply").code == 0
+    monkeypatch.setattr(streaming.choice, "SHARE", 0.0)
+    monkeypatch.setattr(streaming.choice, "SMALL_BYTES", 0)
+    monkeypatch.setattr(streaming.parts, "SLAB_BYTES", 1)
+    fetched = []
+    fill = readers.result.SlabVolume.samples
+    monkeypatch.setattr(
+        readers.result.SlabVolume, "samples", lambda volume, *which: fetched.append(which) or fill(volume, *which)
+    )
+    assert ctmc("reconstruct", *words, "-o", tmp_path / "slabs.ply").code == 0
+    assert len(fetched) > 2
+    assert (tmp_path / "slabs.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()
 
 
 def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
