@@ -119,6 +119,8 @@ class RawValues:
         sRGB, 0 to 255, where the file has them.
     own_spacing : str
         Words about the file's spacing, where the affine already holds what was asked for.
+    spacing : (x, y, z) float or None
+        Millimeters, of a file that has spacing and no orientation.
     """
 
     values: NDArray[Any] | SliceReader
@@ -128,6 +130,7 @@ class RawValues:
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
+    spacing: tuple[float, float, float] | None = None
 
 
 class ReadOptions(NamedTuple):
@@ -284,14 +287,19 @@ class VolumeSource(ABC):
         notes = [*time_notes, *raw.notes]
         affine = raw.affine
         if affine is None:
-            lengths = spacing or (1.0, 1.0, 1.0)
+            lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
             affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(
                 f"{what} has no orientation: taken as axial, columns towards the patient's left, "
                 "rows towards the back, slices towards the head; flip x, y or z changes it"
             )
-            if spacing is None:
+            if spacing is not None and raw.spacing is not None:
+                notes.append(
+                    f"spacing {lengths_text(spacing)} mm as asked, in place of the file's own "
+                    f"{lengths_text(raw.spacing)} mm"
+                )
+            if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)

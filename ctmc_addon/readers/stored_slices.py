@@ -193,3 +193,27 @@ class JoinedSlices(SliceReader):
             moved = range(own.start - first, own.stop - first, own.step)
             self.parts[number].fill(out[at : at + count], moved, rows, columns)
             at += count
+
+
+class TimeSlices(SliceReader):
+    """One of several volumes: `slices` slices of another reader, each `step`-th from number `first` on."""
+
+    def __init__(self, stored: SliceReader, first: int, slices: int, step: int = 1) -> None:
+        self.stored, self.first, self.step = stored, first, step
+        self.shape, self.dtype = (slices, *stored.shape[1:]), stored.dtype
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Read the slices further on."""
+        start, stop = (self.first + self.step * end for end in (slices.start, slices.stop))
+        moved = range(start, stop, self.step * slices.step)
+        self.stored.fill(out, moved, rows, columns)
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """Of all slices of a packed file also what lies before and behind is unpacked, up to the check sum."""
+        checked = self.stored if isinstance(self.stored, PackedSlices) and slices == self.everything[0] else None
+        if checked is not None:
+            yield from checked.pass_to_steps(self.first)
+        values = yield from super().values_steps(slices, rows, columns)
+        if checked is not None:
+            yield from checked.pass_to_steps(checked.shape[0])
+        return values

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import lzma
+import math
 import struct
 import zlib
 from contextlib import ExitStack
@@ -15,17 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import PAUSE, ReadError, Steps
+from ...core.volume import SliceReader
 from ..optional_imports import needed, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
-from ..stored_slices import RawSlices
+from ..stored_slices import RawSlices, TimeSlices
 from .decoded import DecodedSlices
 from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
+from .tiff_axes import Pages, pages_of_axes, spacing_of_tiff
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
 TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
 DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError, lzma.LZMAError)
 DEFLATE, LZMA = (8, 32946), 34925  # values of Compression
 MOST_PADDING = 1 << 16  # bytes behind the pixels of a strip
+OF_SEVERAL_FILES = ("mmstack", "ndtiff")
 HARMLESS = 1 << 27  # bytes that any machine can unpack
 
 
@@ -35,7 +39,9 @@ class PageStack(NamedTuple):
     shape: tuple[int, int, int]  # (slices, rows, columns)
     dtype: np.dtype[Any]  # in the file's byte order
     pages: list[Any]  # tifffile's, one for each slice; empty where the values lie in one piece
-    start: int | None  # first byte of values that lie in one piece
+    start: int | None  # first byte of values that lie in one piece, all times and channels
+    total: int  # pages of it
+    layout: Pages
     notes: tuple[str, ...]
 
 
@@ -47,23 +53,32 @@ class TiffStack(VolumeSource):
 
     def __init__(self, path: Path, stack: PageStack) -> None:
         slices, rows, columns = stack.shape
-        super().__init__(path, (Series(1, "", slices, (columns, rows), "", stack.dtype.name),), [path])
+        series = Series(1, "", slices, (columns, rows), "", stack.dtype.name, stack.layout.times)
+        super().__init__(path, (series,), [path])
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read page by page; values in one piece row by row."""
-        del options
         yield PAUSE
         tiff = open_tiff(self.path)
         with ExitStack() as on_error:
             on_error.callback(tiff.close)
             stack = page_stack(tiff, self.path)
+            spacing, notes = spacing_of_tiff(tiff)
             on_error.pop_all()
+        notes = (*stack.notes, *notes)
+        slices, layout = stack.shape[0], stack.layout
+        first = layout.first(options.time)
         if stack.start is not None:
             tiff.close()
-            return RawValues(RawSlices(self.path, stack.start, stack.shape, stack.dtype), None, stack.notes)
+            plain: SliceReader = RawSlices(self.path, stack.start, (stack.total, *stack.shape[1:]), stack.dtype)
+            if stack.total != slices:
+                plain = TimeSlices(plain, first, slices, layout.step)
+            return RawValues(plain, None, notes, spacing=spacing)
 
         def decode(number: int) -> NDArray[Any]:
-            page = stack.pages[number]
+            page = stack.pages[first + number * layout.step]
+            if page is None:
+                raise ReadError(f"page {number + 1} of {self.path.name} is missing; save it again")
             pixels = page_slice(tiff, page, self.path, page.index)
             if pixels.shape != stack.shape[1:]:
                 size = f"{pixels.shape}, and the first is {stack.shape[1:]}"
@@ -72,7 +87,7 @@ class TiffStack(VolumeSource):
 
         reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="))
         finalize(reader, tiff.close)
-        return RawValues(reader, None, stack.notes)
+        return RawValues(reader, None, notes, spacing=spacing)
 
 
 def opened_stack(path: Path) -> TiffStack | None:
@@ -89,7 +104,7 @@ def page_count(path: Path) -> int:
 
 def pages_of(tiff: Any) -> int:
     """Number of pages; ImageJ writes one page header for a large stack."""
-    return max(len(tiff.pages), stack_sides(tiff.series[0])[0])
+    return max(len(tiff.pages), stack_sides(tiff.series[0]))
 
 
 def open_tiff(path: Path) -> Any:
@@ -98,7 +113,7 @@ def open_tiff(path: Path) -> Any:
     tiff: Any = None
     damage = ""
     try:
-        tiff = tifffile.TiffFile(path)
+        tiff = tifffile.TiffFile(path, **alone(tifffile))
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
     except (*DAMAGE, tifffile.TiffFileError) as error:
@@ -109,6 +124,12 @@ def open_tiff(path: Path) -> Any:
         tiff.close()
         raise ReadError(f"{path.name} is truncated or damaged ({damage}); copy it again")
     return tiff
+
+
+def alone(tifffile: Any) -> dict[str, bool]:
+    """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
+    kinds = (kind for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
+    return {"_multifile": False, **{f"is_{kind}": False for kind in kinds}}
 
 
 def chain_damage(tiff: Any) -> str:
@@ -140,11 +161,9 @@ def tiff_slice(path: Path) -> NDArray[Any]:
         return page_slice(tiff, tiff.pages[0], path, 0)
 
 
-def stack_sides(series: Any) -> tuple[int, str]:
-    """Number of pages of a series, and its sides in words."""
-    sides = list(zip(series.axes, (int(side) for side in series.shape), strict=True))
-    stack = [side for axis, side in sides if axis not in "SYX" and side > 1]
-    return int(np.prod(stack)), " x ".join(f"{axis} {side}" for axis, side in sides)
+def stack_sides(series: Any) -> int:
+    """Number of pages of a series."""
+    return math.prod(int(side) for axis, side in zip(series.axes, series.shape, strict=True) if axis not in "SYX")
 
 
 def page_stack(tiff: Any, path: Path) -> PageStack:
@@ -154,24 +173,21 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     size = (int(keyframe.imagelength), int(keyframe.imagewidth))
     is_byte = first.dtype == bool or is_palette(keyframe)
     dtype = np.dtype("uint8") if is_byte else first.dtype.newbyteorder(tiff.byteorder)
-    count, sides = stack_sides(first)
+    count = stack_sides(first)
     if count == 1 and len(every) > 1:
         if len({(series.shape, str(series.dtype)) for series in every}) > 1:
             text = ", ".join(sorted({" x ".join(map(str, series.shape)) for series in every})[:3])
             raise ReadError(f"{path.name} has pages of different sizes or types ({text}); save pages of one size")
         pages = [page for series in every for page in series.pages]
-        return PageStack((len(pages), *size), dtype, pages, None, ())
-    stack = [(axis, side) for axis, side in zip(first.axes, first.shape, strict=True) if axis not in "SYX" and side > 1]
-    # ImageJ calls the slices of a plain stack channels; up to four may be real ones.
-    if len(stack) > 1 or (stack and stack[0][0] == "C" and stack[0][1] <= 4):
-        raise ReadError(f"{path.name} has more than one channel or time ({sides}); save one as a stack of its own")
-    if not stack:
-        raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
+        return PageStack((len(pages), *size), dtype, pages, None, len(pages), Pages(len(pages), 1, 1, 0), ())
+    layout = pages_of_axes(first.axes, first.shape, path)
+    shape = (layout.slices, *size)
     notes = (f"{len(every) - 1} further series of pages in the TIFF left out",) if len(every) > 1 else ()
     plain = keyframe.samplesperpixel == 1 and code_of(keyframe.photometric) == 1 and first.dtype != bool
+    notes = (*notes, *layout.notes)
     if first.dataoffset is not None and plain:
-        return PageStack((count, *size), dtype, [], int(first.dataoffset), notes)
-    return PageStack((count, *size), dtype, [first.pages[number] for number in range(count)], None, notes)
+        return PageStack(shape, dtype, [], int(first.dataoffset), count, layout, notes)
+    return PageStack(shape, dtype, [first.pages[number] for number in range(count)], None, count, layout, notes)
 
 
 def code_of(value: Any) -> int:

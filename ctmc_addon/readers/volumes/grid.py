@@ -9,35 +9,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core import ReadError, Steps
+from ...core import ReadError
 from ...core.volume import SliceReader
-from ..stored_slices import PackedSlices, RawSlices
+from ..stored_slices import PackedSlices, RawSlices, TimeSlices
 from ..streams import is_packed, opened
-
-
-class TimeSlices(SliceReader):
-    """One of several volumes that follow each other: `slices` slices of another reader, from number `first` on."""
-
-    def __init__(self, stored: SliceReader, first: int, slices: int) -> None:
-        self.stored, self.first = stored, first
-        self.shape, self.dtype = (slices, *stored.shape[1:]), stored.dtype
-
-    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Read the slices further on."""
-        moved = range(slices.start + self.first, slices.stop + self.first, slices.step)
-        self.stored.fill(out, moved, rows, columns)
-
-    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """Of all slices of a packed file also what lies before and behind is unpacked, up to the check sum."""
-        checked = self.stored if isinstance(self.stored, PackedSlices) and slices == self.everything[0] else None
-        if checked is not None:
-            yield from checked.pass_to_steps(self.first)
-        values = yield from super().values_steps(slices, rows, columns)
-        if checked is not None:
-            yield from checked.pass_to_steps(checked.shape[0])
-        return values
 
 
 def check_bytes(path: Path, needed: int) -> None:

@@ -275,12 +275,6 @@ def test_a_truncated_tiff_is_refused(tmp_path, options, share):
         read_volume(path)
 
 
-def test_channels_or_times_in_a_tiff_are_refused(tmp_path):
-    tifffile.imwrite(tmp_path / "s.tif", numbers(shape=(2, 3, 8, 9)), imagej=True, metadata={"axes": "TZYX"})
-    with pytest.raises(CtmcError, match="T 2 x Z 3 x Y 8 x X 9"):
-        read_volume(tmp_path / "s.tif")
-
-
 def test_several_multi_page_files_in_a_folder_are_refused(tmp_path):
     for name in ("a.tif", "b.tif"):
         tifffile.imwrite(tmp_path / name, numbers(), photometric="minisblack")

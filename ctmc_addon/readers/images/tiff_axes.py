@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What ImageJ and OME write into a TIFF: which page is which slice, time and channel, and the spacing.
+
+Axes are tifffile's letters: Z slices, T times, C channels, S samples of a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...core import ReadError
+
+TO_MM = {
+    **{
+        "nm": 1e-6,
+        "µm": 1e-3,
+        "\u03bcm": 1e-3,
+        "um": 1e-3,
+        "micron": 1e-3,
+        "microns": 1e-3,
+        "micrometer": 1e-3,
+        "mm": 1.0,
+    },
+    **{"millimeter": 1.0, "cm": 10.0, "centimeter": 10.0, "m": 1e3, "meter": 1e3, "inch": 25.4, "in": 25.4, "Å": 1e-7},
+}
+MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
+LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
+
+
+class Pages(NamedTuple):
+    """Which pages of a series are the slices: `first`, and every `step`-th after it, `slices` at each of `times`."""
+
+    slices: int
+    times: int
+    step: int
+    time_step: int
+    notes: tuple[str, ...] = ()
+
+    def first(self, time: int) -> int:
+        """Number of the first slice's page at a time, from 1 on."""
+        return (time - 1) * self.time_step
+
+
+def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
+    """The slices and times among the pages of a series; of several channels the first is taken.
+
+    Examples
+    --------
+    >>> pages_of_axes("TZYX", (2, 3, 8, 9), Path("a.tif"))
+    Pages(slices=3, times=2, step=1, time_step=3, notes=())
+    """
+    sides = [(axis, int(side)) for axis, side in zip(axes, shape, strict=True) if axis not in "SYX" and side > 1]
+    letters = [axis for axis, _ in sides]
+    several = " x ".join(f"{axis} {side}" for axis, side in zip(axes, shape, strict=True))
+    if not sides:
+        raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
+    depth = "Z" if "Z" in letters else letters[0]
+    unknown = set(letters) - {depth, "T", "C"} or len(set(letters)) < len(letters)
+    only_channels = depth == "C" and sides[0][1] <= MOST_CHANNELS
+    if unknown or only_channels or (depth != "Z" and len(letters) > 1):
+        raise ReadError(f"{path.name} has more than one channel or time ({several}); save one as a stack of its own")
+    steps = {axis: math.prod(side for _, side in sides[at + 1 :]) for at, (axis, _) in enumerate(sides)}
+    lengths = dict(sides)
+    times, channels = (lengths.get(axis, 1) if axis != depth else 1 for axis in "TC")
+    notes = (f"{path.name} has {channels} channels: the first was read",) if channels > 1 else ()
+    return Pages(lengths[depth], times, steps[depth], steps.get("T", 0) if times > 1 else 0, notes)
+
+
+def spacing_of_tiff(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Spacing along x, y and z in mm where ImageJ or OME wrote it, and what was assumed."""
+    if tiff.is_ome:
+        return ome_spacing(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
+    if tiff.is_imagej:
+        return imagej_spacing(tiff)
+    return None, ()
+
+
+def ome_spacing(text: str) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """The PhysicalSize of the first `Pixels` of OME-XML; its unit is µm where none is given."""
+    element = re.search(r"<(?:\w+:)?Pixels\s[^<>]*>", text)
+    words = dict(re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else ""))
+    sizes = [words.get(f"PhysicalSize{axis}") for axis in "XYZ"]
+    units = [words.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
+    return in_mm([number_of(size) for size in sizes], units)
+
+
+def imagej_spacing(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """ImageJ's spacing of slices, 1 where it is left out, and the resolution of the first page, in ImageJ's unit."""
+    about = tiff.imagej_metadata or {}
+    unit = re.sub(r"\\u([0-9A-Fa-f]{4})", lambda code: chr(int(code[1], 16)), str(about.get("unit", ""))).strip()
+    tags = tiff.pages[0].tags
+    sizes = []
+    for name in ("XResolution", "YResolution"):
+        value = tags[name].value if name in tags else None
+        pair = value if isinstance(value, tuple) and len(value) == 2 else (0, 0)
+        known = all(isinstance(part, int) and part > 0 for part in pair)
+        sizes.append(pair[1] / pair[0] if known else None)
+    depth = number_of(about.get("spacing", 1.0))
+    return in_mm([*sizes, depth], [unit] * 3)
+
+
+def number_of(value: Any) -> float | None:
+    """A length above 0, or None; ImageJ's spacing is negative where a stack was turned round."""
+    try:
+        number = abs(float(value))
+    except (TypeError, ValueError):
+        return None
+    return number if 0 < number < math.inf else None
+
+
+def in_mm(sizes: list[float | None], units: list[str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Lengths in mm; none where x, y or a unit is not known."""
+    x, y, z = sizes
+    if x is None or y is None or not all(unit in TO_MM for unit in units):
+        return None, ()
+    notes = []
+    if z is None:
+        z, units = x, [units[0], units[1], units[0]]
+        notes.append("the TIFF has no spacing between slices: that between columns is taken; give the spacing in mm")
+    others = sorted({unit for unit in units if TO_MM[unit] != 1.0})
+    if others:
+        notes.append(f"the TIFF's spacing is in {' and '.join(others)} and was converted to mm")
+    lengths = [size * TO_MM[unit] for size, unit in zip((x, y, z), units, strict=True)]
+    return (lengths[0], lengths[1], lengths[2]), tuple(notes)
