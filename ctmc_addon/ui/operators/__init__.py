@@ -19,6 +19,8 @@ def modules() -> tuple[Any, ...]:
         slice,
         threshold,
         view,
+        volume_object,
     )
 
-    return (load, view, threshold, slice, region, reconstruct, simplify, rotation, results, export, figure, figure_view)
+    viewing = (load, view, threshold, slice, volume_object, region)
+    return (*viewing, reconstruct, simplify, rotation, results, export, figure, figure_view)

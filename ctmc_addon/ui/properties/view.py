@@ -15,6 +15,7 @@ from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
 from ...core.volume import default_window, value_range
+from ..state.change_events import notify
 from .kinds import boolean, choice, decimal
 
 _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
@@ -44,6 +45,7 @@ def choose(view: Any, window: float, level: float) -> None:
     """Keep window and level for the present volume."""
     view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
+    notify(view.id_data.ctmc, "window")
 
 
 def get_window(view: Any) -> float:

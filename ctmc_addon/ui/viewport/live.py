@@ -62,6 +62,8 @@ live = Live()
 
 def mark(properties: Any, name: str) -> None:
     """A setting has changed: cheap, for it runs within the slider's own event."""
+    if name == "window":
+        return
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's own numbers in millimeters of the patient."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+
+
+def set_units(scene: bpy.types.Scene, scale: float) -> None:
+    """Show lengths in mm, where a millimeter is `scale` Blender units; nothing moves.
+
+    Blender shows a unit as `scale_length` meters.
+    """
+    units = scene.unit_settings
+    units.system, units.length_unit, units.scale_length = "METRIC", "MILLIMETERS", 0.001 / scale
+
+
+def shows_mm(scene: bpy.types.Scene, scale: float) -> bool:
+    """Whether Blender's numbers are the patient's millimeters."""
+    units = scene.unit_settings
+    is_mm = units.system == "METRIC" and units.length_unit == "MILLIMETERS"
+    return is_mm and math.isclose(units.scale_length, 0.001 / scale, rel_tol=1e-5)

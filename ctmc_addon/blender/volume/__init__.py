@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CT itself as a Volume object, which Cycles and EEVEE render: a .vdb file, its object and its material."""
+
+from .appearance import APPEARANCES, Appearance, adjust
+from .objects import add_volume, of_ct
+from .vdb import vdb_steps, vdb_writer
+
+__all__ = ["APPEARANCES", "Appearance", "add_volume", "adjust", "of_ct", "vdb_steps", "vdb_writer"]

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a Volume object looks like: a material whose ramps are in the volume's own values, HU of a CT.
+
+Below the threshold nothing is seen; above it the volume grows dense within a few HU. The color follows window and
+level, so threshold, window and level of the sidebar are all there is to turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+from ..colors import BONE, Color
+from ..materials import use_nodes
+from .vdb import GRID
+
+THRESHOLD, WINDOW, LEVEL = "Threshold", "Window", "Level"
+"""Labels of the nodes that hold them."""
+GLOW = 0.12  # of the light that a part scatters at most
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """A preset.
+
+    Parameters
+    ----------
+    label, text : str
+    threshold : float
+        HU below which nothing is seen.
+    width : float
+        HU from the threshold to the full density.
+    density_per_mm : float
+        How much is hidden in 1 mm at full density.
+    window, level : float
+        HU of the dark to the light end of the colors.
+    colors : two linear colors
+        Of the dark and the light end.
+    """
+
+    label: str
+    text: str
+    threshold: float
+    width: float
+    density_per_mm: float
+    window: float
+    level: float
+    colors: tuple[Color, Color]
+
+
+APPEARANCES = {
+    "bone": Appearance(
+        "Bone", "Bone, spongy bone included", 180.0, 150.0, 2.0, 900.0, 500.0, ((0.55, 0.35, 0.2), BONE)
+    ),
+    "vessels": Appearance(
+        "Vessels",
+        "Vessels with contrast medium in red, bone in white",
+        130.0,
+        90.0,
+        1.5,
+        260.0,
+        260.0,
+        ((0.55, 0.02, 0.01), (0.85, 0.78, 0.62)),
+    ),
+    "soft": Appearance(
+        "Soft Tissue",
+        "Muscle and organs, half transparent",
+        -10.0,
+        80.0,
+        0.12,
+        350.0,
+        90.0,
+        ((0.35, 0.06, 0.03), (0.9, 0.7, 0.55)),
+    ),
+    "skin": Appearance(
+        "Skin",
+        "The body's surface against air",
+        -400.0,
+        250.0,
+        1.0,
+        500.0,
+        -150.0,
+        ((0.5, 0.22, 0.12), (0.8, 0.5, 0.36)),
+    ),
+}
+
+
+def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.types.Material:
+    """A material of this appearance for a volume of `scale` Blender units a millimeter."""
+    material = bpy.data.materials.new(name)
+    use_nodes(material)
+    tree = material.node_tree
+    tree.nodes.clear()
+    numbers = {
+        THRESHOLD: appearance.threshold,
+        "Width": appearance.width,
+        WINDOW: appearance.window,
+        LEVEL: appearance.level,
+        "Density": appearance.density_per_mm / scale,
+    }
+    value_of = {label: _number(tree, label, value) for label, value in numbers.items()}
+    values = tree.nodes.new("ShaderNodeAttribute")
+    values.attribute_name = GRID
+    opacity = _share(tree, values.outputs["Fac"], value_of[THRESHOLD], value_of["Width"])
+    dark = _math(tree, "SUBTRACT", value_of[LEVEL], _math(tree, "MULTIPLY", value_of[WINDOW], 0.5))
+    shade = _share(tree, values.outputs["Fac"], dark, value_of[WINDOW])
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
+    tree.links.new(shade, ramp.inputs["Fac"])
+    for element, color in zip(ramp.color_ramp.elements, appearance.colors, strict=True):
+        element.color = (*color, 1.0)
+    shader = tree.nodes.new("ShaderNodeVolumePrincipled")
+    shader.inputs["Density Attribute"].default_value = ""
+    density = _math(tree, "MULTIPLY", opacity, value_of["Density"])
+    tree.links.new(density, shader.inputs["Density"])
+    # Light is scattered once in EEVEE and by Cycles' defaults, which leaves dense parts dark: they glow a little.
+    tree.links.new(_math(tree, "MULTIPLY", density, GLOW), shader.inputs["Emission Strength"])
+    for taken in ("Color", "Emission Color"):
+        tree.links.new(ramp.outputs["Color"], shader.inputs[taken])
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(shader.outputs["Volume"], output.inputs["Volume"])
+    for number, node in enumerate(tree.nodes):
+        node.location = (220 * (number // 4), -180 * (number % 4))
+    return material
+
+
+def adjust(material: bpy.types.Material, **numbers: float) -> None:
+    """Set numbers of a volume's material by the nodes' labels in lower case: threshold, window, level."""
+    for node in material.node_tree.nodes:
+        value = numbers.get(node.label.lower())
+        if node.type == "VALUE" and value is not None:
+            node.outputs[0].default_value = value
+
+
+def _number(tree: Any, label: str, value: float) -> Any:
+    node = tree.nodes.new("ShaderNodeValue")
+    node.label = label
+    node.outputs[0].default_value = value
+    return node.outputs[0]
+
+
+def _math(tree: Any, operation: str, first: Any, second: Any) -> Any:
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, (first, second), strict=False):
+        if isinstance(value, float):
+            socket.default_value = value
+        else:
+            tree.links.new(value, socket)
+    return node.outputs[0]
+
+
+def _share(tree: Any, value: Any, low: Any, width: Any) -> Any:
+    """The socket of (value - low) / width, 0 below and 1 above."""
+    share = _math(tree, "DIVIDE", _math(tree, "SUBTRACT", value, low), width)
+    share.node.use_clamp = True
+    return share

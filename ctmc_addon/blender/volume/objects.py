@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A Volume object at its place in the patient."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+from ...core import Volume
+from .appearance import Appearance, volume_material
+from .vdb import middle_mm
+
+CT = "ctmc_volume_of"  # property of the object: the fingerprint of its CT
+
+
+def add_volume(
+    scene: bpy.types.Scene, volume: Volume, path: Path, scale: float, appearance: Appearance, fingerprint: str = ""
+) -> bpy.types.Object:
+    """Add the object of a .vdb that `vdb_steps` has written of `volume` at this scale."""
+    name = f"{volume.name} {appearance.label}"
+    data = bpy.data.volumes.new(name)
+    data.filepath = bpy.path.relpath(str(path)) if bpy.data.filepath else str(path)
+    data.materials.append(volume_material(name, appearance, scale))
+    data.render.space = "WORLD"
+    # Half a voxel a step sees every sample.
+    data.render.step_size = 0.5 * scale * min(volume.spacing)
+    obj = bpy.data.objects.new(name, data)
+    obj.location = [scale * value for value in middle_mm(volume)]
+    obj[CT] = fingerprint
+    scene.collection.objects.link(obj)
+    if scene.eevee.volumetric_tile_size in {"8", "16"}:
+        scene.eevee.volumetric_tile_size = "2"  # pixels; EEVEE's own leaves blocks
+    return obj
+
+
+def of_ct(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
+    """The Volume objects of a CT in a scene."""
+    for obj in scene.objects:
+        if obj.type == "VOLUME" and fingerprint and obj.get(CT) == fingerprint:
+            yield obj

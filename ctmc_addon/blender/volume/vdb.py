@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gray values as a grid of OpenVDB in a file, the only way into Blender's Volume objects.
+
+The grid's index (x, y, z) is the volume's, and its transform leads to Blender's units around the volume's middle: what
+is left to the object's location is exact in float32. A sample is a grid point, so nothing is half a voxel off.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core import OutputError, Step, Steps, Volume, require_memory
+from ...core.files.atomic_write import whole_files
+from ...core.volume import transform_points
+
+GRID = "HU"
+"""The grid's name, also where the values are not HU: materials ask for it."""
+SLICES = 16  # copied between two steps
+
+
+def vdb_writer() -> Any | None:
+    """OpenVDB's Python module of this Blender; None where it has none."""
+    names = ("openvdb", "pyopenvdb")  # since Blender 4.4, and before
+    # Blender as a module does not look where its own packages are.
+    inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
+    for name in names:
+        for place in (None, inside):
+            try:
+                return importlib.import_module(name) if place is None else _imported_from(name, place)
+            except ImportError:
+                continue
+    return None
+
+
+def _imported_from(name: str, folder: Path) -> Any:
+    """Import a module from a folder that is searched for nothing else."""
+    sys.path.insert(0, str(folder))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(folder))
+
+
+def middle_mm(volume: Volume) -> tuple[float, float, float]:
+    """Where the middle of a volume lies, RAS+ mm."""
+    index = (np.array(volume.size, np.float64) - 1) / 2
+    x, y, z = transform_points(volume.affine, index[None])[0].tolist()
+    return x, y, z
+
+
+def vdb_steps(volume: Volume, path: Path, scale: float) -> Steps[None]:
+    """Write a volume as a .vdb, whole or not at all.
+
+    Parameters
+    ----------
+    scale : float
+        Blender units of 1 mm.
+
+    Raises
+    ------
+    OutputError
+        If this Blender has no OpenVDB module, or the file cannot be written.
+    MemoryLimitError
+        If the grid would not fit beside the volume.
+    """
+    module = vdb_writer()
+    if module is None:
+        raise OutputError("this Blender has no OpenVDB module; the Blender of blender.org has one")
+    require_memory(4 * volume.values.size, "the volume's grid", "use a region or a larger stride")
+    lowest = float(min(np.fmin.reduce(part, axis=None) for part in volume.values))
+    grid = module.FloatGrid(lowest)
+    grid.name = GRID
+    matrix = np.array(volume.affine)
+    matrix[:3, 3] -= middle_mm(volume)
+    matrix[:3] *= scale
+    grid.transform = module.createLinearTransform(matrix.T.tolist())  # rows are the images of the axes
+    values = volume.values
+    for first in range(0, len(values), SLICES):
+        yield Step(0.6 * first / len(values), "Copying the values")
+        part = values[first : first + SLICES].astype(np.float32)  # (slices, rows, columns)
+        grid.copyFromArray(np.ascontiguousarray(part.transpose(2, 1, 0)), ijk=(0, 0, first))
+    yield Step(0.6, f"Writing {path.name}")
+    with whole_files([path]) as places:
+        module.write(str(places[path]), grids=[grid])
