@@ -38,7 +38,7 @@ class SliceReader(ABC):
     @property
     def at_once(self) -> int:
         """Slices between two steps."""
-        return max(1, STEP_BYTES // (self.shape[1] * self.shape[2] * self.dtype.itemsize))
+        return max(1, STEP_BYTES // max(1, self.shape[1] * self.shape[2] * self.dtype.itemsize))
 
     @property
     def own_bytes(self) -> int:

@@ -80,6 +80,7 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
 def read_header(path: Path) -> Any:
     """The header by nibabel."""
     kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
+    errors: tuple[type[Exception], ...] = (*header_errors(), KeyError)  # KeyError: a type that does not exist
     try:
         with path.open("rb") as stream, quiet():
             content = stream.read(HEADER)
@@ -88,6 +89,6 @@ def read_header(path: Path) -> Any:
         with quiet():
             header = kind(content, check=False)
             header.get_data_dtype(), header.get_data_shape()
-    except header_errors() as error:
+    except errors as error:
         raise ReadError(f"{path.name} is not a readable Analyze header ({reason(error)}); copy it again") from error
     return header

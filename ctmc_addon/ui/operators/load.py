@@ -97,6 +97,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         source = yield from stages.run(headers, readers.open_volume_steps(path))
         volume = yield from stages.run(values, source.read_steps(**reading, threads=machine().threads))
         selected = source.selected_series(reading["series"])
+        if reading["series"] and selected is not None:  # its UID is kept nowhere
+            reading = {**reading, "series": str(selected.number)}
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
             path,

@@ -116,4 +116,4 @@ def draw_series(layout: Any, loaded: volumes.Loaded) -> None:
         button = column.operator(
             "ctmc.load", text=series.screen_text, translate=False, depress=series.number == loaded.series_number
         )
-        button.again, button.series = True, series.uid or str(series.number)
+        button.again, button.series = True, str(series.number)
