@@ -15,6 +15,7 @@ from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
 from .mesh.components import keep_components_steps
 from .mesh.face_normals import vertex_normals_steps
+from .mesh.faces_shown import face_notes
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
@@ -312,7 +313,7 @@ def _described(
         voxels_visited=_voxels_visited(region_box(volume, settings), settings.stride, about.slice_steps),
         stages=(),
         spacing_mm=volume.spacing,
-        notes=volume.notes + about.notes,
+        notes=volume.notes + about.notes + face_notes(volume.kind, about.threshold, mesh.vertices),
         name=volume.name,
         slice_steps=about.slice_steps,
         wrong_side=about.wrong_side,

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Does a surface show a face, which DICOM PS3.15 E.1.1 calls recognizable visual features?
+
+Told from the surface alone, as most formats do not say what part of the body they hold. RAS+ mm.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SKIN_HU = (-900.0, 60.0)  # between air and soft tissue: a threshold here gives skin
+BAND_MM = 10.0
+# A head, of a child or with ears and headrest: 1 to 99 % of a band's vertices lie within so much.
+WIDTH_MM = (110.0, 235.0)  # right to left
+DEPTH_MM = (130.0, 270.0)  # back to front
+LEAST_MM = 80.0  # of the body that is like that; a face is longer
+FEWEST = 50  # vertices of a band
+MOST = 400_000  # vertices that are looked at
+NOTE = "this surface shows a face, by which a person can be recognized: take care whom it is given to"
+
+
+def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tuple[str, ...]:
+    """The note of a surface that is skin and as large as a head over `LEAST_MM`; else nothing.
+
+    A slim trunk may be taken for a head; an abdomen or thorax of an adult is wider.
+
+    Parameters
+    ----------
+    kind : str
+        Of the volume; only 'HU' has skin.
+    threshold : float
+        HU.
+    vertices_ras_mm : (n, 3)
+    """
+    if kind != "HU" or not SKIN_HU[0] <= threshold <= SKIN_HU[1] or not len(vertices_ras_mm):
+        return ()
+    right, front, up = vertices_ras_mm[:: 1 + len(vertices_ras_mm) // MOST].T  # (n,) each
+    if not np.isfinite(up).all():
+        return ()
+    band = ((up - up.min()) // BAND_MM).astype(np.int64)
+    order = np.argsort(band, kind="stable")
+    starts = np.unique(band[order], return_index=True)[1].tolist()
+    alike = 0
+    for start, stop in pairwise([*starts, len(order)]):
+        inside = order[start:stop]
+        alike += (
+            len(inside) >= FEWEST
+            and WIDTH_MM[0] <= extent_mm(right[inside]) <= WIDTH_MM[1]
+            and DEPTH_MM[0] <= extent_mm(front[inside]) <= DEPTH_MM[1]
+        )
+    return (NOTE,) if alike * BAND_MM >= LEAST_MM else ()
+
+
+def extent_mm(positions: NDArray[Any]) -> float:
+    """How far apart the lowest and the highest are, one in a hundred left out on each side."""
+    out = len(positions) // 100
+    positions = np.sort(positions)
+    return float(positions[-1 - out] - positions[out])
