@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -42,16 +43,20 @@ def linux_available(root: Path) -> int | None:
     return max(0, min(known)) if known else _half_of_physical()
 
 
-def require(needed_bytes: int, what: str, remedy: str, limit_bytes: int | None = None) -> None:
-    """Raise `MemoryLimitError` if `what` needs more than `limit_bytes`, by default what is available."""
+def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], limit_bytes: int | None = None) -> None:
+    """Raise `MemoryLimitError` if `what` needs more than `limit_bytes`, by default what is available.
+
+    A remedy that depends on the bytes there are is a function of them.
+    """
     limit = available_bytes() if limit_bytes is None else limit_bytes
     if limit is not None and needed_bytes > limit:
+        advice = remedy if isinstance(remedy, str) else remedy(limit)
         raise MemoryLimitError(
-            f"{what} needs about {_amount(needed_bytes)} of memory and {_amount(limit)} are available; {remedy}"
+            f"{what} needs about {amount(needed_bytes)} of memory and {amount(limit)} are available; {advice}"
         )
 
 
-def _amount(number: int) -> str:
+def amount(number: int) -> str:
     """Return bytes in GiB, below 0.1 GiB in MiB."""
     return f"{number / 2**30:.1f} GiB" if number >= 0.1 * 2**30 else f"{number / 2**20:.3g} MiB"
 

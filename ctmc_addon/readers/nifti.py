@@ -61,7 +61,7 @@ class NiftiFile(VolumeSource):
         affine, notes = placed(self.header, self.path.name)
         start = int(self.header["vox_offset"])
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
-        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name)
+        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name, options.memory_limit)
         return RawValues(values, affine, notes, "", label_names(self.header))
 
 

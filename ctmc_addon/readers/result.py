@@ -142,6 +142,7 @@ class ReadOptions(NamedTuple):
     threads: int = 1
     time: int = 1  # which of the series' volumes, from 1 to its number of times
     whole: bool = True  # whether all values will be wanted, at once
+    memory_limit: int | None = None  # bytes that they may take; None for what is available
 
 
 class VolumeSource(ABC):
@@ -195,18 +196,19 @@ class VolumeSource(ABC):
         region: Sequence[float] | None = None,
         region_unit: str = "voxel",
         stride: Sequence[int] = (1, 1, 1),
+        memory_limit: int | None = None,
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
         sides = checked_stride(stride)
         whole = region is None and sides == (1, 1, 1)
         stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
-        opened = self._opened_steps(spacing, series, strict, flip, threads, time, whole)
+        opened = self._opened_steps(spacing, series, strict, flip, threads, time, whole, memory_limit)
         slabs = yield from stages.run("Looking at the values", opened)
         x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
         slabs = slabs.cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
         if not whole:
             shape = [-(-size // side) for size, side in zip(slabs.size, sides, strict=True)]
-            require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name)
+            require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name, memory_limit)
         return (yield from stages.run("Reading values", self._named_errors_steps(slabs.volume_steps(sides))))
 
     def slabs_steps(
@@ -243,6 +245,7 @@ class VolumeSource(ABC):
         threads: int | None,
         time: int | None,
         whole: bool,
+        memory_limit: int | None = None,
     ) -> Steps[SlabVolume]:
         """The volume, its values in memory if all are wanted at once."""
         spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
@@ -252,7 +255,9 @@ class VolumeSource(ABC):
                 f"{self.path.name} has no series, as only DICOM has; leave out the series '{requested_series}'"
             )
         read_time, notes = self.selected_time(series, time)
-        options = ReadOptions(requested_series, strict, spacing_mm, worker_count(threads), read_time, whole)
+        options = ReadOptions(
+            requested_series, strict, spacing_mm, worker_count(threads), read_time, whole, memory_limit
+        )
         return (yield from self._named_errors_steps(self._slabs_steps(options, axes, notes)))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
@@ -280,7 +285,7 @@ class VolumeSource(ABC):
         reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
         if options.whole:
             if reader.own_bytes:
-                require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name)
+                require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name, options.memory_limit)
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
             reader = ValuesInMemory(values)
         spacing = options.spacing

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Step, Steps, require_memory
-from ..core.volume import SliceReader, ValuesInMemory
+from ..core import Step, Steps, amount, require_memory
+from ..core.volume import SliceReader, ValuesInMemory, fitting_stride
 
 HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
@@ -20,14 +20,25 @@ MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up t
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 
 
-def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str) -> None:
-    """Say before anything is read that a volume (slices, rows, columns) would not fit in memory."""
-    size = math.prod(int(side) for side in shape) * voxel_bytes
-    sides = " x ".join(str(int(side)) for side in reversed(shape))
-    require_memory(size, f"reading {what} ({sides})", "read fewer or smaller slices, or close other programs")
+def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, limit_bytes: int | None = None) -> None:
+    """Say before anything is read that a volume (slices, rows, columns) would not fit in memory, and what would."""
+    shape = [int(side) for side in shape]
+
+    def remedy(there: int) -> str:
+        stride = fitting_stride(shape, voxel_bytes, there)
+        if stride is None:
+            return "read fewer or smaller slices, or close other programs"
+        samples = math.prod(-(-size // side) for size, side in zip(shape, stride[::-1], strict=True))
+        sides = " ".join(map(str, stride))
+        return f"read with a stride of {sides} it takes {amount(samples * voxel_bytes)} and fits"
+
+    sides = " x ".join(map(str, reversed(shape)))
+    require_memory(math.prod(shape) * voxel_bytes, f"reading {what} ({sides})", remedy, limit_bytes)
 
 
-def scaled_steps(stored: SliceReader, slope: float, intercept: float, whole: bool, what: str) -> Steps[SliceReader]:
+def scaled_steps(
+    stored: SliceReader, slope: float, intercept: float, whole: bool, what: str, limit_bytes: int | None = None
+) -> Steps[SliceReader]:
     """Values `stored * slope + intercept`: int16, int32 or float32, the first that holds all, else float32.
 
     Integers stay integers where slope and intercept are whole numbers. What the values' type allows decides, or else
@@ -41,7 +52,7 @@ def scaled_steps(stored: SliceReader, slope: float, intercept: float, whole: boo
     if scaled_integer(limits.min, limits.max, slope, intercept) == np.int16:
         return ScaledSlices(stored, slope, intercept, np.dtype(np.int16))
     if whole:
-        require_volume_memory(stored.shape, stored.dtype.itemsize, what)
+        require_volume_memory(stored.shape, stored.dtype.itemsize, what, limit_bytes)
         stored = ValuesInMemory((yield from stored.values_steps(*stored.everything)))
     low, high = yield from range_steps(stored)
     return ScaledSlices(stored, slope, intercept, scaled_integer(low, high, slope, intercept))

@@ -197,3 +197,16 @@ def test_a_stride_longer_than_the_volume_and_one_of_no_samples_are_refused(tmp_p
         read_volume(path, stride=(0, 1, 1))
     with pytest.raises(CtmcError, match=r"region .* leaves less than 2"):
         read_volume(path, region=(50, 0, 0, 60, 5, 5))
+
+
+def test_a_refusal_names_a_stride_that_fits_and_that_reads(tmp_path):
+    np.save(tmp_path / "ct.npy", np.zeros((40, 50, 60), np.int16))
+    source = open_volume(tmp_path / "ct.npy")
+    limit = 100_000
+    with pytest.raises(
+        CtmcError, match=r"60 x 50 x 40\) needs about 0.229 MiB .* read with a stride of 2 2 2 it takes"
+    ):
+        source.read(memory_limit=limit)
+    assert source.read(memory_limit=limit, stride=(2, 2, 2)).values.nbytes <= limit
+    with pytest.raises(CtmcError, match="stride of 2 2 2"):
+        source.read(memory_limit=limit, region=(0, 0, 0, 55, 49, 39))

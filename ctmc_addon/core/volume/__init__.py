@@ -23,7 +23,7 @@ from .region import (
     volume_box,
     with_moved_face,
 )
-from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice
+from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice, fitting_stride
 from .slices import (
     default_window,
     slice_at,
@@ -53,6 +53,7 @@ __all__ = [
     "box_of",
     "chosen_labels_steps",
     "default_window",
+    "fitting_stride",
     "histogram_picture",
     "label_extents_steps",
     "moved_region",

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -110,6 +111,30 @@ class ValuesInMemory(SliceReader):
 def as_slice(numbers: range) -> slice:
     """The slice that takes the numbers of a rising range."""
     return slice(numbers.start, numbers.stop, numbers.step)
+
+
+def fitting_stride(shape: Sequence[int], voxel_bytes: int, limit_bytes: int) -> tuple[int, int, int] | None:
+    """Return the smallest stride (x, y, z), the same along all axes that are long enough, whose samples fit.
+
+    Parameters
+    ----------
+    shape : (slices, rows, columns)
+
+    Examples
+    --------
+    >>> fitting_stride((1000, 2000, 2000), 1, 2**29)
+    (2, 2, 2)
+    >>> fitting_stride((2, 9, 9), 2, 15) is None
+    True
+    """
+    for side in range(1, max(shape)):
+        z, y, x = (min(side, size - 1) for size in shape)
+        if (
+            math.prod(-(-size // step) for size, step in zip(shape, (z, y, x), strict=True)) * voxel_bytes
+            <= limit_bytes
+        ):
+            return x, y, z
+    return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,7 +85,7 @@ class DicomSource(VolumeSource):
                 check_codec(image)
         stack, own_spacing = stack_and_spacing_note(slices, options)
         ordered = [slices[at] for at in stack.order]
-        values, padding_notes = yield from values_steps(ordered, stack, options.whole)
+        values, padding_notes = yield from values_steps(ordered, stack, options.whole, options.memory_limit)
         kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
         notes += [*meaning(ordered), *stack.notes, *padding_notes]
         return RawValues(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
