@@ -76,6 +76,11 @@ class Series:
         return (self.slices, self.size[1], self.size[0])
 
     @property
+    def voxel_bytes(self) -> int:
+        """Bytes of a stored value; 4 where its type is not known."""
+        return np.dtype(self.dtype or "f4").itemsize
+
+    @property
     def text(self) -> str:
         """For notes and errors, without words of the files: 'series 2: 30 slices of 512 x 512, CT'."""
         end = f", {self.modality}" if self.modality else ""

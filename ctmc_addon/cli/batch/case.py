@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish, reconstruct_steps
+from ...core import VERSION, CtmcError, ReconstructionSettings, SlabVolume, Stage, Volume, finish, reconstruct_steps
 from ...core.files.atomic_write import made_folder, write_json
 from ..arguments import with_flags
 from ..blender_host import has_blender
-from ..commands.reconstruct import Outputs, source_of, values_steps, written_steps
+from ..commands.reconstruct import Outputs, needed_steps, source_of, written_steps
 from .files import (
     failed_record,
     identity,
@@ -111,14 +111,14 @@ class Case:
         self.task = task
         self.unfinished = unfinished
         self.source: Path | None = None
-        self.volume: Volume | None = None
+        self.volume: Volume | SlabVolume | None = None
         self.input_key: dict[str, str] = {}
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
         """Make one output, and put it in the place of an older one."""
         task, name = self.task, output["name"]
         settings = ReconstructionSettings.from_dict(output["settings"])
-        volume = self.read(settings.label)
+        volume = self.read(settings)
         reading = Stage("Reading", time.perf_counter() - start)
         result = finish(reconstruct_steps(volume, settings, task["threads"]))
         surface = made_folder(self.unfinished) / f"{name}{task['format']}"
@@ -141,16 +141,16 @@ class Case:
         }
         put_output(Path(task["folder"]), name, surface, thumbnail, record)
 
-    def read(self, label: int | None) -> Volume:
+    def read(self, settings: ReconstructionSettings) -> Volume | SlabVolume:
         """The volume that the label is in, kept for the outputs to come."""
         path = Path(self.task["input"])
-        source = source_of(path, label)
+        source = source_of(path, settings.label)
         if self.volume is None or self.source != source:
             self.volume = None
             opened = finish(readers.open_volume_steps(source))
             self.input_key = input_key(opened, self.task["verify"])
             reading = {**self.task["reading"], "threads": self.task["threads"]}
-            volume = finish(values_steps(opened, path, reading, label))
+            volume = finish(needed_steps(opened, path, reading, settings))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume

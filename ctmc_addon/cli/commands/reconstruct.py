@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from ... import readers
 from ...core import (
     LabelError,
@@ -132,17 +130,22 @@ def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> S
 
 def fetched_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume | SlabVolume]:
     """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later."""
-    path, reading = Path(args.input), reading_of(args)
+    path = Path(args.input)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     opening = readers.open_volume_steps(source_of(path, settings.label))
     source = yield from stages.run("Reading headers", opening)
-    volume: Volume | SlabVolume
-    if reads_whole(source, reading, settings):
-        volume = yield from stages.run("Reading values", values_steps(source, path, reading, settings.label))
-    else:
-        volume = yield from stages.run("Reading values", source.slabs_steps(**reading))
-        volume = checked(volume, source, path, settings.label)
+    needed = needed_steps(source, path, reading_of(args), settings)
+    volume = yield from stages.run("Reading values", needed)
     return replace(volume, name=args.name or volume.name)
+
+
+def needed_steps(
+    source: readers.VolumeSource, path: Path, reading: Mapping[str, Any], settings: ReconstructionSettings
+) -> Steps[Volume | SlabVolume]:
+    """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later."""
+    if reads_whole(source, reading, settings):
+        return (yield from values_steps(source, path, reading, settings.label))
+    return checked((yield from source.slabs_steps(**reading)), source, path, settings.label)
 
 
 def reads_whole(source: readers.VolumeSource, reading: Mapping[str, Any], settings: ReconstructionSettings) -> bool:
@@ -150,9 +153,9 @@ def reads_whole(source: readers.VolumeSource, reading: Mapping[str, Any], settin
     series = source.selected_series(reading["series"])
     if settings.region is not None or max(settings.stride) > 1:
         return False
-    if series is None or not series.dtype:
+    if series is None:
         return True
-    return fits_in_memory(series.slices * math.prod(series.size) * np.dtype(series.dtype).itemsize)
+    return fits_in_memory(math.prod(series.shape) * series.voxel_bytes)
 
 
 def values_steps(
