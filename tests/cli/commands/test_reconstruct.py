@@ -425,7 +425,6 @@ def test_many_small_components_are_counted_with_the_flag_that_removes_them(ctmc,
     assert "1 part" in outcome.out
 
 
-<<<<<<< HEAD
 def test_a_given_name_takes_the_place_of_the_files(ctmc, misused, tmp_path):
     values = np.zeros((8, 8, 8), np.uint8)
     values[2:6, 2:6, 2:6] = 200
@@ -437,7 +436,8 @@ def test_a_given_name_takes_the_place_of_the_files(ctmc, misused, tmp_path):
     assert json.loads((tmp_path / "a.json").read_text("utf-8"))["name"] == "case 7"
     assert "Erika" not in outcome.out + (tmp_path / "a.json").read_text("utf-8")
     assert "name" in misused(*words[:-1], " ", "-o", tmp_path / "a.ply")
-=======
+
+
 @pytest.mark.parametrize(
     "flags",
     [
@@ -470,4 +470,3 @@ def test_a_surface_of_values_that_are_fetched_has_the_bytes_of_one_in_memory(ctm
     monkeypatch.setattr("ctmc_addon.readers.VolumeSource.read_steps", lambda *_, **__: pytest.fail("read whole"))
     assert ctmc(*words, tmp_path / "fetched.ply").code == 0
     assert (tmp_path / "fetched.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()
->>>>>>> 7d90521 (Test surfaces of values that are fetched through the command line.)
