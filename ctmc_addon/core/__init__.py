@@ -5,7 +5,7 @@ from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError
 from .extraction.marching_cubes import marching_cubes
 from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
-from .memory import available_bytes
+from .memory import amount, available_bytes
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
@@ -54,6 +54,7 @@ __all__ = [
     "Surface",
     "TriangleMesh",
     "Volume",
+    "amount",
     "available_bytes",
     "cost_estimate_steps",
     "described",

@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, SlabVolume, Stage, Volume, finish, reconstruct_steps
+from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish, reconstruct_steps
 from ...core.files.atomic_write import made_folder, write_json
+from ...core.volume import SlabVolume
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import Outputs, needed_steps, source_of, written_steps
