@@ -15,6 +15,24 @@ TO_LINEAR_RGB = ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557,
 MOST = 0xFFFF
 
 
+def rgb_of_shares(words: Sequence[str]) -> RGB | None:
+    """The color of three shares of 1 in words; None where they are something else.
+
+    Examples
+    --------
+    >>> rgb_of_shares(["1", "0.5", "0"]), rgb_of_shares(["1", "2", "0"])
+    ((255, 128, 0), None)
+    """
+    try:
+        shares = [float(word) for word in words]
+    except ValueError:
+        return None
+    if len(shares) != 3 or not all(0.0 <= share <= 1.0 for share in shares):  # nor NaN
+        return None
+    red, green, blue = (int(255.0 * share + 0.5) for share in shares)
+    return (red, green, blue)
+
+
 def rgb_of_cielab(stored: Sequence[int]) -> RGB:
     """The sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
 

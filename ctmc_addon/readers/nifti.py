@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import ReadError, Steps
+from .colors import RGB, rgb_of_shares
 from .optional_imports import imported_steps, needed, quiet, reason
 from .result import RawValues, ReadOptions, Series, VolumeSource
 from .streams import STREAM_ERRORS, opened
@@ -62,7 +63,7 @@ class NiftiFile(VolumeSource):
         start = int(self.header["vox_offset"])
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name, options.memory_limit)
-        return RawValues(values, affine, notes, "", label_names(self.header))
+        return RawValues(values, affine, notes, "", *label_table(self.header))
 
 
 def read_header(stream: IO[bytes], name: str, pair: bool = False) -> Any:
@@ -153,9 +154,13 @@ def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]
     return affine, tuple(notes)
 
 
-def label_names(header: Any) -> dict[int, str]:
-    """Names of labels from a `LabelTable` in one of the header's extensions, as TotalSegmentator writes it."""
+def label_table(header: Any) -> tuple[dict[int, str], dict[int, RGB]]:
+    """Names and colors of labels from a `LabelTable` in one of the header's extensions, as TotalSegmentator writes it.
+
+    Colors are shares of 1, as GIFTI and Caret have them.
+    """
     names: dict[int, str] = {}
+    colors: dict[int, RGB] = {}
     for extension in header.extensions:
         content = extension.get_content()
         text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
@@ -163,8 +168,12 @@ def label_names(header: Any) -> dict[int, str]:
         if not match:
             continue
         try:
-            table = ElementTree.fromstring(match[0])
-            names.update({int(label.attrib["Key"]): (label.text or "").strip() for label in table.iter("Label")})
+            for label in ElementTree.fromstring(match[0]).iter("Label"):
+                number = int(label.attrib["Key"])
+                names[number] = (label.text or "").strip()
+                color = rgb_of_shares([label.attrib.get(channel, "") for channel in ("Red", "Green", "Blue")])
+                if color is not None:
+                    colors[number] = color
         except (ElementTree.ParseError, KeyError, ValueError):
             continue  # names are a comfort, the values do without
-    return names
+    return names, colors

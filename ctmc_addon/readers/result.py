@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, worker_count
 from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
-from .value_kind import kind_steps, require_volume_memory
+from .label_names.tables import table_for
+from .value_kind import LABEL, kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
 
@@ -321,9 +322,13 @@ class VolumeSource(ABC):
         if not kind:
             looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
             kind = yield from stages.run("Looking at the values", looking)
+        names, colors = raw.label_names, raw.label_colors
+        if kind == LABEL and not names:
+            names, colors, found = table_for(self.path, self.name)
+            notes += found
         slices, rows, columns = reader.shape
         box = ((0, columns), (0, rows), (0, slices))
-        return SlabVolume(reader, box, affine, tuple(notes), self.name, kind, raw.label_names, raw.label_colors)
+        return SlabVolume(reader, box, affine, tuple(notes), self.name, kind, names, colors)
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
