@@ -18,8 +18,9 @@ from .commands import info, reconstruct, settings
 from .experiment import command as experiment
 from .figure import command as figure
 from .phantom import command as phantom
+from .phantom import foam
 
-COMMANDS = (info, phantom, reconstruct, batch, experiment, figure, settings, batch_case)
+COMMANDS = (info, phantom, foam, reconstruct, batch, experiment, figure, settings, batch_case)
 
 
 def parser() -> Parser:

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An abdominal CT with known truth."""
+"""An abdominal CT with known truth, and a foam of any size."""
 
+from .foam_slices import FOAM_THRESHOLD, foam
 from .phantom import Phantom, phantom_steps
 
 __all__ = [
+    "FOAM_THRESHOLD",
     "Phantom",
+    "foam",
     "phantom_steps",
 ]
