@@ -94,7 +94,7 @@ class PartMaker:
         layers = self.axes[2].count
         starts = range(0, layers, self.height)
         for number, low in enumerate(starts):
-            steps = self._slab_steps(low, min(low + self.height, layers))
+            steps = self.layers_steps(low, min(low + self.height, layers))
             yield equal_part(steps, number, len(starts))
 
     def ranges_steps(self) -> Steps[list[tuple[int, int]]]:
@@ -114,7 +114,8 @@ class PartMaker:
         self.normals, self.mixed = normals, mixed
         return self.ranges()
 
-    def _slab_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
+    def layers_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
+        """The parts of the sample layers `low` to `high`, and what `ranges` asks of them at the end of `mixed`."""
         grid = yield from self._grid_steps(low, high)
         stages = Stages(STAGES)
         slabs, mixed = yield from scan_steps(stages, grid, self.level, self.threads, self.topology)

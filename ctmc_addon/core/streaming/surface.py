@@ -22,12 +22,8 @@ from .field_slabs import FieldSlabs
 from .parts import PartMaker
 from .slab_parts import Regrouping, SlabPart
 
-EXTRACTING, PUTTING, TRIANGLES, COMPLETING = STAGES = (
-    "Extracting slab by slab",
-    "Putting slabs together",
-    "Placing triangles",
-    "Completing normals",
-)
+EXTRACTING, PUTTING = "Extracting slab by slab", "Putting slabs together"
+GROUPING, TRIANGLES, COMPLETING = "Grouping slabs", "Placing triangles", "Completing normals"
 REMEDY = "simplify it, use a larger stride or a region"
 
 
@@ -41,14 +37,28 @@ def slab_surface_steps(
     ThresholdError, LabelError, VolumeError, MeshError, MemoryLimitError
     """
     threads = worker_count(threads)
-    stages = Stages(dict(zip(STAGES, (90, 3, 5, 2), strict=True)))
+    stages = Stages({EXTRACTING: 9, PUTTING: 1})
     maker = PartMaker(field, field.axes(), float(field.level), normals, topology, threads)
     parts = yield from stages.run(EXTRACTING, _all_parts_steps(maker, memory_limit))
     field.check()
-    first_face = np.cumsum([0] + [part.slab.face_count for part in parts], dtype=np.int64)
-    if first_face[-1] == 0:
+    if not any(part.slab.face_count for part in parts):
         yield from field.check_extracted_steps()
-    vectors, slabs = yield from stages.run(PUTTING, _together_steps(maker, parts))
+    return (yield from stages.run(PUTTING, joined_surface_steps(parts, maker.ranges(), threads)))
+
+
+def joined_surface_steps(parts: list[SlabPart], ranges: list[tuple[int, int]], threads: int) -> Steps[Surface]:
+    """The surface of all parts from the first layer to the last, in the order of a volume in memory.
+
+    Parameters
+    ----------
+    parts : list of SlabPart
+        Used up.
+    ranges : list of (low, high)
+        In which the vertices are numbered: `PartMaker.ranges`.
+    threads : int
+    """
+    stages = Stages({GROUPING: 3, TRIANGLES: 5, COMPLETING: 2})
+    vectors, slabs = yield from stages.run(GROUPING, _grouped_steps(parts, ranges))
     first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     faces = np.empty((first_face[-1], 3), np.int32)
@@ -59,9 +69,10 @@ def slab_surface_steps(
         fill_faces(slabs[number], following, int(first_vertex[number]), out)
 
     yield from stages.run(TRIANGLES, map_steps(fill, range(len(slabs)), threads))
+    midpoints, linear, *normals = vectors
     if normals:
-        yield from stages.run(COMPLETING, complete_normals_steps(vectors[2], vectors[1], faces))
-    return Surface(vectors[0], vectors[1], faces, vectors[2] if normals else None)
+        yield from stages.run(COMPLETING, complete_normals_steps(normals[0], linear, faces))
+    return Surface(midpoints, linear, faces, normals[0] if normals else None)
 
 
 def _all_parts_steps(maker: PartMaker, memory_limit: int | None) -> Steps[list[SlabPart]]:
@@ -79,9 +90,11 @@ def _all_parts_steps(maker: PartMaker, memory_limit: int | None) -> Steps[list[S
     return parts
 
 
-def _together_steps(maker: PartMaker, parts: list[SlabPart]) -> Steps[tuple[list[NDArray[np.float32]], list[Slab]]]:
+def _grouped_steps(
+    parts: list[SlabPart], ranges: list[tuple[int, int]]
+) -> Steps[tuple[list[NDArray[np.float32]], list[Slab]]]:
     """All vertices in the order of a volume in memory, and the slabs; `parts` are used up."""
-    regrouping = Regrouping(maker.ranges())
+    regrouping = Regrouping(ranges)
     grouped: list[SlabPart] = []
     parts.reverse()
     while parts:
@@ -92,7 +105,7 @@ def _together_steps(maker: PartMaker, parts: list[SlabPart]) -> Steps[tuple[list
     del grouped
     count = sum(slab.vertex_count for slab in slabs)
     vectors: list[NDArray[np.float32]] = []
-    for _ in range(2 + maker.normals):
+    while pieces[0]:
         together = np.empty((count, 3), np.float32)
         start = 0
         for of_slab in pieces:
