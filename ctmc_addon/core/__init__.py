@@ -2,7 +2,7 @@
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
-from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError
+from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError, one_line
 from .extraction.marching_cubes import marching_cubes
 from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 from .memory import amount, available_bytes
@@ -65,6 +65,7 @@ __all__ = [
     "is_allowed",
     "map_steps",
     "marching_cubes",
+    "one_line",
     "reconstruct",
     "reconstruct_labels",
     "reconstruct_labels_steps",

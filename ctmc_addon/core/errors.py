@@ -6,8 +6,22 @@ any other exception is a defect and stays a traceback.
 """
 
 
+def one_line(text: str) -> str:
+    r"""Text that a file had a hand in, for a terminal: what is no visible letter becomes a space.
+
+    Examples
+    --------
+    >>> one_line("liver\n\x1b[31m")
+    'liver  [31m'
+    """
+    return text if text.isprintable() else "".join(letter if letter.isprintable() else " " for letter in text)
+
+
 class CtmcError(Exception):
-    """The base of all errors that this project raises; its text is a sentence for the user."""
+    """The base of all errors that this project raises; its text is a sentence for the user, on one line."""
+
+    def __init__(self, sentence: str = "") -> None:
+        super().__init__(one_line(str(sentence)))
 
 
 class SettingsError(CtmcError):

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, worker_count
+from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, one_line, worker_count
 from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
 from .label_names.tables import table_for
@@ -102,7 +102,7 @@ class Series:
         number = f"no. {self.dicom_number}" if self.dicom_number else ""
         folder = f"in {self.folder}" if self.folder else ""
         parts = [self.text, apart, number, self.description, self.kernel, folder]
-        return ", ".join(part for part in parts if part)
+        return one_line(", ".join(part for part in parts if part))
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +328,9 @@ class VolumeSource(ABC):
             notes += found
         slices, rows, columns = reader.shape
         box = ((0, columns), (0, rows), (0, slices))
-        return SlabVolume(reader, box, affine, tuple(notes), self.name, kind, names, colors)
+        names = {value: one_line(name) for value, name in names.items()}
+        said = tuple(one_line(note) for note in notes)
+        return SlabVolume(reader, box, affine, said, one_line(self.name), kind, names, colors)
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import VolumeError
 
+MOST_MM = 1e9
+
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
     """Return `affine` as a read-only (4, 4) float64 array; raise a `VolumeError` that says what is wrong with it."""
@@ -21,6 +23,11 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
         raise VolumeError(f"an affine is a (4, 4) matrix, not {matrix.shape}")
     if not np.isfinite(matrix).all():
         raise VolumeError("the affine holds NaN or infinite numbers; the file's geometry is broken")
+    if np.abs(matrix).max() > MOST_MM:
+        raise VolumeError(
+            f"the affine reaches {np.abs(matrix).max():.3g} mm, and no body is larger than {MOST_MM:g} mm; "
+            "repair the file's geometry"
+        )
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise VolumeError(f"the last row of an affine is 0 0 0 1, not {matrix[3]}")
     lengths = spacing_of(matrix)
