@@ -22,7 +22,15 @@ from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
 from .simplification.simplify import Simplification, simplification_steps
 from .simplification.streaming.reduce_pieces import reduce_pieces_steps
-from .streaming import FieldSlabs, SurfaceFacts, field_pieces_steps, field_steps, slab_surface_steps
+from .streaming import (
+    FieldSlabs,
+    SlabWorkers,
+    SurfaceFacts,
+    field_pieces_steps,
+    field_steps,
+    in_memory,
+    slab_surface_steps,
+)
 from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
@@ -170,13 +178,20 @@ def reconstruct_steps(
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
+    workers: SlabWorkers | None = None,
 ) -> Steps[Reconstruction]:
-    """`reconstruct` as steps; closing the generator cancels."""
+    """`reconstruct` as steps; closing the generator cancels.
+
+    `workers` extract slabs of a volume that is read slab by slab, with the same bytes.
+    """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
-    field = yield from _field_steps(stages, volume, settings, threads, memory_limit)
-    if isinstance(field, FieldSlabs) and _simplifies(settings) and not _drops(settings):
-        return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit))
-    full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit)
+    field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
+    streams = isinstance(field, FieldSlabs) and _simplifies(settings) and not _drops(settings)
+    if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
+        streams = streams and not in_memory(field.volume, settings, field.window, memory_limit)
+    if isinstance(field, FieldSlabs) and streams:
+        return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers))
+    full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
     return (yield from _simplified_steps(stages, full, settings, memory_limit))
 
 
@@ -240,12 +255,13 @@ def _field_steps(
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
+    by_workers: bool = False,
 ) -> Steps[ScalarField | FieldSlabs]:
     region = region_box(volume, settings)
     steps = refinement_of(volume.spacing, settings)
     first, last = region[2][0] * steps, (region[2][1] - 1) * steps
     check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
-    preparing = field_steps(volume, settings, threads, memory_limit)
+    preparing = field_steps(volume, settings, threads, memory_limit, by_workers)
     return (yield from stages.run("Preparing values", preparing))
 
 
@@ -256,10 +272,11 @@ def _full_steps(
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
+    workers: SlabWorkers | None = None,
 ) -> Steps[Reconstruction]:
     gradient = settings.normals == "gradient"
     if isinstance(field, FieldSlabs):
-        extracting = slab_surface_steps(field, gradient, settings.topology, threads, memory_limit)
+        extracting = slab_surface_steps(field, gradient, settings.topology, threads, memory_limit, workers)
     else:
         grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
         extracting = extract_steps(
@@ -285,10 +302,12 @@ def _streamed_steps(
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
+    workers: SlabWorkers | None = None,
 ) -> Steps[Reconstruction]:
     """Simplify a surface while it is extracted, so that it is never held as a whole."""
     gradient = settings.normals == "gradient"
-    pieces = field_pieces_steps(field, field.affine(volume), settings, threads, gradient, any_order=True)
+    affine = field.affine(volume)
+    pieces = field_pieces_steps(field, affine, settings, threads, gradient, any_order=True, workers=workers)
     goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
     reducing = reduce_pieces_steps(pieces, *goals, memory_limit, threads)
     streamed = yield from stages.run("Simplifying", reducing)

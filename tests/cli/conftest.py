@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from ctmc_addon.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Outcome:
@@ -73,3 +79,22 @@ def truth(phantom_folder):
 def scene():
     """Blender; tests that need it skip without it."""
     return pytest.importorskip("bpy", reason="the Python package bpy is not installed")
+
+
+@pytest.fixture
+def cluster():
+    """A cluster of two worker processes: its address, and what has it kill one of them as soon as one is busy."""
+    script = Path(__file__).with_name("batch") / "local_cluster.py"
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},  # the workers need the package
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.communicate("\n", timeout=60)

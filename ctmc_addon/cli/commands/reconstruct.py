@@ -34,6 +34,7 @@ from ...reporting.formatting import count
 from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
 from ..blender_host import blender_at_work, objects_of, require_blender
 from ..terminal import Progress, dimensions, listing, table, titled
+from .slabs import workers_of
 
 AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
@@ -91,6 +92,11 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
     add_work(group)
+    group.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="have slabs extracted by a dask.distributed cluster that sees INPUT, such as tcp://host:8786",
+    )
     parser.set_defaults(run=run)
 
 
@@ -106,9 +112,11 @@ def run(args: argparse.Namespace) -> None:
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     stages = Stages(STAGES)
-    with Progress() as progress:
+    source = source_of(Path(args.input), settings.label)
+    with Progress() as progress, workers_of(args.scheduler, source, reading_of(args)) as workers:
         volume = progress.finish(stages.run("Reading", fetched_steps(args, settings)))
-        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, settings, args.threads)))
+        reconstructing = reconstruct_steps(volume, settings, args.threads, workers=workers)
+        result = progress.finish(stages.run("Reconstructing", reconstructing))
         result = replace(result, stages=(Stage("Reading", stages.seconds["Reading"]), *result.stages))
         result = progress.finish(stages.run("Writing", written_steps(result, outputs)))
     print(summary(result, volume, outputs))
@@ -134,16 +142,20 @@ def fetched_steps(args: argparse.Namespace, settings: ReconstructionSettings) ->
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     opening = readers.open_volume_steps(source_of(path, settings.label))
     source = yield from stages.run("Reading headers", opening)
-    needed = needed_steps(source, path, reading_of(args), settings)
+    needed = needed_steps(source, path, reading_of(args), settings, bool(args.scheduler))
     volume = yield from stages.run("Reading values", needed)
     return replace(volume, name=args.name or volume.name)
 
 
 def needed_steps(
-    source: readers.VolumeSource, path: Path, reading: Mapping[str, Any], settings: ReconstructionSettings
+    source: readers.VolumeSource,
+    path: Path,
+    reading: Mapping[str, Any],
+    settings: ReconstructionSettings,
+    by_workers: bool = False,
 ) -> Steps[Volume | SlabVolume]:
     """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later."""
-    if reads_whole(source, reading, settings):
+    if not by_workers and reads_whole(source, reading, settings):
         return (yield from values_steps(source, path, reading, settings.label))
     return checked((yield from source.slabs_steps(**reading)), source, path, settings.label)
 

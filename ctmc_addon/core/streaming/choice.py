@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+from ..errors import SettingsError
 from ..memory import available_bytes, require
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
@@ -24,11 +25,12 @@ def field_steps(
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
+    by_workers: bool = False,
 ) -> Steps[ScalarField | FieldSlabs]:
     """Return what is extracted from a volume: in memory where it fits beside the surface.
 
     Values that are fetched are read into memory only where that is quicker: not under a stride, which leaves most
-    of them out.
+    of them out, nor where workers fetch them.
 
     Raises
     ------
@@ -39,7 +41,9 @@ def field_steps(
     stages = Stages({"Finding the region": 1, "Preparing values": 9})
     window = yield from stages.run("Finding the region", field_window_steps(volume, settings, threads))
     constrained = settings.smoothing_method == "constrained"
-    if constrained or in_memory(volume, settings, window, memory_limit):
+    if by_workers and constrained:
+        raise SettingsError("a label smoothed as constrained cannot be extracted by several machines; choose gaussian")
+    if not by_workers and (constrained or in_memory(volume, settings, window, memory_limit)):
         if constrained:
             require(
                 bytes_in_memory(volume, settings, window),

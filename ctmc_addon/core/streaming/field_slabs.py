@@ -45,7 +45,7 @@ class FieldSlabs:
     ) -> None:
         reach = reach_of_settings(volume.spacing, settings)
         box = field_box(volume, settings, window)
-        self._volume, self._threads = volume, worker_count(threads)
+        self.volume, self._threads = volume, worker_count(threads)
         self.origin = (box[0][0], box[1][0], box[2][0])
         self.settings, self.window, self.threshold, self.level = settings, window, threshold, threshold
         self.window_in_values = relative_box(window, self.origin)
@@ -62,10 +62,11 @@ class FieldSlabs:
         self._planes: dict[int, NDArray[np.float32]] = {}  # slices that are smoothed along x and y
         self._masks: dict[int, NDArray[np.uint8]] = {}
         self._seen_below = self._seen_above = False
+        self.counted = self.window_in_values[2]  # slices of which samples on the wrong side are counted
 
     def again(self) -> FieldSlabs:
         """The same field, to be fetched from its first slice."""
-        return FieldSlabs(self._volume, self.settings, self.window, self.threshold, self._threads)
+        return FieldSlabs(self.volume, self.settings, self.window, self.threshold, self._threads)
 
     def affine(self, volume: Placed) -> NDArray[np.float64]:
         """The affine of the values: index (x, y, z) to RAS+ mm, (4, 4)."""
@@ -87,6 +88,17 @@ class FieldSlabs:
         if self._kernels is not None:
             return (yield from self._smoothed_steps(numbers, self._kernels))
         return (yield from self._fetched_steps(numbers))
+
+    @property
+    def seen(self) -> tuple[bool, bool]:
+        """Whether there were values of the window below the threshold, and others not below it."""
+        return self._seen_below, self._seen_above
+
+    def add_seen(self, seen: tuple[bool, bool], wrong_side: int | None) -> None:
+        """Take over what others saw of the same field."""
+        self._seen_below, self._seen_above = self._seen_below or seen[0], self._seen_above or seen[1]
+        if wrong_side is not None:
+            self.wrong_side = (self.wrong_side or 0) + wrong_side
 
     def check(self) -> None:
         """Raise what scalar_field.py raises where all values are on one side of the threshold."""
@@ -192,7 +204,7 @@ class FieldSlabs:
     def _count_wrong_side(self, smoothed: NDArray[np.float32], numbers: list[int]) -> None:
         x, y, z = self.window_in_values
         for values, number in zip(smoothed, numbers, strict=True):
-            if z[0] <= number < z[1]:
+            if z[0] <= number < z[1] and self.counted[0] <= number < self.counted[1]:
                 inside = values[slice(*y), slice(*x)] >= self.level
                 self.wrong_side = (self.wrong_side or 0) + int(
                     np.count_nonzero(inside != self._masks[number][slice(*y), slice(*x)])

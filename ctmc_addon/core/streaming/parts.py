@@ -89,12 +89,12 @@ class PartMaker:
         """The ranges of layers in which the whole surface is numbered; to be asked when all layers are done."""
         return slab_ranges(np.concatenate(self.mixed), (self.axes[1].count + 1) * self.words)
 
-    def parts_steps(self) -> Iterator[Steps[list[SlabPart]]]:
-        """Yield, for one slab of values after the other, steps that return its parts."""
-        layers = self.axes[2].count
-        starts = range(0, layers, self.height)
-        for number, low in enumerate(starts):
-            steps = self.layers_steps(low, min(low + self.height, layers))
+    def parts_steps(self, low: int = 0, high: int | None = None) -> Iterator[Steps[list[SlabPart]]]:
+        """Yield, for one slab of values after the other, steps that return its parts; of all layers, or of some."""
+        layers = self.axes[2].count if high is None else high
+        starts = range(low, layers, self.height)
+        for number, start in enumerate(starts):
+            steps = self.layers_steps(start, min(start + self.height, layers))
             yield equal_part(steps, number, len(starts))
 
     def ranges_steps(self) -> Steps[list[tuple[int, int]]]:

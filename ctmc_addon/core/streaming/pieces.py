@@ -33,6 +33,7 @@ from .choice import field_steps
 from .field_slabs import FieldSlabs
 from .parts import PartMaker
 from .slab_parts import Regrouping, SlabPart, faces_of
+from .slab_tasks import DistributedMaker, SlabWorkers
 
 COUNTING, EXTRACTING = "Counting slab by slab", "Extracting slab by slab"
 
@@ -110,6 +111,7 @@ def field_pieces_steps(
     threads: int | None,
     normals: bool,
     any_order: bool,
+    workers: SlabWorkers | None = None,
 ) -> SurfacePieces[SurfaceFacts]:
     """`surface_pieces_steps` of a field whose values have this affine."""
     stages = Stages({COUNTING: 3, EXTRACTING: 10} if not any_order else {EXTRACTING: 10})
@@ -117,6 +119,8 @@ def field_pieces_steps(
     threads = worker_count(threads)
 
     def maker() -> PartMaker:
+        if workers is not None and isinstance(field, FieldSlabs):
+            return DistributedMaker(field.again(), normals, settings.topology, workers)
         values = field.again() if isinstance(field, FieldSlabs) else ValuesOfField(field)
         return PartMaker(values, axes, float(field.level), normals, settings.topology, threads)
 

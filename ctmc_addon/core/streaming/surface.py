@@ -21,6 +21,7 @@ from ..progress import PAUSE, Stages, Steps
 from .field_slabs import FieldSlabs
 from .parts import PartMaker
 from .slab_parts import Regrouping, SlabPart
+from .slab_tasks import DistributedMaker, SlabWorkers
 
 EXTRACTING, PUTTING = "Extracting slab by slab", "Putting slabs together"
 GROUPING, TRIANGLES, COMPLETING = "Grouping slabs", "Placing triangles", "Completing normals"
@@ -28,9 +29,14 @@ REMEDY = "simplify it, use a larger stride or a region"
 
 
 def slab_surface_steps(
-    field: FieldSlabs, normals: bool, topology: str, threads: int | None = None, memory_limit: int | None = None
+    field: FieldSlabs,
+    normals: bool,
+    topology: str,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+    workers: SlabWorkers | None = None,
 ) -> Steps[Surface]:
-    """The surface of values that are fetched, both ends of alpha, in index space.
+    """The surface of values that are fetched, here or by workers, both ends of alpha, in index space.
 
     Raises
     ------
@@ -38,7 +44,10 @@ def slab_surface_steps(
     """
     threads = worker_count(threads)
     stages = Stages({EXTRACTING: 9, PUTTING: 1})
-    maker = PartMaker(field, field.axes(), float(field.level), normals, topology, threads)
+    if workers is None:
+        maker = PartMaker(field, field.axes(), float(field.level), normals, topology, threads)
+    else:
+        maker = DistributedMaker(field, normals, topology, workers)
     parts = yield from stages.run(EXTRACTING, _all_parts_steps(maker, memory_limit))
     field.check()
     if not any(part.slab.face_count for part in parts):

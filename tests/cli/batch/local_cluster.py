@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A dask.distributed LocalCluster of two processes: prints its address, and kills a worker that is busy when told to.
 
-A process of its own, run by test_batch_cluster.py: the cluster's threads and warnings stay out of the tests'.
+A process of its own, run by the fixture `cluster`: the cluster's threads and warnings stay out of the tests'.
 """
 
 import os
@@ -17,7 +17,8 @@ def main():
     with LocalCluster(processes=True, silence_logs=50, **options) as cluster, Client(cluster) as client:
         processes = client.run(os.getpid)
         print(cluster.scheduler_address, flush=True)
-        sys.stdin.readline()
+        if not sys.stdin.readline().strip():
+            return
         busy = []
         while not busy:
             time.sleep(0.05)

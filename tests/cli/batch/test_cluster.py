@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
-import os
 import socket
 import struct
 import subprocess
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctmc_addon.cli.batch import cluster as batch_cluster
+from ctmc_addon.cli import scheduler
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.usefixtures("scene")
@@ -21,25 +20,6 @@ pytestmark = pytest.mark.usefixtures("scene")
 @pytest.fixture(scope="module", autouse=True)
 def distributed():
     return pytest.importorskip("distributed", reason="dask.distributed is not installed")
-
-
-@pytest.fixture
-def cluster():
-    """A cluster of two worker processes: its address, and what has it kill one of them as soon as one is busy."""
-    script = Path(__file__).with_name("local_cluster.py")
-    process = subprocess.Popen(
-        [sys.executable, str(script)],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},  # the workers need the package
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.communicate("\n", timeout=60)
 
 
 def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_path):
@@ -75,7 +55,7 @@ def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_
 
 
 def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_path, monkeypatch):
-    monkeypatch.setattr(batch_cluster, "PATIENCE", 1.0)
+    monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
     np.save(tmp_path / "a.npy", np.zeros((3, 3, 3), np.uint8))
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -92,7 +72,7 @@ def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_pat
     ],
 )
 def test_what_takes_the_call_and_is_no_scheduler_is_given_up(refused, tmp_path, monkeypatch, reply, words):
-    monkeypatch.setattr(batch_cluster, "PATIENCE", 1.0)
+    monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
     np.save(tmp_path / "a.npy", np.zeros((3, 3, 3), np.uint8))
     with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as lines:
 

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One volume on many machines: the workers of a dask.distributed cluster extract slabs of a file that all of them see.
+
+Each task opens the file by its path and reads its slices alone. The scheduler gives the slabs of a worker that was
+lost to another one, so a lost worker costs its slab and not the run.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ... import readers
+from ...core import CtmcError, finish
+from ...core.streaming import SlabResult, SlabTask, slab_result_steps
+from ..scheduler import PATIENCE, Scheduler
+
+TICK = 0.05  # seconds between two looks at the futures
+AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
+RETRIES = 2  # of a task that failed for another reason than what the file holds
+
+
+@dataclass(frozen=True)
+class ClusterWorkers:
+    """The workers of a cluster, for one volume.
+
+    Parameters
+    ----------
+    cluster : Scheduler
+    path : Path
+        Of the file or folder, from the root on.
+    reading : mapping
+        How it is read: keyword arguments of `VolumeSource.slabs_steps`.
+    """
+
+    cluster: Scheduler
+    path: Path
+    reading: Mapping[str, Any]
+
+    @property
+    def count(self) -> int:
+        """Workers that the scheduler knows now."""
+        return self.cluster.workers
+
+    def results(self, tasks: Sequence[SlabTask]) -> Generator[SlabResult | None, None, None]:
+        """The results in the order of the tasks, and None while nothing happens."""
+        module, path, reading = __name__, str(self.path), dict(self.reading)
+
+        def done_by_worker(task: bytes) -> Any:
+            # Travels as code and bytes, for the scheduler unpacks it too and has perhaps no ctmc.
+            import importlib
+
+            return importlib.import_module(module).slab_result(path, reading, task)
+
+        client = self.cluster.client
+        futures: dict[int, Any] = {}
+        begun = 0
+        try:
+            for number in range(len(tasks)):
+                while begun < len(tasks) and begun < number + AHEAD * max(1, self.count):
+                    futures[begun] = client.submit(
+                        done_by_worker, pickle.dumps(tasks[begun]), pure=False, retries=RETRIES
+                    )
+                    begun += 1
+                while futures[number].status == "pending":
+                    yield None
+                    time.sleep(TICK)
+                yield self._result(futures.pop(number))
+        finally:
+            if futures:
+                client.cancel(list(futures.values()), force=True)
+
+    def _result(self, future: Any) -> SlabResult:
+        if future.status == "finished":
+            result: SlabResult = future.result(timeout=None)
+            return result
+        if future.status != "error":
+            raise CtmcError(f"the scheduler {self.cluster.address} lost a slab; start again when it runs")
+        error = future.exception(timeout=PATIENCE)
+        if isinstance(error, CtmcError):
+            raise error
+        if isinstance(error, self.cluster.distributed.KilledWorker):
+            raise CtmcError("the workers that took a slab were lost, again and again; see their logs for the reason")
+        raise CtmcError(
+            f"a worker could not extract a slab ({type(error).__name__}: {error}); it needs ctmc and the same files"
+        ) from error
+
+
+@contextmanager
+def workers_of(address: str | None, path: Path, reading: Mapping[str, Any]) -> Iterator[ClusterWorkers | None]:
+    """The workers of the scheduler at an address, if one is given, who read `path`."""
+    if not address:
+        yield None
+        return
+    cluster = Scheduler(address)
+    try:
+        if not cluster.workers:
+            raise CtmcError(f"the scheduler {address} has no worker; start one with `dask worker {address}`")
+        yield ClusterWorkers(cluster, path.resolve(), reading)
+    finally:
+        cluster.close()
+
+
+def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
+    """Do a task, on a worker; the file is opened anew, as it cannot serve two threads at once."""
+    task: SlabTask = pickle.loads(packed)
+    volume = finish(readers.open_volume(path).slabs_steps(**reading))
+    return finish(slab_result_steps(volume, task))
