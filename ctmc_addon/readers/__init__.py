@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_count
 from ..core.volume import Volume
+from . import masks
 from .dicom import series as dicom_series
 from .dicom.header import is_multi_frame, may_be_dicom
 from .dicom.labels.classes import SEGMENTATION, STRUCTURES, label_class
@@ -254,7 +255,19 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     if slices and len(source.files) <= len(slices):
         return (yield from image_folder.open_steps(folder))
     if source.files:
-        return source
+        return (yield from masks.in_folders_steps(source)) or source
+    masks_in_files = yield from masks.in_files_steps(folder, open_volume_steps)
+    if masks_in_files is not None:
+        return masks_in_files
+    labels = [file for file in files if label_class(file)]
+    if len(labels) == 1:
+        return (yield from open_volume_steps(labels[0]))
+    if labels:
+        names = ", ".join(file.relative_to(folder).as_posix() for file in labels[:5])
+        raise ReadError(
+            f"the folder {folder.name} has {len(labels)} segmentations or structure sets ({names}"
+            f"{' and more' if len(labels) > 5 else ''}); choose one of them"
+        )
     volumes = sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
     folders = sorted(inner.name for inner in folder.iterdir() if inner.is_dir() and image_folder.images_in(inner))
     hint = "choose the folder that holds the slices"

@@ -16,6 +16,7 @@ from ..core.volume import SliceReader, ValuesInMemory, fitting_stride
 
 HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
+MASK_VALUES = (1, 255)  # inside, where outside is 0
 MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 
@@ -179,3 +180,31 @@ def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu:
     if may_be_hu and seen.integer and seen.low >= 0 and seen.high <= 255:
         return LABEL if seen.few else GRAY
     return HU if may_be_hu and seen.low < AIR_HU else GRAY
+
+
+class NotAMask(Exception):
+    """Values of more than one structure; the text names them."""
+
+
+def two_values(values: NDArray[Any]) -> set[float]:
+    """Lowest and highest value; `NotAMask` where there are others."""
+    low, high = values.min(), values.max()
+    between = (values != low) & (values != high)
+    if between.any():
+        raise NotAMask(f"the values {low:g}, {values[between][0]:g} and {high:g}")
+    return {float(low), float(high)}
+
+
+def is_mask_steps(reader: SliceReader) -> Steps[int]:
+    """The value inside, where all values are 0 and 1 or 0 and 255 and both occur, else 0; few slices settle it."""
+    seen: set[float] = set()
+
+    def look(values: NDArray[Any]) -> bool:
+        try:
+            seen.update(two_values(values))
+        except NotAMask:
+            seen.add(-1.0)
+        return not seen <= {0.0, *map(float, MASK_VALUES)} or len(seen) > 2
+
+    yield from reader.runs_steps(look)
+    return next((value for value in MASK_VALUES if seen == {0.0, float(value)}), 0)

@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import ReadError, Stages, Steps
+from ...core.volume import SliceReader, ValuesInMemory
 from ..file_formats import files_below, natural_key, stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..value_kind import is_mask_steps
 from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed
 from .pixels import check_codec
@@ -85,10 +87,15 @@ class DicomSource(VolumeSource):
                 check_codec(image)
         stack, own_spacing = stack_and_spacing_note(slices, options)
         ordered = [slices[at] for at in stack.order]
-        values, padding_notes = yield from values_steps(ordered, stack, options.whole, options.memory_limit)
+        stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
+        decoding = values_steps(ordered, stack, options.whole, options.memory_limit)
+        values, padding_notes = yield from stages.run("Decoding slices", decoding)
         kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
-        notes += [*meaning(ordered), *stack.notes, *padding_notes]
-        return RawValues(values, stack.affine, tuple(notes), kind, own_spacing=own_spacing)
+        reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
+        mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
+        notes += [*([] if mask else meaning(ordered)), *stack.notes, *padding_notes]
+        names = {mask: "mask"} if mask else {}
+        return RawValues(values, stack.affine, tuple(notes), "label" if mask else kind, names, own_spacing=own_spacing)
 
     def _selected(self, requested_series: str) -> tuple[str, list[str]]:
         """The UID of the series to read, and the note that lists the others."""

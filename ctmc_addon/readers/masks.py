@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A folder of masks, a file or a folder of slices for each structure, as one label volume.
+
+TotalSegmentator writes a NIfTI for each organ, 3D-IRCADb has a folder of DICOM slices for each. A mask has one value
+besides the one around it; the labels are numbered by the natural order of the names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import CtmcError, ReadError, Stages, Step, Steps
+from ..core.volume import SliceReader, ValuesInMemory
+from .dicom.series import DicomSource, FolderContent
+from .dicom.stored import StoredPixels
+from .file_formats import natural_key, segmentation_sibling, stem, suffix
+from .label_map import MOST_LABELS, LabelMap, limited
+from .result import RawValues, ReadOptions, Series, VolumeSource
+from .value_kind import NotAMask, two_values
+
+FEWEST = 2  # masks that make a folder of them
+MASK_SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgh", ".mgz")
+SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
+
+
+class MaskFolder(VolumeSource):
+    """Masks on one grid, each read in its turn.
+
+    Parameters
+    ----------
+    masks : mapping of str to VolumeSource
+        By the name of the structure, in the order of their labels.
+    """
+
+    format = "masks"
+    has_geometry = True
+
+    def __init__(self, path: Path, masks: Mapping[str, VolumeSource]) -> None:
+        self.masks = dict(masks)
+        first = next(iter(self.masks.values())).series[0]
+        dtype = "uint8" if len(self.masks) < 256 else "uint16"
+        files = [file for source in self.masks.values() for file in source.files]
+        super().__init__(path, (Series(1, "", first.slices, first.size, "", dtype),), files)
+
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+        """One label volume; the mask that comes later keeps a voxel that several have."""
+        names = dict(enumerate(self.masks, 1))
+        if len(names) > MOST_LABELS:
+            raise ReadError(f"the folder {self.path.name} has {len(names)} masks, and at most {MOST_LABELS} are read")
+        stages = Stages({f"{part} {name}": 1.0 for name in names.values() for part in ("Opening", "Reading")})
+        label_map: LabelMap | None = None
+        affine: NDArray[np.float64] | None = None
+        notes: list[str] = []
+        for label, (name, source) in enumerate(self.masks.items(), 1):
+            raw = yield from stages.run(
+                f"Opening {name}", source.read_raw_steps(options._replace(series="", whole=False))
+            )
+            reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
+            if label_map is None:
+                label_map = LabelMap(reader.shape, names, {}, self.path.name)
+                affine, first_name, first_shape = raw.affine, name, reader.shape
+            elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
+                raise other_grid(self.path, first_name, name)
+            try:
+                yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
+            except NotAMask as error:
+                raise ReadError(
+                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask and the folder not "
+                    f"one of masks; choose one of its files"
+                ) from error
+            notes += [note for note in raw.notes if note not in notes]
+        assert label_map is not None, "there are masks"
+        notes += label_map.overlap_note("masks", "the one that comes later by name")
+        notes += label_map.empty_note("masks")
+        return RawValues(label_map.values, affine, tuple(notes), "label", label_map.names)
+
+
+def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
+    """Read a mask some slices at a time and give its voxels `label`."""
+    seen: set[float] = set()
+    done = 0
+
+    def look(values: NDArray[Any]) -> bool:
+        nonlocal done
+        for plane in values:
+            seen.update(two_values(plane))
+            outside = min(*seen, 0.0)
+            if len(seen) > 2 or (len(seen) == 2 and min(seen) > 0):
+                raise NotAMask("the values " + limited(f"{value:g}" for value in sorted(seen)))
+            label_map.paint(label_map.values[done], plane != outside, label)
+            done += 1
+        return False
+
+    yield from reader.runs_steps(look)
+
+
+def same_place(
+    affine: NDArray[np.float64] | None, other: NDArray[np.float64] | None, shape: tuple[int, int, int]
+) -> bool:
+    """Whether two volumes (slices, rows, columns) have their corners at the same places."""
+    if affine is None or other is None:
+        return affine is other
+    ends = np.array([(x, y, z, 1) for x in (0, shape[2]) for y in (0, shape[1]) for z in (0, shape[0])], np.float64)
+    apart = np.abs((ends @ (affine - other).T)[:, :3]).max()
+    return bool(apart <= SAME_GRID * float(np.sqrt((other[:3, :3] ** 2).sum(axis=0)).min()))
+
+
+def other_grid(folder: Path, first: str, name: str) -> ReadError:
+    """What is said of masks that cannot be one volume."""
+    return ReadError(
+        f"the masks '{first}' and '{name}' in the folder {folder.name} lie on different grids; choose one of them, or "
+        "resample them to one grid"
+    )
+
+
+def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource]]) -> Steps[MaskFolder | None]:
+    """The masks that lie as files in a folder, one in each; None where they are something else.
+
+    Bytes are taken for masks until they are read; wider numbers are looked at, which is short for anything else.
+    """
+    files = sorted((file for file in folder.iterdir() if suffix(file) in MASK_SUFFIXES), key=natural_key)
+    files = [file for file in files if not file.name.startswith(".") and file.is_file()]
+    if len(files) < FEWEST or any(map(segmentation_sibling, files)):
+        return None
+    masks: dict[str, VolumeSource] = {}
+    for number, file in enumerate(files):
+        yield Step(number / len(files), "Reading headers")
+        try:
+            source = yield from open_steps(file)
+            if source.series[0].times > 1 or not (yield from may_be_mask_steps(source)):
+                return None
+        except CtmcError:
+            return None
+        masks[stem(file) if stem(file) not in masks else file.name] = source
+    return checked(folder, masks)
+
+
+def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
+    """Whether a file may hold a mask: bytes by their type, other numbers by all of them."""
+    dtype = source.series[0].dtype
+    if dtype in ("uint8", "int8", "bool"):
+        return True
+    raw = yield from source.read_raw_steps(ReadOptions(whole=False))
+    if raw.label_names:
+        return False
+    reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
+    seen: set[float] = set()
+
+    def look(values: NDArray[Any]) -> bool:
+        try:
+            seen.update(two_values(values))
+        except NotAMask:
+            seen.update((-1.0, -2.0, -3.0))
+        return len(seen) > 2
+
+    yield from reader.runs_steps(look)
+    return len(seen) <= 2 and min(seen) == 0
+
+
+def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:
+    """The masks that lie as DICOM slices in folders of a folder, one in each; None where they are something else."""
+    folders: dict[Path, FolderContent] = {}
+    for uid, slices in source.content.series.items():
+        for ct_slice in slices:
+            content = folders.setdefault(ct_slice.image.path.parent, FolderContent({}, [], [], 0))
+            content.series.setdefault(uid, []).append(ct_slice)
+    if len(folders) < FEWEST or source.path in folders:
+        return None
+    for broken in source.content.broken:
+        if broken.path.parent in folders:
+            folders[broken.path.parent].broken.append(broken)
+    masks: dict[str, VolumeSource] = {}
+    for number, folder in enumerate(sorted(folders, key=natural_key)):
+        yield Step(number / len(folders), "Looking at masks")
+        mask = DicomSource(folder, folders[folder])
+        if not (yield from middle_is_mask_steps(mask)):
+            return None
+        inner = folder.relative_to(source.path).as_posix()
+        masks[folder.name if folder.name not in masks else inner] = mask
+    return checked(source.path, masks)
+
+
+def middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
+    """Whether the slice in the middle of a folder has two values at most: no CT has."""
+    slices = source.content.series[source.series[0].uid]
+    if len(source.series) > 1 or len(slices) < 2:
+        return False
+    middle = slices[len(slices) // 2]
+    try:
+        with StoredPixels([middle]) as pixels:
+            two_values((yield from pixels.slice_steps(0, Step(0.0, "Looking at masks"))))
+    except (CtmcError, NotAMask):
+        return False
+    return True
+
+
+def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> MaskFolder:
+    """The folder of masks, or a `ReadError` where they are of different sizes."""
+    first, *others = masks.items()
+    for name, source in others:
+        if source.series[0].shape != first[1].series[0].shape:
+            raise other_grid(folder, first[0], name)
+    return MaskFolder(folder, masks)

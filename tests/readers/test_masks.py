@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Folders of masks: files or DICOM folders, one for each structure, as one label volume."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import nibabel
+import numpy as np
+import pytest
+
+from ctmc_addon.core import CtmcError
+from ctmc_addon.readers import open_volume, read_volume
+
+SHAPE = (6, 5, 7)  # slices, rows, columns
+AFFINE = np.array([[-0.8, 0, 0, 10], [0, -0.8, 0, 20], [0, 0, 2.5, -30], [0, 0, 0, 1.0]])
+
+
+def said(volume, text):
+    return any(text in note for note in volume.notes)
+
+
+def save(path, mask, dtype=np.uint8, affine=AFFINE):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    nibabel.save(nibabel.Nifti1Image(np.asarray(mask).T.astype(dtype), affine), path)
+
+
+def boxes():
+    liver, spleen = np.zeros((2, *SHAPE), np.uint8)
+    liver[1:4, 1:4, 1:5] = 1
+    spleen[2:5, 2:5, 3:6] = 1
+    return liver, spleen
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
+@pytest.mark.parametrize("inside", [1, 255])
+def test_masks_in_files_are_one_label_volume_with_their_names(tmp_path, dtype, inside):
+    liver, spleen = boxes()
+    folder = tmp_path / "segmentations"
+    for name, mask in (("rib_10", 0 * liver), ("spleen", spleen), ("liver", liver), ("rib_9", 0 * liver)):
+        save(folder / f"{name}.nii.gz", inside * mask.astype(int), dtype)
+    (folder / "statistics.json").write_text("{}")
+    volume = read_volume(folder)
+    assert (volume.kind, volume.name, volume.values.dtype) == ("label", "segmentations", np.uint8)
+    assert volume.label_names == {1: "liver", 2: "rib_9", 3: "rib_10", 4: "spleen"}
+    np.testing.assert_array_equal(volume.values, np.where(spleen, 4, liver))
+    np.testing.assert_allclose(volume.affine, AFFINE, atol=1e-6)
+    assert said(volume, "the one that comes later by name keeps the voxel: lost to others are liver 8 voxels")
+    assert said(volume, "2 of 4 masks are empty: rib_9, rib_10")
+    source = open_volume(folder)
+    assert (source.format, source.series[0].shape, len(source.files)) == ("masks", SHAPE, 4)
+
+
+def test_nrrd_masks_are_read_too(tmp_path):
+    import nrrd
+
+    for name, mask in zip(("liver", "spleen"), boxes(), strict=True):
+        header = {"space": "left-posterior-superior", "space directions": np.eye(3), "space origin": np.zeros(3)}
+        nrrd.write(str(tmp_path / f"{name}.nrrd"), mask.T, header)
+    assert read_volume(tmp_path).label_names == {1: "liver", 2: "spleen"}
+
+
+def test_masks_on_different_grids_are_refused_in_a_sentence(tmp_path):
+    liver, spleen = boxes()
+    save(tmp_path / "a" / "liver.nii.gz", liver)
+    save(tmp_path / "a" / "spleen.nii.gz", spleen[:, :, 1:])
+    with pytest.raises(CtmcError, match="'liver' and 'spleen' in the folder a lie on different grids"):
+        open_volume(tmp_path / "a")
+    moved = AFFINE.copy()
+    moved[0, 3] += 1
+    save(tmp_path / "b" / "liver.nii.gz", liver)
+    save(tmp_path / "b" / "spleen.nii.gz", spleen, affine=moved)
+    with pytest.raises(CtmcError, match="'liver' and 'spleen' in the folder b lie on different grids"):
+        read_volume(tmp_path / "b")
+
+
+def test_a_ct_and_its_labels_in_one_folder_are_no_masks(tmp_path):
+    random = np.random.default_rng(0)
+    save(tmp_path / "a" / "ct.nii.gz", random.integers(-1000, 1000, SHAPE), np.int16)
+    save(tmp_path / "a" / "labels.nii.gz", random.integers(0, 5, SHAPE))
+    with pytest.raises(CtmcError, match=r"choose 'ct\.nii\.gz' or 'labels\.nii\.gz' in it"):
+        read_volume(tmp_path / "a")
+    save(tmp_path / "b" / "volume-1.nii", boxes()[0])
+    save(tmp_path / "b" / "segmentation-1.nii", boxes()[1])
+    with pytest.raises(CtmcError, match="choose 'segmentation-1"):
+        read_volume(tmp_path / "b")
+
+
+def test_a_file_of_many_labels_among_masks_is_refused_by_name(tmp_path):
+    save(tmp_path / "all.nii.gz", np.random.default_rng(0).integers(0, 5, SHAPE))
+    save(tmp_path / "liver.nii.gz", boxes()[0])
+    with pytest.raises(CtmcError, match=r"'all' .* holds the values 0, [1-4] and 4, so it is not a mask"):
+        read_volume(tmp_path)
+
+
+def test_dicom_masks_in_sibling_folders_are_one_label_volume(tmp_path, save_slice):
+    liver, tumor = boxes()
+    for name, mask in (("livertumor10", tumor), ("liver", liver), ("livertumor9", 0 * liver)):
+        for number, plane in enumerate(mask):
+            tags = {"RescaleIntercept": 0, "SeriesInstanceUID": "1.2.3", "InstanceNumber": number + 1}
+            save_slice(tmp_path / "MASKS_DICOM" / name / f"image_{number}", 255 * plane, (0, 0, 1.6 * number), **tags)
+    volume = read_volume(tmp_path / "MASKS_DICOM")
+    assert volume.label_names == {1: "liver", 2: "livertumor9", 3: "livertumor10"}
+    np.testing.assert_array_equal(volume.values, np.where(tumor, 3, liver))
+    assert said(volume, "1 of 3 masks is empty: livertumor9")
+    alone = read_volume(tmp_path / "MASKS_DICOM" / "liver")
+    assert (alone.kind, alone.label_names, alone.notes) == ("label", {255: "mask"}, ())
+    np.testing.assert_array_equal(alone.values, 255 * liver.astype(int))
+
+
+def test_a_dicom_mask_that_keeps_the_intercept_of_its_ct_is_a_mask_too(tmp_path, save_slice):
+    for name, mask in zip(("liver", "spleen"), boxes(), strict=True):
+        for number, plane in enumerate(mask):
+            save_slice(
+                tmp_path / name / f"{number}", 255 * plane, (0, 0, 1.6 * number), SeriesInstanceUID=f"1.{len(name)}"
+            )
+    assert set(np.unique(read_volume(tmp_path).values)) == {0, 1, 2}
+
+
+def test_two_series_of_ct_in_sibling_folders_stay_series(tmp_path, save_stack):
+    hu = save_stack(tmp_path / "arterial", range(5), SeriesInstanceUID="1.9.1")
+    save_stack(tmp_path / "venous", range(4), SeriesInstanceUID="1.9.2")
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu)
+    assert volume.kind == "HU"
+
+
+def test_a_folder_with_one_segmentation_is_that_segmentation(tmp_path, save_stack):
+    save_stack(tmp_path, range(3))
+    assert read_volume(tmp_path).kind == "HU"
+
+
+def test_many_masks_take_the_memory_of_one_label_volume_and_little_more(tmp_path):
+    shape = (200, 256, 256)
+    for number in range(6):
+        mask = np.zeros(shape, np.uint8)
+        mask[number * 30 : number * 30 + 31] = 1
+        save(tmp_path / f"organ_{number}.nii.gz", mask)
+    read_volume(tmp_path)
+    tracemalloc.start()
+    volume = read_volume(tmp_path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * volume.values.nbytes
