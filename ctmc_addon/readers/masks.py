@@ -62,7 +62,7 @@ class MaskFolder(VolumeSource):
             )
             reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
             if label_map is None:
-                label_map = LabelMap(reader.shape, names, {}, self.path.name)
+                label_map = LabelMap(reader.shape, names, {}, self.path.name, memory_limit=options.memory_limit)
                 affine, first_name, first_shape = raw.affine, name, reader.shape
             elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
                 raise other_grid(self.path, first_name, name)

@@ -87,7 +87,9 @@ class SegmentationSource(VolumeSource):
         highest = 0
         if header.kind == "LABELMAP":
             highest = 2 ** header.image.pixels.options["bits_allocated"] - 1
-        label_map = LabelMap(grid.shape, header.names, header.colors, self.path.name, highest)
+        label_map = LabelMap(
+            grid.shape, header.names, header.colors, self.path.name, highest, memory_limit=options.memory_limit
+        )
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
         size = (header.image.rows, header.image.columns)
         slices = [Slice(header.image, number) for number in range(len(places))]

@@ -103,7 +103,7 @@ class StructureSource(VolumeSource):
         ranks = {label: -area(planes) for (label, _), planes in zip(numbered, regions, strict=True)}
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
-        label_map = LabelMap(grid.shape, names, colors, self.path.name, 0, ranks)
+        label_map = LabelMap(grid.shape, names, colors, self.path.name, 0, ranks, memory_limit=options.memory_limit)
         notes += yield from stages.run("Filling contours", fill_steps(label_map, regions, grid, self.path.name))
         notes += [f"{text}: {count} left out" for text, count in sorted(left_out.items())]
         notes += label_map.overlap_note("regions", "the one with the smaller area of contours")
