@@ -198,13 +198,13 @@ def two_values(values: NDArray[Any]) -> set[float]:
 def is_mask_steps(reader: SliceReader) -> Steps[int]:
     """The value inside, where all values are 0 and 1 or 0 and 255 and both occur, else 0; few slices settle it."""
     seen: set[float] = set()
-
-    def look(values: NDArray[Any]) -> bool:
+    slices, rows, columns = reader.everything
+    for number in slices:
         try:
-            seen.update(two_values(values))
+            seen.update(two_values(reader.read(range(number, number + 1), rows, columns)))
         except NotAMask:
-            seen.add(-1.0)
-        return not seen <= {0.0, *map(float, MASK_VALUES)} or len(seen) > 2
-
-    yield from reader.runs_steps(look)
+            return 0
+        if len(seen) > 2 or not seen <= {0.0, *map(float, MASK_VALUES)}:
+            return 0
+        yield Step((number + 1) / len(slices), "Looking at the values")
     return next((value for value in MASK_VALUES if seen == {0.0, float(value)}), 0)
