@@ -25,6 +25,7 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
+from ...core.volume import SlabVolume
 from ..surface.objects import temporary_surfaces
 from .annotations import NO_BREAK
 from .distance_map import DistanceMap, color_scale, distance_map_steps, keep_distances
@@ -74,7 +75,7 @@ class Compared:
 
 
 def sheet_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     comparison: Comparison,
     path: str | os.PathLike[str],
@@ -123,7 +124,7 @@ def sheet_steps(
 
 
 def cells_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     variants: Sequence[tuple[str, ReconstructionSettings]],
     reference: ReferenceSurface,
     deviation: bool,
@@ -148,7 +149,7 @@ def cells_steps(
 
 
 def timed_steps(
-    volume: Volume, settings: ReconstructionSettings, threads: int | None, memory_limit: int | None
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None, memory_limit: int | None
 ) -> Steps[tuple[Reconstruction, float]]:
     """A reconstruction and its seconds, the median of three if one is short."""
     runs: list[float] = []
@@ -159,7 +160,7 @@ def timed_steps(
 
 
 def deviation_figure_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     result: Reconstruction,
     path: str | os.PathLike[str],
     page: Page,
@@ -199,7 +200,11 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
 
 
 def reference_steps(
-    volume: Volume, settings: ReconstructionSettings, straight: bool, threads: int | None, memory_limit: int | None
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    straight: bool,
+    threads: int | None,
+    memory_limit: int | None,
 ) -> Steps[ReferenceSurface]:
     """The surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(

@@ -19,6 +19,7 @@ from .region import (
     region_corners,
     region_limits,
     region_shift,
+    settings_of_copy,
     side_positions,
     volume_box,
     with_moved_face,
@@ -36,7 +37,7 @@ from .slices import (
 from .statistics import VolumeStatistics, histogram_picture, slabs_of, value_range, volume_statistics_steps
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name
-from .volume import Volume
+from .volume import Placed, Volume
 
 __all__ = [
     "ALL",
@@ -44,6 +45,7 @@ __all__ = [
     "TISSUES",
     "Box",
     "LabelExtent",
+    "Placed",
     "SlabVolume",
     "SliceReader",
     "ValuesInMemory",
@@ -65,6 +67,7 @@ __all__ = [
     "region_limits",
     "region_shift",
     "require_labels",
+    "settings_of_copy",
     "side_positions",
     "slabs_of",
     "slice_at",

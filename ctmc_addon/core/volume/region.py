@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -147,6 +148,26 @@ def side_positions(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str,
     low, high = corners.min(axis=0), corners.max(axis=0)
     reach = (high - low) / 2 + gap * (high - low).max()
     return {letter: (low + high) / 2 + np.array(side) * reach for letter, side in SIDES.items()}
+
+
+def settings_of_copy(settings: ReconstructionSettings, stride: tuple[int, int, int]) -> ReconstructionSettings:
+    """Return what settings ask of a volume in terms of its copy that keeps every so many samples (x, y, z).
+
+    Examples
+    --------
+    >>> coarse = settings_of_copy(ReconstructionSettings(region=(4, 4, 0, 20, 20, 7), stride=(2, 2, 1)), (4, 4, 1))
+    >>> coarse.region, coarse.stride
+    ((1.0, 1.0, 0.0, 5.0, 5.0, 7.0), (1, 1, 1))
+    """
+    if stride == (1, 1, 1):
+        return settings
+    region = settings.region
+    if region is not None and settings.region_unit == "voxel":
+        low_x, low_y, low_z, high_x, high_y, high_z = region
+        x, y, z = stride
+        region = (low_x / x, low_y / y, low_z / z, high_x / x, high_y / y, high_z / z)
+    wide, high, deep = (-(-own // side) for own, side in zip(settings.stride, stride, strict=True))
+    return replace(settings, region=region, stride=(wide, high, deep))
 
 
 def region_box(volume: Placed, settings: ReconstructionSettings) -> Box:

@@ -209,7 +209,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Every setting in a cell."""
-        volume, settings = volumes.require_loaded(context.scene).volume, context.scene.ctmc.all_settings()[0]
+        volume, settings = volumes.require_loaded(context.scene).full, context.scene.ctmc.all_settings()[0]
         comparison = Comparison(
             parsed_strides(panel.strides) if panel.use_strides else (),
             parsed_numbers(panel.alphas, "alphas", "0 0.5 1") if panel.use_alphas else (),
@@ -249,7 +249,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         """The active surface, as it is shown."""
         require_png(target)
         require_engine(panel.engine, distances=True)
-        volume = volumes.require_loaded(context.scene).volume
+        volume = volumes.require_loaded(context.scene).full
         surface = as_shown(context.view_layer.objects.active, context.scene)
         limits = (machine().threads, machine().memory_limit)
         style, blend, limit = style_of(panel), blend_of(panel, target), as_written(panel.limit_mm) or None

@@ -95,8 +95,17 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         stages = Stages(STAGES)
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
-        volume = yield from stages.run(values, source.read_steps(**reading, threads=machine().threads))
         selected = source.selected_series(reading["series"])
+        fits = selected is None or volumes.fits(selected, machine().memory_limit)
+        file, stride = None, (1, 1, 1)
+        if fits:
+            limits = machine()
+            work = source.read_steps(**reading, threads=limits.threads, memory_limit=limits.memory_limit)
+            volume = yield from stages.run(values, work)
+        else:
+            file = yield from stages.run(values, source.slabs_steps(**reading, threads=machine().threads))
+            stride = volumes.shown_stride(file, machine().memory_limit)
+            volume = yield from stages.run(values, file.volume_steps(stride))
         if reading["series"] and selected is not None:  # its UID is kept nowhere
             reading = {**reading, "series": str(selected.number)}
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
@@ -109,6 +118,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             source.has_geometry,
             1 if selected is None else selected.number,
             readers.segmentation_sibling(path),
+            file,
+            stride,
         )
         return lambda: conclude(loaded, scene, expected)
 
@@ -153,7 +164,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         scene_session.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")
     show_in_scene(scene, loaded, is_another_ct)
-    columns, rows, slices = loaded.volume.size
+    columns, rows, slices = loaded.full.size
     return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
 
 

@@ -24,6 +24,7 @@ from ...core import (
     simplified_steps,
     without_small_steps,
 )
+from ...core.volume import SlabVolume
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import cost_estimates, session, surfaces, volumes
@@ -94,7 +95,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
             )
             for run in runs
         ]
-        volume = replace(loaded.volume, name=scene.ctmc.volume_name.strip() or loaded.volume.name)
+        volume = replace(loaded.full, name=scene.ctmc.volume_name.strip() or loaded.volume.name)
         return surfaces_steps(volume, requests, scene.session_uid)
 
 
@@ -107,7 +108,10 @@ def require_labels(loaded: volumes.Loaded, label: int | None) -> None:
 
 
 def surfaces_steps(
-    volume: Volume | None, requests: Sequence[SurfaceRequest], scene_uid: int, full: Reconstruction | None = None
+    volume: Volume | SlabVolume | None,
+    requests: Sequence[SurfaceRequest],
+    scene_uid: int,
+    full: Reconstruction | None = None,
 ) -> Steps[jobs.Conclusion]:
     """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
     stages = Stages(JOB_STAGES)
@@ -130,7 +134,7 @@ def surfaces_steps(
 
 
 def surface_steps(
-    volume: Volume | None, request: SurfaceRequest, full: Reconstruction | None
+    volume: Volume | SlabVolume | None, request: SurfaceRequest, full: Reconstruction | None
 ) -> Steps[FinishedSurface]:
     """Extract a surface where `full` is None, simplify and measure it."""
     settings, limits, stages = request.settings, machine(), Stages(SURFACE_STAGES)

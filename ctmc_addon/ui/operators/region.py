@@ -22,7 +22,7 @@ class CTMC_OT_fit_region(Needs, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set it, and use it."""
-        settings, volume = context.scene.ctmc, volumes.current(context.scene)
+        settings, volume = context.scene.ctmc, volumes.current_full(context.scene)
         assert volume is not None, "poll asks for one"
         settings.region = region_limits(volume, settings.region_unit)
         return {"FINISHED"}

@@ -64,7 +64,7 @@ def from_full_steps(context: bpy.types.Context, changes: Mapping[str, Any]) -> S
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
     request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
-    return surfaces_steps(volumes.current(scene), [request], scene.session_uid, full)
+    return surfaces_steps(volumes.current_full(scene), [request], scene.session_uid, full)
 
 
 class CTMC_OT_apply_shape(Needs, bpy.types.Operator):

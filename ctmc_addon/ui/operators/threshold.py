@@ -44,7 +44,7 @@ class CTMC_OT_auto_threshold(Needs, bpy.types.Operator):
         assert loaded is not None, "poll asks for one"
         try:
             settings = replace(scene.ctmc.to_settings(), threshold=None, label=None)
-            threshold = finish(used_threshold_steps(loaded.volume, settings))
+            threshold = finish(used_threshold_steps(loaded.volume, loaded.for_copy(settings)))
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
         scene.ctmc.threshold = threshold
@@ -84,9 +84,9 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
 def used_threshold(scene: bpy.types.Scene) -> float | None:
     """The threshold that a reconstruction would use; None where it is not known yet or there is none."""
-    volume = volumes.current(scene)
+    ct = volumes.loaded(scene)
     try:
-        return None if volume is None else quick_threshold(volume, scene.ctmc.to_settings())
+        return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))
     except CtmcError:
         return None
 

@@ -53,8 +53,8 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
         """The samples of the region at the stride."""
         scene = context.scene
         ct, settings = volumes.require_loaded(scene), scene.ctmc.to_settings()
-        x, y, z = box_of(ct.volume, settings.region, settings.region_unit)
-        part = SlabVolume.of(ct.volume).cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+        x, y, z = box_of(ct.full, settings.region, settings.region_unit)
+        part = (ct.file or SlabVolume.of(ct.volume)).cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
         return self.steps(part, settings.stride, scene.session_uid, ct.statistics.fingerprint)
 
     def steps(

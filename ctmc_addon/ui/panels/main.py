@@ -53,7 +53,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     sides = row.row(align=True)
     for axis in range(3):
         sides.prop(settings, "stride", index=axis, text="")
-    volume = volumes.current(context.scene)
+    volume = volumes.current_full(context.scene)
     if volume is not None:
         draw_text(column, context, voxel_sides(settings.stride, volume.spacing))
     draw_cost(layout, context)
@@ -76,6 +76,9 @@ def draw_cost(layout: Any, context: bpy.types.Context) -> None:
         return
     cost = session.of(scene).cost
     column = layout.column(align=True)
+    if volumes.is_coarse(scene):
+        draw_text(column, context, translate("Not counted: the CT does not fit in memory"))
+        return
     if cost is None:
         waiting = column.column(align=True)
         waiting.scale_y = 0.8  # as that of text

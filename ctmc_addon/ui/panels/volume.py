@@ -56,7 +56,7 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
 
 def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Size, spacing, orientation, values, series, and all that was assumed."""
-    volume, statistics, stored = loaded.volume, loaded.statistics, context.scene.ctmc
+    volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
     columns, rows, slices = volume.size
     x, y, z = volume.spacing
     right, down, up = (translate(side) for side in directions(volume.orientation))
@@ -85,6 +85,9 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         for axis in "xyz":
             row.prop(stored, f"flip_{axis}", toggle=True)
         column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
+    if loaded.file is not None:
+        text = translate("Shown at every {stride} voxels; surfaces are made from the file")
+        draw_text(layout, context, text.format(stride=" x ".join(map(str, loaded.shown_stride))), "INFO")
     if statistics.non_finite:
         draw_text(
             layout,

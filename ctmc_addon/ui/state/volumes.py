@@ -6,6 +6,7 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +14,8 @@ from typing import Any
 
 import bpy
 
-from ...core import ReadError, Volume, available_bytes
-from ...core.volume import VolumeStatistics
+from ...core import ReadError, ReconstructionSettings, Volume, available_bytes, require_memory
+from ...core.volume import SlabVolume, VolumeStatistics, fitting_stride, settings_of_copy
 from ...readers import Series
 
 
@@ -32,6 +33,11 @@ class Loaded:
         Which of the series it is.
     sibling : Path or None
         Its label volume, where one lies beside it.
+    file : SlabVolume or None
+        The CT in its file, where it does not fit in memory: `volume` is then a coarse copy, and surfaces are made from
+        the file.
+    shown_stride : (x, y, z) int
+        Every so many samples of the file are in the copy.
     """
 
     path: Path
@@ -42,9 +48,37 @@ class Loaded:
     geometry: bool = True
     series_number: int = 1
     sibling: Path | None = None
+    file: SlabVolume | None = None
+    shown_stride: tuple[int, int, int] = (1, 1, 1)
+
+    @property
+    def full(self) -> Volume | SlabVolume:
+        """All samples: what surfaces are made from, and what regions and strides count in."""
+        return self.file or self.volume
+
+    def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
+        """The settings as they are for `volume`."""
+        return settings_of_copy(settings, self.shown_stride)
 
 
+SHOWN_SHARE = 0.25  # of the memory, for a copy: previews and surfaces need the rest
 _loaded: dict[str, Loaded] = {}
+
+
+def fits(series: Series, memory_limit: int | None) -> bool:
+    """Whether the values of a series fit in memory, by what its headers say."""
+    limit = available_bytes() if memory_limit is None else memory_limit
+    return limit is None or math.prod(series.shape) * series.voxel_bytes <= limit
+
+
+def shown_stride(file: SlabVolume, memory_limit: int | None) -> tuple[int, int, int]:
+    """The stride at which a copy of a CT leaves memory for surfaces, or a `MemoryLimitError`."""
+    limit = available_bytes() if memory_limit is None else memory_limit
+    room = file.nbytes if limit is None else int(SHOWN_SHARE * limit)
+    stride = fitting_stride(file.shape, file.dtype.itemsize, room)
+    if stride is None:
+        require_memory(file.nbytes, f"reading {file.name}", "close other programs, or raise the memory limit", limit)
+    return stride or (1, 1, 1)
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
@@ -89,6 +123,18 @@ def current(scene: bpy.types.Scene) -> Volume | None:
     """The volume last loaded for `scene`, if it was loaded in this session."""
     ct = loaded(scene)
     return None if ct is None else ct.volume
+
+
+def current_full(scene: bpy.types.Scene) -> Volume | SlabVolume | None:
+    """All samples of the CT last loaded for `scene`, in memory or in its file."""
+    ct = loaded(scene)
+    return None if ct is None else ct.full
+
+
+def is_coarse(scene: bpy.types.Scene) -> bool:
+    """Whether a coarse copy is shown of a CT that does not fit in memory."""
+    ct = loaded(scene)
+    return ct is not None and ct.file is not None
 
 
 def missing(scene: bpy.types.Scene) -> bool:

@@ -125,8 +125,9 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         alpha.settle(scene)
     if not live.work:
         settings = tuple(scene.ctmc.all_settings())
+        counting = [cost_steps(live.scene, live.fields, settings)] if loaded.file is None else []
         live.work = [
-            cost_steps(live.scene, live.fields, settings),
+            *counting,
             preview.refine_steps(live.scene, preview.settings_of(scene)),
         ]
     stop = time.perf_counter() + TICK

@@ -82,7 +82,8 @@ def draw_in_space() -> None:
         slice_picture(context.scene, volume).draw()
     draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOR, size, 1.0)
     if settings.use_region:
-        corners = region_corners(volume, tuple(settings.region), settings.region_unit)
+        full = volumes.current_full(context.scene) or volume
+        corners = region_corners(full, tuple(settings.region), settings.region_unit)
         draw_lines(corners * scale, EDGES, REGION_COLOR, size, 2.0)
 
 

@@ -42,9 +42,11 @@ def prepare(loaded: volumes.Loaded) -> None:
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
-    """The settings to preview; None where it is off or they contradict each other."""
+    """The settings to preview, for what is in memory; None where it is off or they contradict each other."""
+    ct = volumes.loaded(scene)
     try:
-        return scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
+        settings = scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
+        return settings if settings is None or ct is None else ct.for_copy(settings)
     except CtmcError:
         return None
 

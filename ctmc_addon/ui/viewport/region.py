@@ -14,8 +14,15 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ...core import Volume
-from ...core.volume import moved_region, region_axes, region_corners, region_limits, region_shift, with_moved_face
+from ...core.volume import (
+    Placed,
+    moved_region,
+    region_axes,
+    region_corners,
+    region_limits,
+    region_shift,
+    with_moved_face,
+)
 from ..properties.preferences import machine
 from ..state import volumes
 
@@ -28,7 +35,7 @@ class RegionFace:
     An arrow stands at its base plus an offset along its direction; the base is where the side would be at 0.
     """
 
-    def __init__(self, scene: bpy.types.Scene, volume: Volume, face: int) -> None:
+    def __init__(self, scene: bpy.types.Scene, volume: Placed, face: int) -> None:
         settings, scale = scene.ctmc, machine().scale
         self.settings, self.face, self.axis = settings, face, face % 3
         self.limits = region_limits(volume, settings.region_unit)
@@ -59,7 +66,7 @@ class RegionFace:
 def current_face(face: int) -> RegionFace | None:
     """The side as it is at this moment; Blender keeps handles longer than any scene or volume."""
     scene = bpy.context.scene
-    volume = volumes.current(scene)
+    volume = volumes.current_full(scene)
     return None if volume is None else RegionFace(scene, volume, face)
 
 
@@ -90,7 +97,7 @@ def read_middle() -> tuple[float, float, float]:
 def write_middle(place: Any) -> None:
     """Bring the box's middle to a place in the viewport."""
     scene = bpy.context.scene
-    volume = volumes.current(scene)
+    volume = volumes.current_full(scene)
     if volume is None:
         return
     settings = scene.ctmc
@@ -116,7 +123,7 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
         """Only where the box is drawn."""
         space = context.space_data
         shown = space is not None and space.type == "VIEW_3D" and space.overlay.show_overlays
-        return bool(shown and context.scene.ctmc.use_region and volumes.current(context.scene) is not None)
+        return bool(shown and context.scene.ctmc.use_region and volumes.current_full(context.scene) is not None)
 
     def setup(self, _context: bpy.types.Context) -> None:
         """Make the handles."""

@@ -13,12 +13,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui.drawing import meshes_in
+from ui.drawing import drawn, meshes_in
 
 import ctmc_addon
 from ctmc_addon.blender.surface import evaluated_triangles
 from ctmc_addon.core import reconstruct
 from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.state import volumes
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -181,3 +182,41 @@ def test_a_path_beside_the_blend_is_loaded_without_a_warning(scene, ball_file, t
         assert bpy.ops.ctmc.load(filepath="//ball.npy", spacing=(1, 1, 2)) == {"FINISHED"}
     assert heard == []
     assert volumes.loaded(scene).path == ball_file
+
+
+@pytest.fixture
+def too_large(tmp_path, monkeypatch):
+    """A ball of 8 mm radius in 48 x 48 x 24 samples of 1 x 1 x 2 mm, and a memory limit that it does not fit."""
+    from ctmc_addon.ui.operators import load as load_module
+    from ctmc_addon.ui.properties.preferences import Machine
+
+    z, y, x = np.indices((24, 48, 48)) - np.array([11.5, 23.5, 23.5])[:, None, None, None]
+    values = 180 - 10 * np.sqrt(x**2 + y**2 + (2 * z) ** 2)
+    np.save(tmp_path / "large.npy", values.astype(np.int16))
+    monkeypatch.setattr(load_module, "machine", lambda: Machine(memory_limit=values.size * 2 - 1))
+    return tmp_path / "large.npy"
+
+
+def test_a_ct_that_does_not_fit_is_shown_coarse_and_reconstructed_from_its_file(scene, too_large):
+    assert load(too_large) == {"FINISHED"}
+    loaded = volumes.loaded(scene)
+    assert loaded.shown_stride == (2, 2, 2)
+    assert loaded.volume.size == (24, 24, 12)
+    assert loaded.full.size == (48, 48, 24)
+    np.testing.assert_allclose(loaded.volume.spacing, (2, 2, 4))
+    texts = " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "Shown at every 2 x 2 x 2 voxels; surfaces are made from the file" in texts
+    assert "48 x 48 x 24" in texts
+    assert "Not counted: the CT does not fit in memory" in texts
+    scene.ctmc.threshold = 100.0
+    scene.ctmc.use_region, scene.ctmc.region = True, (2, 2, 1, 46, 44, 22)
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    whole = reconstruct(read_volume(too_large, spacing=(1, 1, 2)), scene.ctmc.to_settings()).mesh
+    seen = evaluated_triangles(bpy.context.view_layer.objects.active)
+    assert (seen.faces == whole.faces).all()
+    assert np.abs(seen.vertices - whole.vertices.astype(np.float64)).max() <= 1e-4
+    coarse = loaded.for_copy(scene.ctmc.to_settings())
+    assert coarse.region == (1, 1, 0.5, 23, 22, 11)
+    assert reconstruct(loaded.volume, coarse).mesh.volume == pytest.approx(whole.volume, rel=0.1)
+    bpy.ops.ctmc.fit_region()
+    assert tuple(scene.ctmc.region) == (0, 0, 0, 47, 47, 23)
