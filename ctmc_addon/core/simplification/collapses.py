@@ -86,7 +86,7 @@ def share_of(face_count: int, budget: int) -> float:
 
 def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -> Steps[Indices]:
     """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
-    candidates = candidates[np.argsort(_shuffled(candidates))]
+    candidates = candidates[np.argsort(shuffled(candidates))]
     first, second = edges
     free = np.ones(vertex_count, bool)
     independent: list[Indices] = []
@@ -183,7 +183,7 @@ def flips_normal_steps(collapses: Collapses, positions: Floats, faces: Ints) -> 
     return refused
 
 
-def _shuffled(numbers: Indices) -> NDArray[np.uint32]:
+def shuffled(numbers: Indices) -> NDArray[np.uint32]:
     """Another number for every number below 2^32, none twice, in no visible order."""
     mixed = numbers.astype(np.uint32)
     for factor in (0x85EBCA6B, 0xC2B2AE35):  # the non_manifold factors of MurmurHash3's last mixing

@@ -79,7 +79,7 @@ class EdgeQuadric(NamedTuple):
 def edge_quadric(start: Floats, end: Floats, half: Floats) -> EdgeQuadric:
     """Quadric of edges from those of their ends, (6, n) each, and half the way from start to end, (3, n)."""
     matrix = start + end
-    return EdgeQuadric(matrix, _times(start - end, half), dot(half, _times(matrix, half)))
+    return EdgeQuadric(matrix, times(start - end, half), dot(half, times(matrix, half)))
 
 
 def best_step(quadric: EdgeQuadric) -> Floats:
@@ -118,19 +118,19 @@ def best_step(quadric: EdgeQuadric) -> Floats:
         return right
 
     step = solve(quadric.gradient * -scale)
-    step += solve((quadric.gradient + _times(quadric.matrix, step)) * -scale)
+    step += solve((quadric.gradient + times(quadric.matrix, step)) * -scale)
     return step
 
 
 def error(quadric: EdgeQuadric, step: Floats) -> Floats:
     """Value of the quadrics at `step` (3, n) from the middle of the edges, (n,)."""
-    slope = _times(quadric.matrix, step)
+    slope = times(quadric.matrix, step)
     slope += quadric.gradient
     slope += quadric.gradient
     return np.maximum(dot(step, slope) + quadric.constant, np.float32(0.0))
 
 
-def _times(matrix: Floats, step: Floats) -> Floats:
+def times(matrix: Floats, step: Floats) -> Floats:
     """A d, (3, n)."""
     xx, xy, xz, yy, yz, zz = matrix
     x, y, z = step

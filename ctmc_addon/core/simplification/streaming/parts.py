@@ -100,7 +100,8 @@ def joined(parts: Sequence[Part]) -> Part:
     faces = np.concatenate([place[part.mesh.faces + low] for part, low in zip(parts, firsts[:-1], strict=True)])
     vertices = np.concatenate([part.mesh.vertices for part in parts])[first]
     normals: Any = [part.mesh.normals for part in parts if len(part.numbers)]
-    normals = None if any(each is None for each in normals) else np.concatenate(normals)[first]
+    whole = bool(normals) and all(each is not None for each in normals)
+    normals = np.concatenate(normals)[first] if whole else None
     return Part(TriangleMesh(vertices, faces, normals), numbers[first])
 
 
@@ -132,7 +133,7 @@ def batches_steps(pieces: SurfacePieces[T], least: int, numbering: Numbering) ->
         pieces.close()
     if before is not None:
         gathered.append(_placed(*before))
-    if gathered:
+    if any(part.face_count for part in gathered):
         yield joined(gathered)
     return result
 

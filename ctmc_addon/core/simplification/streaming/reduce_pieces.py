@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simplify a surface that comes piece by piece, so that memory follows the simplified surface.
 
-Pieces are gathered to batches, and each batch is simplified while its seams to the next stay as they are. Then the
-strips along the seams are simplified, and at last the surface as a whole, exactly to the goal. The batches leave
-`SPARE` times as many triangles as are wanted: the last pass chooses where they matter most. Batches are cut by the
-count of triangles alone, so the result depends neither on the machine nor on the number of threads.
+Pieces are gathered to batches, and each batch is simplified while its seams to the next stay as they are; where most of
+its triangles shall go, by quick clusters at first. Then the strips along the seams are simplified, and at last the
+surface as a whole, exactly to the goal. The batches leave `SPARE` times as many triangles as are wanted: the last pass
+chooses where they matter most. Batches are cut by the count of triangles alone, so the result depends neither on the
+machine nor on the number of threads.
 
 What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
 surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
@@ -34,6 +35,7 @@ from ..simplify import (
     require_finite,
     target_of,
 )
+from .clustering import clustered_steps
 from .parts import NEW, Numbering, Part, area, batches_steps, beside, joined, shared
 from .workers import Task, Workers, working
 
@@ -43,6 +45,8 @@ BATCH_FACES, BOUNDED_BATCH_FACES = 1 << 20, 1 << 18  # triangles that are simpli
 LAST_FACES, BOUNDED_LAST_FACES = 3 << 20, 3 << 18  # in the last pass, at most
 SPARE = 2.0  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
+CLUSTERED = 4.0  # times as many triangles as wanted: worth clustering first
+LEAST_GAIN = 0.8  # of the triangles may be left by a round of clustering that is worth another
 BATCHES_SHARE = 0.8  # of the time
 
 
@@ -254,6 +258,11 @@ def reduce_part_steps(
     target = round(wanted) + at_border
     if target >= part.face_count:
         return Reduced(part, density, RemovedComponents(), 0)
+    if max_error is None and not whole:
+        before = 0
+        while part.face_count > CLUSTERED * target and part.face_count < LEAST_GAIN * (before or np.inf):
+            before = part.face_count
+            part = yield from clustered_steps(part)
     collapsing = CollapsingMesh(part.mesh, max_error, SAFETY_FACTOR, part=not whole)
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:
