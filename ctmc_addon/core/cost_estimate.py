@@ -192,7 +192,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     counting = count_steps(grid, field.level, cache.threads, settings.topology)
     counts = yield from stages.run("Counting", counting)
     if not counts.faces:
-        check_threshold(field.level, grid.window_values, field.kind, field.place)
+        check_threshold(field.level, grid.window_values, field.kind, field.place, grid.upper)
         raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
     seconds = stages.seconds["Counting"]
     estimate = CostEstimate(
@@ -212,7 +212,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
 
 def grid_of(field: ScalarField, settings: ReconstructionSettings, stride: tuple[int, int, int]) -> Grid:
     """Return the samples of a field at a stride."""
-    return make_grid(field.values, stride, settings.close_border, field.window_in_values)
+    return make_grid(field.values, stride, settings.close_border, field.window_in_values, settings.upper)
 
 
 def simplified_faces(faces: int, settings: ReconstructionSettings) -> int:

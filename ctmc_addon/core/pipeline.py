@@ -278,7 +278,7 @@ def _full_steps(
     if isinstance(field, FieldSlabs):
         extracting = slab_surface_steps(field, gradient, settings.topology, threads, memory_limit, workers)
     else:
-        grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values)
+        grid = make_grid(field.values, settings.stride, settings.close_border, field.window_in_values, settings.upper)
         extracting = extract_steps(
             grid, field.level, gradient, threads, memory_limit, settings.topology, field.kind, field.place
         )

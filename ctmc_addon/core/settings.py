@@ -16,7 +16,7 @@ from typing import Any
 from .errors import SettingsError
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
-EXCLUSIVE = (("threshold", "label"), GOALS)
+EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
 """Groups of settings of which one at most may be given."""
 DEFAULT_SMOOTHING_MM = 1.0
 RENAMED = {"soften_mm": "smoothing_mm"}
@@ -104,6 +104,14 @@ class ReconstructionSettings:
         label="Threshold",
         unit="HU or gray value",
         start=200.0,
+    )
+    upper: float | None = setting(
+        None,
+        "Upper limit: values above it are outside too, such as -600 HU for lung between -950 and -600. "
+        "Larger = more of the dense tissue. Without it all that is dense enough is inside",
+        label="Upper Limit",
+        unit="HU or gray value",
+        start=1000.0,
     )
     label: int | None = setting(
         None,
@@ -267,6 +275,8 @@ class ReconstructionSettings:
             if not is_allowed(self, name) and getattr(self, name) is not None:
                 other, choice = INCOMPATIBLE[name]
                 raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
+        if self.threshold is not None and self.upper is not None and self.upper < self.threshold:
+            raise SettingsError(f"upper {self.upper:g} is below threshold {self.threshold:g}; give the lower one first")
         if self.threshold is not None and self.smoothing == "constrained":
             raise constrained_threshold_error()
         if self.smoothing in ("none", "constrained") and self.smoothing_mm:

@@ -26,7 +26,7 @@ def parsed(line):
 def test_every_setting_has_its_flag_with_text_and_limits():
     flags = {name: flag_of(name, about) for name, about in described().items()}
     assert set(flags.values()) == {
-        "--threshold", "--label", "--stride", "--alpha", "--topology", "--smoothing", "--smoothing-mm",
+        "--threshold", "--upper", "--label", "--stride", "--alpha", "--topology", "--smoothing", "--smoothing-mm",
         "--slice-steps", "--close-border", "--region",
         "--region-unit", "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles",
         "--max-error", "--nan-as",

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """First pass: which samples are inside, one bit each, 64 samples a word. The only pass over the whole volume.
 
-Inside is ``value >= threshold``. Example: in a row of 70 samples of which those from 3 to 66 are inside, word 0 has
-its bits 3 to 63 set, word 1 its bits 0 to 2; bits 6 to 63 of word 1 stand for no sample and are 0.
+Inside is ``value >= threshold``, and where the grid has an upper limit ``threshold <= value <= upper``. Example: in a
+row of 70 samples of which those from 3 to 66 are inside, word 0 has its bits 3 to 63 set, word 1 its bits 0 to 2; bits
+6 to 63 of word 1 stand for no sample and are 0.
 """
 
 from __future__ import annotations
@@ -41,6 +42,21 @@ def lowest_inside(threshold: float, dtype: np.dtype[Any]) -> Any:
     return None if lowest > limits.max else dtype.newbyteorder("=").type(lowest)
 
 
+def highest_inside(upper: float, dtype: np.dtype[Any]) -> Any:
+    """The highest value of `dtype` that is at or below the upper limit; None where none is.
+
+    Examples
+    --------
+    >>> int(highest_inside(127.5, np.dtype(np.uint8)))
+    127
+    """
+    if dtype.kind == "f":
+        return -lowest_inside(-upper, dtype)
+    limits = np.iinfo(dtype)
+    highest = min(math.floor(upper), int(limits.max))
+    return None if highest < limits.min else dtype.newbyteorder("=").type(highest)
+
+
 def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[np.uint64]) -> None:
     """Write which samples of the layers `low` to `high` are inside.
 
@@ -51,6 +67,10 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
         them: a surface then has no edge between them, and the ghost cells there need no special case.
     """
     lowest = lowest_inside(threshold, grid.values.dtype)
+    highest = None
+    if grid.upper is not None:
+        highest = highest_inside(grid.upper, grid.values.dtype)
+        lowest = None if highest is None else lowest
     x, y, z = grid.x, grid.y, grid.z
     first_layer, end_layer = max(low, z.valued[0]), min(high, z.valued[1])
     columns, (first_row, end_row) = slice(x.closed, x.count - x.closed), y.valued
@@ -64,7 +84,7 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
         block = grid.values[z.index[layer] - grid.first_slice : z.index[end - 1] + 1 - grid.first_slice]
         for row in range(first_row, end_row if lowest is not None else first_row, rows):
             part = buffer[: end - layer, : min(rows, end_row - row)]
-            _compare(block, x, y, y.index[row : row + part.shape[1]], lowest, part[..., columns])
+            _compare(block, x, y, y.index[row : row + part.shape[1]], (lowest, highest), part[..., columns])
             packed = np.packbits(part.reshape(-1), bitorder="little").view(np.uint64)
             out[layer:end, row : row + part.shape[1]] = packed.reshape(*part.shape[:2], -1)
         out[layer:end, -1] = out[layer:end, -2]
@@ -73,16 +93,19 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
 
 
 def _compare(
-    layers: NDArray[Any], x: Axis, y: Axis, rows: NDArray[np.intp], lowest: Any, out: NDArray[np.bool_]
+    layers: NDArray[Any], x: Axis, y: Axis, rows: NDArray[np.intp], limits: tuple[Any, Any], out: NDArray[np.bool_]
 ) -> None:
-    """Fill `out` (layers, rows, columns) with `value >= lowest` of the samples, short last voxels and all."""
+    """Fill `out` (layers, rows, columns) with whether samples lie between `limits`, short last voxels and all.
+
+    The limits are in the values' own type, the upper one may be None.
+    """
     if x.stride == y.stride == 1:
-        np.greater_equal(layers[:, rows[0] : rows[-1] + 1, x.start : x.stop], lowest, out=out)
+        _between(layers[:, rows[0] : rows[-1] + 1, x.start : x.stop], limits, out)
         return
     # Memory is read fastest in one run: a few rows too many cost less than leaving them out.
     skip = y.stride > ROWS_WORTH_READING
     samples = layers[:, rows, x.start : x.stop] if skip else layers[:, rows[0] : rows[-1] + 1, x.start : x.stop]
-    inside = samples >= lowest
+    inside = _between(samples, limits)
     step = 1 if skip else y.stride
     regular = _subsampled(x.stride, inside[:, ::step])
     count = regular.shape[1:]
@@ -90,6 +113,14 @@ def _compare(
     out[:, : count[0], count[1] :] = inside[:, ::step, -1:]
     out[:, count[0] :, : count[1]] = inside[:, -1:, :: x.stride]
     out[:, count[0] :, count[1] :] = inside[:, -1:, -1:]
+
+
+def _between(values: NDArray[Any], limits: tuple[Any, Any], out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    lowest, highest = limits
+    inside = np.greater_equal(values, lowest, out=out)
+    if highest is not None:
+        inside &= values <= highest
+    return inside
 
 
 def _subsampled(stride: int, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:

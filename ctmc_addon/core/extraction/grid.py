@@ -101,6 +101,8 @@ class Grid:
         How many the volume has; by default as many as the values.
     continues : bool
         Whether the last layer of samples is only the upper side of voxels, as more layers follow in the volume.
+    upper : float, optional
+        Values above it are outside; by default none is too high.
     """
 
     values: NDArray[Any]
@@ -110,6 +112,7 @@ class Grid:
     first_slice: int = 0
     slices: int | None = None
     continues: bool = False
+    upper: float | None = None
 
     @property
     def layers(self) -> int:
@@ -158,8 +161,11 @@ def make_grid(
     stride: int | tuple[int, int, int] = (1, 1, 1),
     close_border: bool = False,
     window: tuple[tuple[int, int], tuple[int, int], tuple[int, int]] | None = None,
+    upper: float | None = None,
 ) -> Grid:
     """The samples of `values` (slices, rows, columns) inside `window` ((x, stop), (y, stop), (z, stop)).
+
+    Values above `upper` will be outside.
 
     Raises
     ------
@@ -168,7 +174,7 @@ def make_grid(
     """
     ranges = window or tuple((0, size) for size in values.shape[::-1])
     x, y, z = make_axes(ranges, stride, close_border)
-    return Grid(values.view(np.uint8) if values.dtype == bool else values, x, y, z)
+    return Grid(values.view(np.uint8) if values.dtype == bool else values, x, y, z, upper=upper)
 
 
 def make_axes(

@@ -26,6 +26,8 @@ def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold:
     """The slab with the configuration of the trilinear interpolant's surface in every ambiguous voxel."""
     ambiguous = np.flatnonzero(NEEDS_DECISION.take(slab.configuration) & slab.is_cell)
     values = corner_values(slab.samples(ambiguous), grid, sampler)
+    if grid.upper is not None:  # as far above the threshold as below the upper limit: one threshold for both
+        values = np.minimum(values, threshold + (grid.upper - values))
     decided = decide(values, threshold, slab.configuration[ambiguous].astype(np.uint8))
     configuration = slab.configuration.copy()
     configuration[ambiguous] = decided

@@ -65,8 +65,9 @@ def marching_cubes(
     normals: bool = True,
     threads: int | None = None,
     topology: str = "classic",
+    upper: float | None = None,
 ) -> TriangleMesh:
-    """Surface between the values below and those at or above a threshold.
+    """Surface between the values below and those at or above a threshold, or about those between two limits.
 
     Parameters
     ----------
@@ -88,6 +89,9 @@ def marching_cubes(
     topology : {"classic", "trilinear"}
         "classic" separates the inside corners on every ambiguous face; "trilinear" gives the surface the components and
         tunnels of the trilinear interpolant, with vertices inside some voxels. Both are closed and manifold.
+    upper : float, optional
+        Inside is ``threshold <= value <= upper``. An edge from below the threshold to above the upper limit is not
+        crossed, as both of its ends are outside.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def marching_cubes(
     """
     if not 0 <= alpha <= 1:
         raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")
-    grid = make_grid(checked_values(values), stride, close_border)
+    grid = make_grid(checked_values(values), stride, close_border, upper=upper)
     return finish(_extract_steps(grid, float(threshold), (alpha,), normals, threads, None, topology))[0]
 
 
@@ -174,7 +178,7 @@ def _extract_steps(
     first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
     first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
     if first_face[-1] == 0:
-        check_threshold(threshold, grid.window_values, kind, place)
+        check_threshold(threshold, grid.window_values, kind, place, grid.upper)
         raise MeshError(no_surface_text(threshold))
     if first_vertex[-1] > np.iinfo(np.int32).max:
         raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")

@@ -12,7 +12,7 @@ linear crossing (alpha 1) is at x = 4.4 and the midpoint (alpha 0) at x = 5.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ from ..errors import VolumeError
 from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .case_table import NEAREST
-from .gradients import Sampler, fill_normals
+from .classify import highest_inside
+from .gradients import NOWHERE, Sampler, fill_normals
 from .grid import Grid
 
 EDGES_AT_ONCE = 1 << 13  # filled in together: their arrays stay in the cache
@@ -95,16 +96,22 @@ def _fill_edges(
 
     low = sampler.gather(flat)
     if unit:
-        rise = sampler.gather(flat, sampler.steps[axis])
+        high = sampler.gather(flat, sampler.steps[axis])
     else:
-        rise = sampler.gather(flat + (np.diff(along.index, append=0) * sampler.steps[axis]).take(sample))
-    rise -= low
+        high = sampler.gather(flat + (np.diff(along.index, append=0) * sampler.steps[axis]).take(sample))
+    above = NOWHERE  # the edges with an end above the upper limit, which are crossed there
+    level: Any = threshold
+    if grid.upper is not None:
+        above = np.flatnonzero(np.maximum(low, high) > float(highest_inside(grid.upper, grid.values.dtype)))
+        level = np.full(len(slot), threshold, low.dtype)
+        level[above] = grid.upper
+    rise = np.subtract(high, low, out=high)
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
         raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
     on_cap = rise == 0
     rise[on_cap] = 1.0
-    t = np.subtract(threshold, low, out=low)
+    t = np.subtract(level, low, out=low)
     t /= rise
     t[on_cap] = 0.5
     np.clip(t, NEAREST, 1 - NEAREST, out=t)
@@ -126,4 +133,5 @@ def _fill_edges(
             index[axis] = below
         share = (linear - index[axis]).astype(sampler.working_type)
         fill_normals(sampler, index, flat, axis, share, out.normals)
+        out.normals[above] *= -1.0  # values rise outwards there
         out.normals[on_cap] = 0.0

@@ -109,13 +109,14 @@ class FieldSlabs:
             mask = window if self._kernels is None else self._values
             check_not_filled(all(bool((slab == self.settings.label).all()) for slab in slabs_of(mask)), self.settings)
         elif self.settings.threshold is not None:
-            check_threshold(self.threshold, window, self.kind, self.place)
+            check_threshold(self.threshold, window, self.kind, self.place, self.settings.upper)
 
     def check_extracted_steps(self) -> Steps[None]:
         """Raise why there is no surface at all."""
         self.check()
         if self._kernels is None:
-            check_threshold(self.level, self._values.part(self.window_in_values), self.kind, self.place)
+            window = self._values.part(self.window_in_values)
+            check_threshold(self.level, window, self.kind, self.place, self.settings.upper)
         else:
             _, rows, columns = box_slices(self.window_in_values)
             self._planes, lows, highs = {}, [], []
@@ -124,7 +125,7 @@ class FieldSlabs:
                 lows.append(smoothed[:, rows, columns].min())
                 highs.append(smoothed[:, rows, columns].max())
             ends = np.array([[[min(lows), max(highs)]]])
-            check_threshold(self.level, ends, self.kind, f"{self.place} after smoothing")
+            check_threshold(self.level, ends, self.kind, f"{self.place} after smoothing", self.settings.upper)
         raise MeshError(no_surface_text(self.level))
 
     def _type(self) -> np.dtype[Any]:

@@ -61,6 +61,8 @@ class PartMaker:
     normals : bool
     topology : str
     threads : int
+    upper : float or None
+        Inside is ``level <= value <= upper`` where it is given.
 
     Attributes
     ----------
@@ -74,6 +76,7 @@ class PartMaker:
     normals: bool
     topology: str
     threads: int
+    upper: float | None = None
 
     def __post_init__(self) -> None:
         self.mixed: list[NDArray[np.intp]] = []
@@ -140,11 +143,11 @@ class PartMaker:
             first = max(0, int(part.index[0]) - margin)
             numbers = np.arange(first, min(slices, int(part.index[-1]) + 1 + margin))
             values = yield from self._values_steps(numbers)
-            return Grid(values, x, y, part, first, slices, continues)
+            return Grid(values, x, y, part, first, slices, continues, self.upper)
         # Only the slices that are sampled: the values are then those slices one after the other.
         numbers, index = np.unique(part.index, return_inverse=True)
         values = yield from self._values_steps(numbers)
-        return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues)
+        return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues, upper=self.upper)
 
     def _values_steps(self, numbers: NDArray[np.intp]) -> Steps[NDArray[Any]]:
         """The values of some slices, of which those that the last slab ended with are not fetched again."""

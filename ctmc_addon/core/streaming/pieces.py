@@ -122,7 +122,7 @@ def field_pieces_steps(
         if workers is not None and isinstance(field, FieldSlabs):
             return DistributedMaker(field.again(), normals, settings.topology, workers)
         values = field.again() if isinstance(field, FieldSlabs) else ValuesOfField(field)
-        return PartMaker(values, axes, float(field.level), normals, settings.topology, threads)
+        return PartMaker(values, axes, float(field.level), normals, settings.topology, threads, settings.upper)
 
     regrouping = None
     if not any_order:
@@ -140,7 +140,7 @@ def field_pieces_steps(
         if isinstance(fetched, FieldSlabs):
             yield from fetched.check_extracted_steps()
         assert isinstance(field, ScalarField)
-        check_threshold(field.level, _window(field, axes), field.kind, field.place)
+        check_threshold(field.level, _window(field, axes), field.kind, field.place, settings.upper)
         raise MeshError(no_surface_text(field.level))
     return SurfaceFacts(
         threshold=field.threshold,

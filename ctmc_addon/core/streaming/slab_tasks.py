@@ -94,7 +94,8 @@ def slab_result_steps(volume: SlabVolume, task: SlabTask) -> Steps[SlabResult]:
             f"{np.dtype(task.dtype)}; give a path at which all see the same files"
         )
     field = FieldSlabs(volume, task.settings, task.window, task.threshold, 1)
-    maker = PartMaker(field, field.axes(), float(field.level), task.normals, task.settings.topology, 1)
+    settings = task.settings
+    maker = PartMaker(field, field.axes(), float(field.level), task.normals, settings.topology, 1, settings.upper)
     field.counted = counted_slices(maker, task.layers)
     parts: list[SlabPart] = []
     for steps in maker.parts_steps(*task.layers):

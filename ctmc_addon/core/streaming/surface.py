@@ -45,7 +45,7 @@ def slab_surface_steps(
     threads = worker_count(threads)
     stages = Stages({EXTRACTING: 9, PUTTING: 1})
     if workers is None:
-        maker = PartMaker(field, field.axes(), float(field.level), normals, topology, threads)
+        maker = PartMaker(field, field.axes(), float(field.level), normals, topology, threads, field.settings.upper)
     else:
         maker = DistributedMaker(field, normals, topology, workers)
     parts = yield from stages.run(EXTRACTING, _all_parts_steps(maker, memory_limit))

@@ -129,7 +129,8 @@ def scalar_field_steps(
             needed = relative_box(grown_box(window, reach, volume.size), origin)
             values = _finite(values, values[box_slices(needed)], settings.nan_as, memory_limit)
         if settings.threshold is not None:
-            check_threshold(settings.threshold, values[box_slices(relative_box(window, origin))], volume.kind, place)
+            in_window = values[box_slices(relative_box(window, origin))]
+            check_threshold(settings.threshold, in_window, volume.kind, place, settings.upper)
     threshold = yield from stages.run(value_stage, used_threshold_steps(volume, settings))
     notes = field_notes(settings, threshold)
     window_in_values = relative_box(window, origin)

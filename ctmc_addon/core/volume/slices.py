@@ -89,6 +89,7 @@ def windowed(
     level: float,
     threshold: float | None = None,
     labels: tuple[int, ...] = (),
+    upper: float | None = None,
 ) -> NDArray[np.float32]:
     """Return gray values as colors, (rows, columns, 4) float32 in 0..1; what will be inside the surface is tinted.
 
@@ -100,6 +101,8 @@ def windowed(
         Values at or above it are tinted.
     labels : tuple of int
         Values equal to one of them are tinted, instead of a threshold.
+    upper : float, optional
+        Values above it are not tinted.
 
     Examples
     --------
@@ -116,6 +119,8 @@ def windowed(
         colors[..., :3] = gray[..., None]
         return colors
     inside = np.isin(values, labels) if labels else values >= threshold
+    if upper is not None:
+        inside &= values <= upper
     share = inside * np.float32(TINT_SHARE)
     gray *= 1 - share
     for channel, tint in enumerate(TINT):

@@ -132,9 +132,13 @@ def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def check_threshold(
-    threshold: float, values: NDArray[Any] | SlabVolume, kind: str = "grey value", place: str = WHOLE_VOLUME
+    threshold: float,
+    values: NDArray[Any] | SlabVolume,
+    kind: str = "grey value",
+    place: str = WHOLE_VOLUME,
+    upper: float | None = None,
 ) -> None:
-    """Raise `ThresholdError` where no value or every value is at or above the threshold.
+    """Raise `ThresholdError` where no value or every value is at or above the threshold, and not above `upper`.
 
     Parameters
     ----------
@@ -146,10 +150,19 @@ def check_threshold(
         Whose values they are, for the message.
     """
     low, high = value_range(values)
-    if low < threshold <= high:
+    if upper is not None and threshold > upper:  # Otsu's threshold; settings that contradict each other are refused
+        raise ThresholdError(f"threshold {threshold:g} is above the upper limit {upper:g}; choose another of them")
+    if low < threshold <= high and (upper is None or upper >= low):
         return
     if not low <= high:
         raise ThresholdError("no voxel has a finite value, so there is no surface; check the file")
+    if upper is not None and threshold <= low:
+        if low <= upper < high:
+            return
+        where = "below the minimum" if upper < low else "at or above the maximum"
+        raise ThresholdError(
+            f"upper limit {upper:g} is {where} of {place} (range {low:g} to {high:g}); choose one inside that range"
+        )
     if threshold > high:
         beyond = f"above the maximum {high:g} of {place}"
     else:

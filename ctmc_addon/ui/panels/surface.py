@@ -37,6 +37,7 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
             value = threshold.used_threshold(context.scene)
             text = translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
             column.label(text=text, icon="INFO", translate=False)
+        draw_setting(column, settings, "upper")
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
     draw_smoothing(column, settings)
 

@@ -57,11 +57,12 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     place = slice_at(volume, view.plane, view.position)
     labels = wanted_labels(settings)
     above = None if labels else used_threshold(scene)
+    upper = settings.upper if settings.use_upper and not labels else None
     window, level = window_and_level(view)
     scale = machine().scale
-    key = (place, window, level, above, labels, scale)
+    key = (place, window, level, above, upper, labels, scale)
     if _last.get("volume") is not volume or _last.get("key") != key:
-        colors = windowed(slice_values(volume, place), window, level, above, labels)
+        colors = windowed(slice_values(volume, place), window, level, above, labels, upper)
         drawn = Picture(colors, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]

@@ -111,6 +111,7 @@ def test_random_volumes_and_settings_give_the_bytes_of_the_volume_in_memory(fetc
     fetched(int(random.integers(1, 4 * values[0].nbytes)))
     settings = ReconstructionSettings(
         threshold=float(random.choice([0.5, 1.0, 100.5])),
+        upper=random.choice([None, None, 100.5, 180.0]),
         stride=tuple(int(random.integers(1, min(4, side))) for side in shape[::-1]),
         close_border=bool(random.integers(2)),
         normals=str(random.choice(["gradient", "mesh"])),
