@@ -207,8 +207,8 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
         check_segments(tiff, page, path)
         check_unpacked(tiff, page, path)
         pixels = np.asarray(page.asarray())
-    except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
-        if "imagecodecs" not in str(error):
+    except (*DAMAGE, ImportError, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
+        if "imagecodecs" not in str(error) and not isinstance(error, ImportError):  # of Zstandard, before Python 3.14
             raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
         pixels = _by_pillow(path, number, keyframe)
     else:

@@ -85,6 +85,19 @@ def test_whole_compressed_strips_are_read(tmp_path, compression):
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values, values)
 
 
+@pytest.mark.parametrize("code", [50000, 34887, 34925, 34892, 7, 33003, 65535])
+def test_a_tiff_of_any_compression_is_read_or_refused(tmp_path, code):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, np.zeros((3, 40, 50), np.uint8), photometric="minisblack")
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as tiff:
+        places = [page.tags["Compression"].offset for page in tiff.pages]
+    for at in places:
+        content[at + 8 : at + 10] = struct.pack("<H", code)
+    path.write_bytes(content)
+    refused(path, "a.tif")
+
+
 @pytest.mark.parametrize("chunk", [b"iCCP", b"zTXt", b"iTXt"])
 def test_a_png_chunk_of_1_gib_is_refused_or_passed_over(tmp_path, peak_growth, chunk):
     stream = io.BytesIO()
