@@ -16,7 +16,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from ctmc_addon.core import ReadError
+from ctmc_addon.core import CtmcError, ReadError
 from ctmc_addon.readers import open_volume, read_volume
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)  # (slices, rows, columns)
@@ -56,6 +56,16 @@ def nifti(path, **fields):
 @pytest.mark.parametrize("name", ["ct.nii", "ct.nii.gz"])
 def test_nifti_values_that_begin_nowhere_are_refused(tmp_path, name, offset):
     refused(nifti(tmp_path / name, vox_offset=offset), name)
+
+
+@pytest.mark.parametrize("slices", [2**62, 792633534417207300, 10**9])
+def test_a_nifti_of_more_slices_than_any_memory_is_refused(tmp_path, slices):
+    nibabel.save(nibabel.Nifti2Image(VALUES.T, np.eye(4)), tmp_path / "ct.nii")
+    content = bytearray((tmp_path / "ct.nii").read_bytes())
+    content[40:48] = slices.to_bytes(8, "little")
+    (tmp_path / "ct.nii").write_bytes(content)
+    with pytest.raises(CtmcError, match=r"ct\.nii"):
+        read_volume(tmp_path / "ct.nii")
 
 
 def test_a_nifti_header_extension_is_not_unpacked_without_end(tmp_path):

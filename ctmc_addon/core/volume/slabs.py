@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -108,6 +109,9 @@ class ValuesInMemory(SliceReader):
         return self.values[as_slice(slices), as_slice(rows), as_slice(columns)]
 
 
+LONGEST = 1 << 62  # samples along an axis, whatever a header says
+
+
 def as_slice(numbers: range) -> slice:
     """The slice that takes the numbers of a rising range."""
     return slice(numbers.start, numbers.stop, numbers.step)
@@ -127,14 +131,20 @@ def fitting_stride(shape: Sequence[int], voxel_bytes: int, limit_bytes: int) -> 
     >>> fitting_stride((2, 9, 9), 2, 15) is None
     True
     """
-    for side in range(1, max(shape)):
-        z, y, x = (min(side, size - 1) for size in shape)
-        if (
-            math.prod(-(-size // step) for size, step in zip(shape, (z, y, x), strict=True)) * voxel_bytes
-            <= limit_bytes
-        ):
-            return x, y, z
-    return None
+
+    def steps(side: int) -> list[int]:
+        return [max(1, min(side, size - 1)) for size in shape]
+
+    def fits(side: int) -> bool:
+        samples = math.prod(-(-size // step) for size, step in zip(shape, steps(side), strict=True))
+        return samples * voxel_bytes <= limit_bytes
+
+    sides = range(1, min(max(shape), LONGEST))  # a larger one never has more samples
+    at = bisect_left(sides, True, key=fits)
+    if at == len(sides):
+        return None
+    z, y, x = steps(sides[at])
+    return x, y, z
 
 
 @dataclass(frozen=True, eq=False)
