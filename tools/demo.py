@@ -14,9 +14,10 @@ from typing import Any
 
 from ctmc_addon import readers
 from ctmc_addon.cli.arguments import command_of
-from ctmc_addon.cli.commands.reconstruct import Outputs, written_steps
+from ctmc_addon.cli.outputs import Outputs, written_steps
 from ctmc_addon.cli.phantom.command import write_phantom_steps
 from ctmc_addon.cli.phantom.files import WRITERS, require_own_slices
+from ctmc_addon.cli.surfaces import Surfaces
 from ctmc_addon.cli.terminal import Progress, dimensions, listing, table
 from ctmc_addon.core import (
     CtmcError,
@@ -67,9 +68,11 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
         shown = SETTINGS.stride[0]
         reading = Stage("Reading", stages.seconds["Reading"])
         result = replace(results[shown], stages=(reading, *results[shown].stages))
-        results[shown] = progress.finish(stages.run("Writing", written_steps(result, outputs)))
-    write_json(folder / "report.json", report(made, results, outputs))
-    print(told(made, volume, results, outputs, folder))
+        surfaces = Surfaces(volume.name, (result,))
+        surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
+        (results[shown],) = surfaces.results
+    write_json(folder / "report.json", report(made, results, [file.name for file in files]))
+    print(told(made, volume, results, [file.name for file in files], folder))
 
 
 def against(made: Phantom, volume_mm3: float) -> float:
@@ -78,10 +81,10 @@ def against(made: Phantom, volume_mm3: float) -> float:
     return 100.0 * (volume_mm3 - true) / true
 
 
-def report(made: Phantom, results: dict[int, Reconstruction], outputs: Outputs) -> dict[str, Any]:
+def report(made: Phantom, results: dict[int, Reconstruction], files: list[str]) -> dict[str, Any]:
     """The report of the run that was written, the truth, and a row for every voxel side."""
     return results[SETTINGS.stride[0]].report() | {
-        "files": outputs.names,
+        "files": files,
         "true_volume_mm3": round(sum(made.tumour_volumes_mm3), 3),
         "labelled_voxels_mm3": round(made.counted_mm3(), 3),
         "voxel_sides": [
@@ -99,7 +102,7 @@ def report(made: Phantom, results: dict[int, Reconstruction], outputs: Outputs) 
     }
 
 
-def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outputs: Outputs, folder: Path) -> str:
+def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], files: list[str], folder: Path) -> str:
     """The table of stages, seconds, triangles and volumes, a column for every voxel side."""
     names = [stage.name for stage in results[SETTINGS.stride[0]].stages]
     seconds = [{stage.name: f"{stage.seconds:.3f}" for stage in result.stages} for result in results.values()]
@@ -122,7 +125,7 @@ def told(made: Phantom, volume: Volume, results: dict[int, Reconstruction], outp
         ("truth", f"{true / 1000:.2f} ml of tumour; its labelled voxels count {against(made, counted):+.1f} %"),
         ("settings", f"{command_of(SETTINGS)} (strides 1 and 3 beside it)"),
         ("", "the labels are smoothed with every sample on its own side, their volume kept; larger voxels cut corners"),
-        ("files", f"{', '.join([*outputs.names, 'report.json'])}, the phantom"),
+        ("files", f"{', '.join([*files, 'report.json'])}, the phantom"),
         ("", f"in {folder.parent.name}/{folder.name}"),
     ]
     return f"\n{listing(facts[:4])}\n\n{table(rows)}\n\n{listing(facts[4:])}"

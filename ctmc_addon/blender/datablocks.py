@@ -22,6 +22,7 @@ def collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
         bpy.types.Light: bpy.data.lights,
         bpy.types.World: bpy.data.worlds,
         bpy.types.Material: bpy.data.materials,
+        bpy.types.Collection: bpy.data.collections,
     }
     return next(collection for kind, collection in collections.items() if isinstance(block, kind))
 

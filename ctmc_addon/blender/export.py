@@ -14,7 +14,7 @@ import json
 import os
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
-PLACEHOLDER = "CTMC export"  # the object's own name is taken while the object exists
+PLACEHOLDER = "CTMC-export"  # and a number; the object's own name is taken while the object exists
 
 
 def export(
@@ -45,46 +45,69 @@ def export(
 ) -> None:
     """Write the evaluated surface to `path`, whole or not at all; the suffix chooses the format.
 
+    As `export_together` writes one object.
+    """
+    export_together([obj], path, space, scene)
+
+
+def export_together(
+    objects: Sequence[bpy.types.Object],
+    path: str | os.PathLike[str],
+    space: str = "ras",
+    scene: bpy.types.Scene | None = None,
+    collection: str = "",
+) -> None:
+    """Write the evaluated surfaces of one or several objects to one file, whole or not at all.
+
     Parameters
     ----------
+    path : path
+        Its suffix chooses the format; an STL or PLY holds one surface.
     space : {"ras", "lps"}
         Axes of an STL, PLY or OBJ: x to the patient's right or left, y to the front or back, z to the head.
     scene : Scene or None
-        Where the object is evaluated; None takes the first scene that holds it.
+        Where the objects are evaluated; None takes the first scene that holds each.
+    collection : str
+        The name of a collection that holds the objects of a .blend; empty for none.
 
     Raises
     ------
     OutputError
-        For an unknown suffix, or a place that cannot be written to.
+        For an unknown suffix, several surfaces in an STL or PLY, or a place that cannot be written to.
     MeshError
-        If Blender does not evaluate the object, or it is in edit mode.
+        If Blender does not evaluate an object, or it is in edit mode.
     """
     target = Path(path)
     suffix = target.suffix.lower()
     if suffix not in mesh_files.SURFACE_SUFFIXES:
         formats = ", ".join(mesh_files.SURFACE_SUFFIXES)
         raise OutputError(f"{target.name or 'an empty name'} has no known suffix; the formats are {formats}")
-    require_object_mode(obj)
+    for obj in objects:
+        require_object_mode(obj)
     if suffix in mesh_files.SUFFIXES:
-        evaluated_triangles(obj, scene).save(target, space)
+        mesh_files.require_one_surface(target, len(objects))
+        evaluated_triangles(objects[0], scene).save(target, space)
         return
     with whole_file(target) as beside:
         try:
-            written, expected = WRITERS[suffix](obj, beside, space, scene)
+            written, expected = WRITERS[suffix](objects, beside, space, scene, collection)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
         require_complete(beside, written, expected, target.name)
 
 
-def write_obj(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
+def write_obj(
+    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+) -> tuple[int, int]:
     """An OBJ without a material file; returns its faces, and the faces it should have.
 
     Without normals, which Blender 4.2 keeps less exactly: the same surface gives the same lines in every version.
     """
-    surface = evaluated_triangles(obj, scene, space)
+    surfaces = [evaluated_triangles(obj, scene, space) for obj in objects]
+    faces = sum(len(surface.faces) for surface in surfaces)
     # At most: a vertex in 45 letters, a face in 40.
-    require_room(path, 1000 + 45 * len(surface.vertices) + 40 * len(surface.faces))
-    with mesh_in_context(obj, surface, scene):
+    require_room(path, 1000 + 45 * sum(len(surface.vertices) for surface in surfaces) + 40 * faces)
+    with meshes_in_context(objects, surfaces, scene) as names:
         bpy.ops.wm.obj_export(
             filepath=str(path),
             check_existing=False,
@@ -97,29 +120,32 @@ def write_obj(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Sc
             export_triangulated_mesh=True,
         )
     line_ended, written = False, 0
+    titles = {name.encode(): obj.name.replace(" ", "_").encode() for name, obj in zip(names, objects, strict=True)}
     renamed = path.with_name(f"{path.stem}-named{path.suffix}")
     try:
         with path.open("rb") as file, renamed.open("wb") as out:
             for line in file:
                 line_ended = line.endswith(b"\n")
                 written += line.startswith(b"f ") and line_ended
-                out.write(f"o {obj.name.replace(' ', '_')}\n".encode() if line.startswith(b"o ") else line)
+                out.write(b"o %s\n" % titles[line[2:].strip()] if line.startswith(b"o ") else line)
         renamed.replace(path)
     finally:
         renamed.unlink(missing_ok=True)
-    return written, len(surface.faces)
+    return written, faces
 
 
-def write_glb(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
+def write_glb(
+    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+) -> tuple[int, int]:
     """A binary glTF; returns its bytes, and the bytes its header promises. Its axes are glTF's, whatever `space`."""
     if not hasattr(bpy.types, "EXPORT_SCENE_OT_gltf"):
         raise OutputError("a .glb needs Blender's glTF exporter; enable 'glTF 2.0 format' in the add-on preferences")
     if bpy.app.version < (4, 5, 0) and not bpy.app.binary_path:
         atexit.register(empty_gltf_modules)
-    surface = evaluated_triangles(obj, scene)
+    surfaces = [evaluated_triangles(obj, scene) for obj in objects]
     # At most: every corner with a position, a normal and a number of its own.
-    require_room(path, 10_000 + 84 * len(surface.faces))
-    with mesh_in_context(obj, surface, scene, unit_mm=MM_PER_M):
+    require_room(path, 10_000 * len(objects) + 84 * sum(len(surface.faces) for surface in surfaces))
+    with meshes_in_context(objects, surfaces, scene, unit_mm=MM_PER_M) as names:
         bpy.ops.export_scene.gltf(
             filepath=str(path),
             check_existing=False,
@@ -133,18 +159,21 @@ def write_glb(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Sc
     content = path.read_bytes()
     promised = struct.unpack("<4sII", content[:12])[2] if len(content) >= 12 else -1
     if promised == len(content):
-        content = named_glb(content, obj.name)
+        content = named_glb(content, {name: obj.name for name, obj in zip(names, objects, strict=True)})
         path.write_bytes(content)
         return len(content), len(content)
     return len(content), promised
 
 
-def named_glb(content: bytes, name: str) -> bytes:
-    """A GLB whose node is called `name` (glTF 2.0, 4.4: a header, a chunk of JSON in groups of 4 bytes, the rest)."""
+def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
+    """A GLB whose nodes are called by other `names`.
+
+    glTF 2.0, 4.4: a header, a chunk of JSON in groups of 4 bytes, the rest.
+    """
     (length,) = struct.unpack_from("<I", content, 12)
     tree: dict[str, Any] = json.loads(content[20 : 20 + length])
     for node in tree["nodes"]:
-        node["name"] = name
+        node["name"] = names[node["name"]]
     text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
     other_chunks = content[20 + length :]
@@ -155,24 +184,33 @@ def named_glb(content: bytes, name: str) -> bytes:
     )
 
 
-def write_blend(obj: bpy.types.Object, path: Path, space: str, scene: bpy.types.Scene | None) -> tuple[int, int]:
-    """A .blend with the live object, framed; nothing else of the present file goes in.
+def write_blend(
+    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+) -> tuple[int, int]:
+    """A .blend with the live objects, framed; nothing else of the present file goes in.
 
     It has no windows of its own, so whoever opens it keeps theirs, and Blender warns of a "Library file, loading
     empty scene", which it is not: the scene in the file becomes the present one.
     """
     own_scene = bpy.data.scenes.new("CTMC")
-    own_scene.frame_current = next(iter([scene] if scene else obj.users_scene), own_scene).frame_current
+    own_scene.frame_current = next(iter([scene] if scene else objects[0].users_scene), own_scene).frame_current
     # So that Blender's own rulers and sidebar tell the patient's millimeters.
-    own_scene.unit_settings.scale_length = 1 / (placement_of(obj).scale * MM_PER_M)
+    own_scene.unit_settings.scale_length = 1 / (placement_of(objects[0]).scale * MM_PER_M)
     own_scene.unit_settings.length_unit = "MILLIMETERS"
     added: tuple[bpy.types.ID, ...] = ()
     try:
-        own_scene.collection.objects.link(obj)
-        added = prepare_scene(own_scene, obj)
-        own_scene.view_layers[0].objects.active = obj
+        parent = own_scene.collection
+        if collection:
+            parent = bpy.data.collections.new(collection)
+            own_scene.collection.children.link(parent)
+            added = (parent,)
+        for obj in objects:
+            parent.objects.link(obj)
+        added += prepare_scene(own_scene, objects)
+        own_scene.view_layers[0].objects.active = objects[0]
         # About: under and at the key, normals, edges, corners; and what every .blend holds.
-        require_room(path, 500_000 + 40 * len(obj.data.vertices) + 40 * len(obj.data.polygons))
+        rows = sum(len(obj.data.vertices) + len(obj.data.polygons) for obj in objects)
+        require_room(path, 500_000 + 40 * rows)
         # Not save_as_mainfile: that would write the whole file, and the path it lies at.
         bpy.data.libraries.write(str(path), {own_scene}, path_remap="RELATIVE_ALL")
     finally:
@@ -187,29 +225,45 @@ def empty_gltf_modules() -> None:
 
 
 @contextmanager
-def mesh_in_context(
-    obj: bpy.types.Object, surface: TriangleMesh, scene: bpy.types.Scene | None, unit_mm: float = 1.0
-) -> Iterator[None]:
-    """A scene of its own, in context, that holds only this surface, in units of `unit_mm`, in the object's material."""
-    mesh, _ = evaluated_copy(obj, scene)  # for its materials, shading and attributes
-    mesh.name = "surface"
+def meshes_in_context(
+    objects: Sequence[bpy.types.Object],
+    surfaces: Sequence[TriangleMesh],
+    scene: bpy.types.Scene | None,
+    unit_mm: float = 1.0,
+) -> Iterator[list[str]]:
+    """A scene of its own, in context, that holds only these surfaces, in units of `unit_mm`, in their materials.
+
+    Yields the names of the objects in it.
+    """
     own_scene = bpy.data.scenes.new("surface")
-    copy = bpy.data.objects.new(PLACEHOLDER, mesh)
+    blocks: list[bpy.types.ID] = []
+    names = []
     try:
-        if (meshes.read_triangles(mesh) != surface.faces).any():  # mirrored
-            mesh.flip_normals()
-        positions = (surface.vertices / np.float64(unit_mm)).astype(np.float32)
-        meshes.write_positions(mesh, positions)
-        if surface.normals is not None:
-            meshes.keep_normals(mesh, surface.normals)
-            if not meshes.FREE_NORMALS:
-                meshes.encode_normals(mesh, positions, surface.normals)
-        mesh.update()
-        own_scene.collection.objects.link(copy)
+        for number, (obj, surface) in enumerate(zip(objects, surfaces, strict=True)):
+            mesh, _ = evaluated_copy(obj, scene)  # for its materials, shading and attributes
+            mesh.name = "surface"
+            copy = bpy.data.objects.new(f"{PLACEHOLDER}-{number:04d}", mesh)
+            blocks += [copy, mesh]
+            names.append(copy.name)
+            take_surface(mesh, surface, unit_mm)
+            own_scene.collection.objects.link(copy)
         with bpy.context.temp_override(scene=own_scene, view_layer=own_scene.view_layers[0]):
-            yield
+            yield names
     finally:
-        remove_blocks(own_scene, copy, mesh)
+        remove_blocks(own_scene, *blocks)
+
+
+def take_surface(mesh: bpy.types.Mesh, surface: TriangleMesh, unit_mm: float) -> None:
+    """Give a copy of an object's mesh the positions and normals of its surface, in units of `unit_mm`."""
+    if (meshes.read_triangles(mesh) != surface.faces).any():  # mirrored
+        mesh.flip_normals()
+    positions = (surface.vertices / np.float64(unit_mm)).astype(np.float32)
+    meshes.write_positions(mesh, positions)
+    if surface.normals is not None:
+        meshes.keep_normals(mesh, surface.normals)
+        if not meshes.FREE_NORMALS:
+            meshes.encode_normals(mesh, positions, surface.normals)
+    mesh.update()
 
 
 WRITERS: dict[str, Callable[..., tuple[int, int]]] = dict(

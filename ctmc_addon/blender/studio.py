@@ -29,12 +29,12 @@ SAMPLES = 9
 
 def prepare_scene(
     scene: bpy.types.Scene,
-    obj: bpy.types.Object,
+    objects: Sequence[bpy.types.Object],
     size: tuple[int, int] = SIZE,
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
 ) -> tuple[bpy.types.ID, ...]:
-    """Make `scene` ready to look at and to render: a camera framed on `obj`, a light, a white background.
+    """Make `scene` ready to look at and to render: a camera framed on `objects`, a light, a white background.
 
     Parameters
     ----------
@@ -49,8 +49,7 @@ def prepare_scene(
         What was made: objects first, then their data, then the world.
     """
     axes = view_axes(azimuth, elevation)
-    evaluated, _ = evaluated_object(obj, scene)
-    points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+    points = np.concatenate([corners_of(obj, scene) for obj in objects])
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     frame(eye, points, axes, size)
@@ -59,6 +58,12 @@ def prepare_scene(
     light, sun, world = add_light(scene, azimuth, elevation)
     set_render(scene, size)
     return eye, light, camera, sun, world
+
+
+def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
+    """All vertices of an object as it is shown, (n, 3), in the scene."""
+    evaluated, _ = evaluated_object(obj, scene)
+    return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
 
 def add_light(

@@ -13,6 +13,7 @@ from typing import Any
 
 from .. import readers
 from ..core import EXCLUSIVE, CtmcError, ReconstructionSettings, Setting, SettingsError, described
+from ..core.volume import ALL
 from ..reporting.command_line import command_of as command_of
 from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml
@@ -104,8 +105,10 @@ def add_setting(group: Any, name: str, about: Setting, several: bool = False) ->
     elif about.choices:
         options["choices"] = about.choices
     else:
-        options["metavar"] = metavar_of(about)
-        options["type"] = list_reader(name, about) if several else setting_reader(name, about)
+        options["metavar"] = "LABEL" if several else metavar_of(about)
+        options["type"] = label_choices if several else setting_reader(name, about)
+        if several:
+            options["help"] += "; number or name, several with commas or by repeating the flag, or all"
         if several or about.size > 1:
             options.update(action=Numbers, most=sys.maxsize if several else about.size)
     group.add_argument(flag_of(name, about), **options)
@@ -134,10 +137,26 @@ def setting_reader(name: str, about: Setting) -> Callable[[str], Any]:
     return read
 
 
-def list_reader(name: str, about: Setting) -> Callable[[str], list[Any]]:
-    """A function that reads several values of a setting."""
-    read = setting_reader(name, about)
-    return lambda text: [read(word) for word in separated(text)]
+def label_choices(text: str) -> list[int | str]:
+    """Labels by number or name, with commas between them; numbers with spaces too.
+
+    Examples
+    --------
+    >>> label_choices("1 2, kidney left;7"), label_choices("all")
+    ([1, 2, 'kidney left', 7], ['all'])
+    """
+    choices: list[int | str] = []
+    for piece in text.replace(";", ",").split(","):
+        words = piece.split()
+        if words and all(re.fullmatch(r"[-+]?[0-9]{1,18}", word) for word in words):
+            choices += [int(word) for word in words]
+        elif words and not is_number(words[0]):
+            choices.append(ALL if piece.strip().lower() == ALL else " ".join(words))
+        elif words:
+            raise argparse.ArgumentTypeError("write a whole number, a name, or all")
+    if not choices:
+        raise argparse.ArgumentTypeError("write a label's number or name, or all")
+    return choices
 
 
 def separated(text: str) -> list[str]:
@@ -191,10 +210,30 @@ def metavar_of(about: Setting) -> str:
 
 
 def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
-    """The settings of the flags and of the file of --settings."""
+    """The settings of the flags and of the file of --settings, for a command that makes one surface."""
+    settings, choices = settings_and_labels(args)
+    if len(choices) > 1 or any(isinstance(choice, str) for choice in choices):
+        raise UsageError(f"label {', '.join(map(str, choices))} is not one number; this command takes one label")
+    return settings
+
+
+def settings_and_labels(args: argparse.Namespace) -> tuple[ReconstructionSettings, tuple[int | str, ...]]:
+    """The settings of flags and file, and the labels that these choose; the settings have one of them, or any."""
     values = given_settings(args)
+    choices = choices_of(values)
     with flags_checked():
-        return ReconstructionSettings(**values)
+        return ReconstructionSettings(**values | {"label": label_for_checks(choices)}), choices
+
+
+def choices_of(values: Mapping[str, Any]) -> tuple[int | str, ...]:
+    """The labels that settings choose, each once."""
+    label = values.get("label")
+    return () if label is None else tuple(dict.fromkeys(label if isinstance(label, (list, tuple)) else (label,)))
+
+
+def label_for_checks(choices: Sequence[int | str]) -> int | None:
+    """The label of settings whose own is not known yet: the first number, else 1; None without choices."""
+    return next((choice for choice in choices if isinstance(choice, int)), 1) if choices else None
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:

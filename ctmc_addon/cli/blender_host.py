@@ -66,14 +66,14 @@ def quiet_steps(steps: Steps[T]) -> Steps[T]:
 
 @contextmanager
 def objects_of(
-    results: Sequence[Reconstruction], scene_name: str = "CTMC"
+    results: Sequence[Reconstruction], scene_name: str = "CTMC", names: Sequence[str] = ()
 ) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
-    """A scene of its own with an object for every surface, and the surfaces as the objects show them."""
+    """A scene of its own with an object for every surface, by these names if any; the surfaces as they show them."""
     from ..blender.surface import evaluated_triangles, temporary_surfaces
 
     with ExitStack() as stack:
         with blender_at_work():
-            scene, objects = stack.enter_context(temporary_surfaces(results, scene_name))
+            scene, objects = stack.enter_context(temporary_surfaces(results, scene_name, names))
             # What is written and said is what a live Decimate modifier leaves.
             shown = [
                 replace(result, mesh=evaluated_triangles(obj, scene))

@@ -4,7 +4,7 @@
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError, one_line
 from .extraction.marching_cubes import marching_cubes
-from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
+from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import amount, available_bytes
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
@@ -59,6 +59,7 @@ __all__ = [
     "cost_estimate_steps",
     "described",
     "distances",
+    "each_label_steps",
     "equal_part",
     "finish",
     "full_steps",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, ThresholdError
 from .memory import available_bytes
@@ -18,10 +18,12 @@ from .parallel import side_by_side_steps, worker_count
 from .pipeline import Reconstruction, reconstruct_steps
 from .progress import Stages, Steps, finish
 from .settings import ReconstructionSettings
-from .volume.labels import Extents, chosen_labels_steps, label_extents_steps
+from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from .volume.region import region_box
+from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
+Result = TypeVar("Result")
 STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
 
@@ -42,7 +44,7 @@ class LabelSurfaces(NamedTuple):
 
 
 def reconstruct_labels(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     labels: Sequence[int] | None = None,
     threads: int | None = None,
@@ -52,7 +54,8 @@ def reconstruct_labels(
 
     Parameters
     ----------
-    volume : Volume
+    volume : Volume or SlabVolume
+        Values that are fetched are fetched for one label after the other.
     settings : ReconstructionSettings
         Of every surface; their own label does not count.
     labels : sequence of int, optional
@@ -80,27 +83,30 @@ def reconstruct_labels(
 
 
 def reconstruct_labels_steps(
-    volume: Volume,
+    volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     labels: Sequence[int] | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
 ) -> Steps[LabelSurfaces]:
     """`reconstruct_labels` as steps; closing the generator cancels."""
-    stages, workers = Stages(STAGES), worker_count(threads)
+    stages = Stages(STAGES)
     finding, making = STAGES
     box = region_box(volume, settings)
-    choices = ("all",) if labels is None else tuple(labels)
+    choices = (ALL,) if labels is None else tuple(labels)
     chosen = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, threads))
     extents = yield from stages.run(finding, label_extents_steps(volume, box, threads))
-    wanted = {label: replace(settings, threshold=None, label=label) for label in chosen}
-    for label in chosen:
-        if label not in extents:  # raises, with the labels that there are
-            yield from reconstruct_steps(volume, wanted[label], threads, memory_limit)
-    made = yield from stages.run(making, _made_steps(volume, wanted, extents, workers, memory_limit))
+    runs = [replace(settings, threshold=None, label=label) for label in chosen]
+    for run in runs:
+        if run.label not in extents:  # raises, with the labels that there are
+            yield from reconstruct_steps(volume, run, threads, memory_limit)
+
+    def work_steps(at: int, threads: int, limit: int | None) -> Steps[Reconstruction]:
+        return (yield from reconstruct_steps(volume, runs[at], threads, limit))
+
+    results = yield from stages.run(making, each_label_steps(volume, runs, work_steps, threads, memory_limit))
     surfaces, left_out = [], []
-    for label in chosen:
-        result = made[label]
+    for label, result in zip(chosen, results, strict=True):
         if isinstance(result, Reconstruction):
             surfaces.append(result)
         elif labels is None and isinstance(result, (LabelError, MeshError, ThresholdError)):
@@ -112,56 +118,62 @@ def reconstruct_labels_steps(
     return LabelSurfaces(surfaces, left_out)
 
 
-def label_title(volume: Volume, label: int) -> str:
+def label_title(volume: Volume | SlabVolume, label: int) -> str:
     """What a label is called in a sentence: 'label 3 (spleen)'."""
     name = volume.label_names.get(label, "")
     return f"label {label} ({name})" if name else f"label {label}"
 
 
-Made = dict[int, "Reconstruction | CtmcError"]
+def each_label_steps(
+    volume: Volume | SlabVolume,
+    runs: Sequence[ReconstructionSettings],
+    work_steps: Callable[[int, int, int | None], Steps[Result]],
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[list[Result | CtmcError]]:
+    """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
 
-
-def _made_steps(
-    volume: Volume,
-    wanted: dict[int, ReconstructionSettings],
-    extents: Extents,
-    workers: int,
-    memory_limit: int | None,
-) -> Steps[Made]:
-    """Return the surface of every label, or its error."""
-    work = {
-        label: float(SMALL_WORK + math.prod(stop - start for start, stop in extents[label].box)) for label in wanted
-    }
-    order = sorted(wanted, key=lambda label: -work[label])
-    alone = [label for label in order if work[label] * workers > sum(work.values())] if workers > 1 else []
+    Parameters
+    ----------
+    volume : Volume or SlabVolume
+    runs : sequence of ReconstructionSettings
+        Alike but for their labels.
+    work_steps : function
+        Takes the number of a run, threads and memory limit; driven in threads of its own.
+    """
+    box, workers = region_box(volume, runs[0]), worker_count(threads)
+    extents = yield from label_extents_steps(volume, box, threads)  # not once for each
+    work = [
+        float(SMALL_WORK + math.prod(stop - start for start, stop in extents[run.label].box))
+        if run.label in extents
+        else float(SMALL_WORK)
+        for run in runs
+    ]
+    order = sorted(range(len(runs)), key=lambda at: -work[at])
+    alone = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
+    if isinstance(volume, SlabVolume):  # not for two threads at once
+        alone = order
     others = order[len(alone) :]
-    shares = {"alone": sum(work[label] for label in alone) / workers, "others": sum(work[label] for label in others)}
-    stages = Stages({name: share + 1.0 for name, share in shares.items()})
+    stages = Stages({"alone": 1.0 + sum(work[at] for at in alone), "others": 1.0 + sum(work[at] for at in others)})
     limit = available_bytes() if memory_limit is None else memory_limit
-    made: Made = {}
+    made: dict[int, Result | CtmcError] = {}
 
-    def begun(label: int, threads: int, bytes_: int | None) -> Callable[[], Steps[Reconstruction | CtmcError]]:
-        return lambda: _tried_steps(volume, wanted[label], threads, bytes_)
+    def tried_steps(at: int, threads: int, limit: int | None) -> Steps[Result | CtmcError]:
+        try:
+            return (yield from work_steps(at, threads, limit))
+        except CtmcError as error:
+            return error
 
-    def several_steps(labels: Sequence[int], at_once: int, name: str) -> Steps[None]:
-        share = None if memory_limit is None and at_once == 1 else None if limit is None else limit // at_once
-        works = [begun(label, workers // at_once, share) for label in labels]
-        weights = [work[label] for label in labels]
+    def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
+        share = memory_limit if at_once == 1 or limit is None else limit // at_once
+        works = [lambda at=at: tried_steps(at, workers // at_once, share) for at in which]
+        weights = [work[at] for at in which]
         results = yield from stages.run(name, side_by_side_steps(works, weights, at_once))
-        made.update(zip(labels, results, strict=True))
+        made.update(zip(which, results, strict=True))
 
     yield from several_steps(alone, 1, "alone")
     yield from several_steps(others, workers, "others")
     # What does not fit beside others may fit alone.
-    again = [label for label in others if workers > 1 and isinstance(made[label], MemoryLimitError)]
+    again = [at for at in others if workers > 1 and isinstance(made[at], MemoryLimitError)]
     yield from several_steps(again, 1, "others")
-    return made
-
-
-def _tried_steps(
-    volume: Volume, settings: ReconstructionSettings, threads: int, memory_limit: int | None
-) -> Steps[Reconstruction | CtmcError]:
-    try:
-        return (yield from reconstruct_steps(volume, settings, threads, memory_limit))
-    except CtmcError as error:
-        return error
+    return [made[at] for at in range(len(runs))]

@@ -6,8 +6,10 @@ The comments are the settings' own texts, so the file is its own manual. What is
 
 from __future__ import annotations
 
+import json
 import textwrap
 import tomllib
+from collections.abc import Sequence
 from typing import Any
 
 from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, described, with_present_names
@@ -15,8 +17,8 @@ from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, desc
 WIDTH = 100
 
 
-def to_toml(settings: ReconstructionSettings) -> str:
-    """Return every setting with its text, unit, limits and value.
+def to_toml(settings: ReconstructionSettings, labels: Sequence[int | str] = ()) -> str:
+    """Return every setting with its text, unit, limits and value; in place of its label several, by number or name.
 
     Examples
     --------
@@ -27,8 +29,14 @@ def to_toml(settings: ReconstructionSettings) -> str:
     """
     lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
     for name, about in described().items():
-        lines += ["", *comment_of(about), value_line(name, getattr(settings, name), about)]
+        value = labels_value(labels) if name == "label" and labels else getattr(settings, name)
+        lines += ["", *comment_of(about), value_line(name, value, about)]
     return "\n".join(lines) + "\n"
+
+
+def labels_value(labels: Sequence[int | str]) -> Any:
+    """Return the only label, or all of them."""
+    return labels[0] if len(labels) == 1 else tuple(labels)
 
 
 def comment_of(about: Setting) -> list[str]:
@@ -59,7 +67,7 @@ def toml_value(value: Any) -> str:
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
 
 
 def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
@@ -82,11 +90,18 @@ def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
     try:
         values = with_present_names(values)
         for key, value in values.items():
-            require_type(key, value)
-        ReconstructionSettings.from_dict(values)
+            require_labels(value) if key == "label" else require_type(key, value)
+        ReconstructionSettings.from_dict(values | ({"label": 1} if "label" in values else {}))
     except SettingsError as error:
         raise SettingsError(f"{name}: {error}") from error
     return values
+
+
+def require_labels(value: Any) -> None:
+    """Raise a `SettingsError` for what is not a label's number or name, `all`, or a list of these."""
+    items = value if isinstance(value, list) else [value]
+    if not items or not all(isinstance(item, (int, str)) and not isinstance(item, bool) for item in items):
+        raise SettingsError(f"label must be a whole number, a name in quotes, or a list of these, not {value!r}")
 
 
 def require_type(name: str, value: Any) -> None:

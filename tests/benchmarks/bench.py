@@ -30,6 +30,7 @@ PARTS = {  # name: module, what is measured
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
     "small_components": "simplification of surfaces with thousands of small components",
     "bounds": "simplification to a greatest error in millimeters",
+    "many_labels": "104 labels at once against the largest alone",
     "reading": "a DICOM folder against SimpleITK",
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",

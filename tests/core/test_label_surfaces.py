@@ -18,6 +18,7 @@ from ctmc_addon.core import (
     reconstruct_labels_steps,
 )
 from ctmc_addon.core.errors import MemoryLimitError
+from ctmc_addon.core.volume import SlabVolume
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
@@ -69,6 +70,14 @@ def test_every_label_has_the_bytes_it_has_alone(settings):
         assert [result.settings.label for result in results[threads].surfaces] == labels
         for result in results[threads].surfaces:
             same(result, reconstruct(organs(), replace(settings, label=result.settings.label), 1))
+
+
+def test_values_that_are_fetched_give_the_same_bytes():
+    fetched = reconstruct_labels(SlabVolume.of(organs()), ReconstructionSettings(), None, 3)
+    for first, second in zip(
+        fetched.surfaces, reconstruct_labels(organs(), ReconstructionSettings()).surfaces, strict=True
+    ):
+        same(first, second)
 
 
 def test_labels_come_in_the_order_asked_for_with_their_names_and_colors():

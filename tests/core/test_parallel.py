@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from ctmc_addon.core import finish
+from ctmc_addon.core import Step, finish
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.core.parallel import map_steps, worker_count
+from ctmc_addon.core.parallel import map_steps, side_by_side_steps, worker_count
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -52,3 +52,49 @@ def test_threads_below_one_are_refused():
         worker_count(0)
     assert worker_count(3) == 3
     assert 1 <= worker_count(None) <= 8
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_works_side_by_side_give_their_results_in_order_and_their_steps(threads):
+    def work_steps(number):
+        for step in range(number):
+            yield Step(step / number)
+        return 10 * number
+
+    works = [lambda n=n: work_steps(n) for n in (7, 1, 4, 0)]
+    steps = side_by_side_steps(works, [7, 1, 4, 1], threads, "Working")
+    seen = []
+    assert finish(steps, seen.append) == [70, 10, 40, 0]
+    assert {step.message for step in seen} == {"Working"}
+    fractions = [step.fraction for step in seen]
+    assert fractions == sorted(fractions)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_closed_works_side_by_side_are_closed_and_others_not_begun(threads):
+    begun, closed = [], []
+
+    def endless_steps(number):
+        begun.append(number)
+        try:
+            while True:
+                yield Step(0.5)
+        finally:
+            closed.append(number)
+
+    steps = side_by_side_steps([lambda n=n: endless_steps(n) for n in range(9)], [1] * 9, threads)
+    next(steps)
+    steps.close()
+    assert sorted(closed) == sorted(begun) == list(range(threads))
+
+
+def test_an_error_of_a_work_side_by_side_ends_the_others():
+    def failing_steps(number):
+        yield Step(0.0)
+        if number == 1:
+            raise ValueError("broken")
+        while True:
+            yield Step(0.1)
+
+    with pytest.raises(ValueError, match="broken"):
+        finish(side_by_side_steps([lambda n=n: failing_steps(n) for n in range(3)], [1] * 3, 3))

@@ -23,6 +23,7 @@ from .spec import Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
+COLUMN_GAP_MM = 3.0  # between columns of a legend
 LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
 PIVOT = "CTMC Orientation"
 OPPOSITE = {"R": "L", "A": "P", "S": "I"}
@@ -198,13 +199,17 @@ def axis_lines(reach_mm: float) -> Any:
     return lines
 
 
-def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: float) -> None:
-    """Colors with their names, a line each, the last one's baseline at (x, y)."""
+def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: float, columns: int = 1) -> None:
+    """Colors with their names, in columns, a line each; the last baseline of the first column is at (x, y)."""
     side = CAP * board.font_mm
-    for at, (name, color) in enumerate(reversed(entries)):
-        base = y + at * LEADING * board.font_mm
+    rows = -(-len(entries) // columns)
+    for at, (name, color) in enumerate(entries):
+        row = at % rows
+        base = y + (rows - 1 - row) * LEADING * board.font_mm
         board.rectangle((x, base, x + side, base + side), color)
         board.text(name, x + side + GAP_MM, base)
+        if row == rows - 1:
+            x += side + GAP_MM + COLUMN_GAP_MM + max(board.width_of(entry) for entry, _ in entries[at - row : at + 1])
 
 
 def color_bar(board: Board, scale: ColorScale, box: Box) -> None:

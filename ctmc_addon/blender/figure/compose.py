@@ -281,7 +281,8 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
         right = board.size_mm[0] - layout.margin - (2 * REACH_MM + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
     elif named:
-        legend(board, [(shown.name, shown_color(copy, shown, style)) for shown, copy in named], x, y)
+        entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
+        legend(board, entries, x, y, layout.legend_columns)
     if style.orientation:
         off = REACH_MM + board.font_mm / 2
         rotation = figure.copies[0][0].matrix_world.to_quaternion().to_matrix()

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...core import SettingsError
-from .annotations import CAP, LEADING, Board
+from .annotations import CAP, COLUMN_GAP_MM, LEADING, Board
 from .spec import Box, Cell, FigureStyle, Page
 
 MARGIN_MM = 2.5
 GAP_MM = 3.0  # between cells side by side
 ROW_GAP_MM = 4.0
+MOST_IN_A_COLUMN = 6
 FOOTER_GAP_MM = 2.0
 ROOM = 1.04  # around what a cell shows
 HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
@@ -36,6 +37,7 @@ class Layout:
     footer_mm: float
     caption_top: float
     caption: tuple[str, ...]
+    legend_columns: int = 1
 
     def center(self, which: int) -> tuple[float, float]:
         """The middle of a cell's picture."""
@@ -77,7 +79,12 @@ def make_layout(
     captions = (2.0 + cap + (lines - 1) * LEADING * font + 0.3 * font) if lines else 0.0
     caption = tuple(board.lines_of(style.caption, inner)) if style.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
-    footer = footer_mm(cells, style, font, reach_mm)
+    names = [surface.name for surface in cells[0].surfaces if surface.name]
+    beside = (
+        0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
+    )  # the scale bar and the axes
+    legend_columns = columns_of_legend([board.width_of(name) for name in names], inner - beside, cap)
+    footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
     below = (
         MARGIN_MM
         + caption_mm
@@ -120,19 +127,32 @@ def make_layout(
         footer_mm=footer,
         caption_top=MARGIN_MM + caption_mm,
         caption=caption,
+        legend_columns=legend_columns,
     )
 
 
-def footer_mm(cells: Sequence[Cell], style: FigureStyle, font: float, reach_mm: float) -> float:
+def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:
+    """Columns of a legend with names of these widths: one for a few, else as many as there is room for.
+
+    Examples
+    --------
+    >>> columns_of_legend([20.0] * 5, 100.0, 2.0), columns_of_legend([20.0] * 60, 100.0, 2.0)
+    (1, 3)
+    """
+    if len(widths_mm) <= MOST_IN_A_COLUMN:
+        return 1
+    return max(1, int(room_mm // (max(widths_mm) + side_mm + GAP_MM + COLUMN_GAP_MM)))
+
+
+def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float) -> float:
     """Height of the footer: scale bar, legend or color bar, the patient's axes."""
-    named = sum(1 for surface in cells[0].surfaces if surface.name)
     heights = [0.0]
     if style.scale_bar:
         heights.append(1.4 + font)
     if style.distances is not None:
         heights.append(3.0 * LEADING * font)
-    elif named:
-        heights.append((named - 1) * LEADING * font + font)
+    elif legend_rows:
+        heights.append((legend_rows - 1) * LEADING * font + font)
     if style.orientation:
         heights.append(2 * reach_mm + font)
     return max(heights)

@@ -73,7 +73,7 @@ def figure_steps(
 
 
 def render_figure(
-    obj: bpy.types.Object,
+    objects: Sequence[bpy.types.Object],
     scene: bpy.types.Scene | None,
     path: str | os.PathLike[str],
     size: tuple[int, int] = PICTURE_SIZE,
@@ -81,12 +81,14 @@ def render_figure(
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
 ) -> None:
-    """Render the plain picture of a surface that stands beside a reconstruction: red with yellow triangle edges.
+    """Render the plain picture that stands beside a reconstruction: red with yellow triangle edges.
+
+    Several surfaces have their own colors and no edges.
 
     Parameters
     ----------
     scene : Scene or None
-        Where the object is evaluated; None takes the first scene that holds it.
+        Where the objects are evaluated; None takes the first scene that holds each.
     size : (width, height) int
         Pixels.
     edges : bool
@@ -102,14 +104,14 @@ def render_figure(
     dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
     page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
     style = FigureStyle(
-        style="paper" if edges else "clinical",
+        style="paper" if edges and len(objects) == 1 else "clinical",
         azimuth=azimuth,
         elevation=elevation,
         scale_bar=False,
         orientation=False,
         samples=PICTURE_SAMPLES,
     )
-    finish(figure_steps([Cell((ShownSurface(obj),))], path, page, style, scene=scene))
+    finish(figure_steps([Cell(tuple(ShownSurface(obj) for obj in objects))], path, page, style, scene=scene))
 
 
 def require_png(path: Path) -> None:

@@ -119,7 +119,7 @@ def rotation_test_steps(
     try:
         with levels_in(scene, simplified) as levels:
             show_only(levels, levels[0])
-            blocks = prepare_scene(scene, levels[0].obj, size)
+            blocks = prepare_scene(scene, [levels[0].obj], size)
             frame_turning(scene, levels[0], size)
             frame_drawing = RenderDrawing(scene, levels, engine)
             rounds_of = yield from stages.run(

@@ -45,11 +45,11 @@ def add_reconstruction(
     scale : float
         Blender units of 1 mm.
     color : (red, green, blue) or None
-        Linear; None takes the color of the label.
+        Linear; None takes the label's own color, else that of its number.
     mesh : Mesh or None
         What `surface_mesh` has made of it at this scale; None makes it now.
     structure : str
-        What the surface is of, for the object's name; empty takes the volume's name and the label.
+        What the surface is of, for the object's name; empty takes what the volume calls the label.
     fingerprint : str
         Of the volume's values.
 
@@ -58,11 +58,11 @@ def add_reconstruction(
     MeshError
         If the surface has no triangles.
     """
-    name = object_name(result, structure)
+    name = object_name(result, structure or result.label_name)
     mesh = surface_mesh(result, None, scale) if mesh is None else mesh
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
-    mesh.materials.append(surface_material(name, color or color_of(result.settings.label)))
+    mesh.materials.append(surface_material(name, color or color_of(result.settings.label, result.label_color)))
     obj = bpy.data.objects.new(name, mesh)
     obj[NAMED] = obj.name
     obj.location = placement.origin
@@ -133,14 +133,17 @@ def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
 
 @contextmanager
 def temporary_surfaces(
-    results: Sequence[Reconstruction], name: str = "CTMC"
+    results: Sequence[Reconstruction], name: str = "CTMC", names: Sequence[str] = ()
 ) -> Iterator[tuple[bpy.types.Scene, list[bpy.types.Object]]]:
-    """A scene of its own with an object for every surface; after the block nothing of them is left."""
+    """A scene of its own with an object for every surface; after the block nothing of them is left.
+
+    The objects may be given `names`, one each.
+    """
     scene = bpy.data.scenes.new(name)
     objects: list[bpy.types.Object] = []
     try:
-        for result in results:
-            objects.append(add_reconstruction(result, scene))
+        for at, result in enumerate(results):
+            objects.append(add_reconstruction(result, scene, structure=names[at] if names else ""))
         yield scene, objects
     finally:
         blocks = [block for obj in objects for block in (*obj.data.materials, obj.data, obj)]

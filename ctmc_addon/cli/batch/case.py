@@ -21,12 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish, reconstruct_steps
+from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish
 from ...core.files.atomic_write import made_folder, write_json
+from ...core.files.mesh_files import SUFFIXES
 from ...core.volume import SlabVolume
 from ..arguments import with_flags
 from ..blender_host import has_blender
-from ..commands.reconstruct import Outputs, needed_steps, source_of, written_steps
+from ..commands.reconstruct import needed_steps, source_of
+from ..outputs import Outputs, written_steps
+from ..surfaces import Surfaces, surfaces_steps
 from .files import (
     failed_record,
     identity,
@@ -34,6 +37,7 @@ from .files import (
     own_unfinished_folder,
     put_output,
     record_path,
+    settings_of,
     size_of,
     without_folders,
 )
@@ -118,14 +122,16 @@ class Case:
     def make(self, output: Mapping[str, Any], start: float) -> None:
         """Make one output, and put it in the place of an older one."""
         task, name = self.task, output["name"]
-        settings = ReconstructionSettings.from_dict(output["settings"])
-        volume = self.read(settings)
+        settings = settings_of(output)
+        volume = self.read(settings, bool(output["labels"]))
         reading = Stage("Reading", time.perf_counter() - start)
-        result = finish(reconstruct_steps(volume, settings, task["threads"]))
-        surface = made_folder(self.unfinished) / f"{name}{task['format']}"
+        surfaces = finish(surfaces_steps(volume, settings, output["labels"], task["threads"]))
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
-        result = finish(written_steps(result, Outputs((surface,), None, thumbnail, task["space"], THUMBNAIL)))
-        report = result.report()
+        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
+        surfaces, _ = finish(written_steps(surfaces, outputs))
+        files = list(outputs.surfaces_in(surfaces))
+        names = [file.relative_to(self.unfinished).as_posix() for file in files]
+        report = report_of(surfaces)
         record = {
             "case": name,
             "status": "done",
@@ -137,12 +143,20 @@ class Case:
             **self.input_key,
             "run": task["run"],
             "seconds": since(start),
-            "files": [surface.name],
-            "file_bytes": {surface.name: size_of(surface)},
+            "files": names,
+            "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
         }
-        put_output(Path(task["folder"]), name, surface, thumbnail, record)
+        put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
 
-    def read(self, settings: ReconstructionSettings) -> Volume | SlabVolume:
+    def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
+        """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
+        name, suffix = output["name"], self.task["format"]
+        own = made_folder(self.unfinished)
+        if output["labels"] and suffix in SUFFIXES:
+            return {"folder": made_folder(own / name), "suffix": suffix}
+        return {"surfaces": (own / f"{name}{suffix}",)}
+
+    def read(self, settings: ReconstructionSettings, several: bool) -> Volume | SlabVolume:
         """The volume that the label is in, kept for the outputs to come."""
         path = Path(self.task["input"])
         source = source_of(path, settings.label)
@@ -151,10 +165,19 @@ class Case:
             opened = finish(readers.open_volume_steps(source))
             self.input_key = input_key(opened, self.task["verify"])
             reading = {**self.task["reading"], "threads": self.task["threads"]}
-            volume = finish(needed_steps(opened, path, reading, settings))
+            volume = finish(needed_steps(opened, path, reading, settings, several))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume
+
+
+def report_of(surfaces: Surfaces) -> dict[str, Any]:
+    """What a JSON says of surfaces; of several also how many triangles they have together."""
+    report = surfaces.report()
+    if not surfaces.are_several:
+        return report
+    faces = sum(len(result.mesh.faces) for result in surfaces.results)
+    return report | {"faces": faces, "volume_mm3": None, "stages": []}
 
 
 def can_render() -> bool:

@@ -7,8 +7,6 @@ Only names and first bytes are looked at; nothing is read yet.
 from __future__ import annotations
 
 import glob
-import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,25 +15,33 @@ from typing import Any
 from ... import readers
 from ...core import OutputError, ReadError, ReconstructionSettings, SettingsError
 from ...readers import VOLUME_SUFFIXES, natural_key, stem, suffix
-from ..arguments import UsageError, overridden
+from ..arguments import UsageError, choices_of, label_for_checks, overridden
+from ..file_names import file_key, is_file_name
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # folders within folders that are searched for cases
-RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
-TAKEN = "summary"
+TAKEN = ("summary", "labels")
 
 
 @dataclass(frozen=True)
 class Output:
-    """One surface of a case: the stem of its files, and how it is made."""
+    """What a case writes: the stem of its files, and how its surface is made, or its surfaces of several labels."""
 
     name: str
     settings: ReconstructionSettings
+    labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
+
+    def plain(self) -> dict[str, Any]:
+        """The same as plain data."""
+        settings = self.settings.to_dict()
+        if self.labels:
+            settings.pop("label", None)
+        return {"name": self.name, "settings": settings, "labels": list(self.labels)}
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One volume, how it is read, and the surfaces to make from it: one for each label."""
+    """One volume, how it is read, and what to make from it: an output for each label, or one for labels by name."""
 
     name: str
     path: Path
@@ -133,14 +139,18 @@ def volume_files(folder: Path) -> list[Path]:
 def case_of(source: CaseInput, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:
     """The case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
-    labels = values.get("label")
-    labels = labels if isinstance(labels, (list, tuple)) else [labels]
-    names = [source.name] if len(labels) == 1 else [f"{source.name}-label-{label}" for label in labels]
+    choices = choices_of(values)
+    numbers = [choice for choice in choices if isinstance(choice, int)]
     try:
-        outputs = tuple(
-            Output(name, ReconstructionSettings(**values | {"label": label}))
-            for name, label in zip(names, labels, strict=True)
-        )
+        if len(numbers) < len(choices):
+            several = ReconstructionSettings(**values | {"label": label_for_checks(choices)})
+            outputs: tuple[Output, ...] = (Output(source.name, several, choices),)
+        else:
+            names = [f"{source.name}-label-{label}" for label in numbers] if len(numbers) > 1 else [source.name]
+            outputs = tuple(
+                Output(name, ReconstructionSettings(**values | {"label": label}))
+                for name, label in zip(names, numbers or (None,), strict=True)
+            )
     except SettingsError as error:
         if not source.where:
             raise UsageError(str(error)) from error
@@ -149,15 +159,12 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: Mapping[str
 
 
 def require_different_files(cases: Sequence[Case]) -> None:
-    """Refuse names that no file can have, and two outputs with one name.
-
-    Windows and macOS do not tell upper from lower case, and macOS not one form of an umlaut from the other.
-    """
+    """Refuse names that no file can have, and two outputs with one name."""
     seen: dict[str, Case] = {}
     for case in cases:
         for output in case.outputs:
             require_file_name(output.name)
-            key = unicodedata.normalize("NFC", output.name).casefold()
+            key = file_key(output.name)
             if key in seen:
                 raise OutputError(
                     f"two cases would write the same file {output.name}: {short(seen[key])} and {short(case)}; "
@@ -168,9 +175,9 @@ def require_different_files(cases: Sequence[Case]) -> None:
 
 def require_file_name(name: str) -> None:
     """Refuse a name with which no file can be written everywhere."""
-    if name.casefold() == TAKEN:
+    if name.casefold() in TAKEN:
         raise OutputError(f"a case called {name} would write the summary's own file; give it another name")
-    if not name or name != name.strip(" .") or re.search(r'[<>:"/\\|?*\x00-\x1f]', name) or RESERVED.fullmatch(name):
+    if not is_file_name(name):
         raise OutputError(f"'{name}' cannot be a file's name everywhere; name the case in a manifest's column 'case'")
 
 

@@ -16,10 +16,19 @@ from ...core.files.atomic_write import made_folder, require_writable
 from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
-from ..commands.reconstruct import Outputs, source_of
+from ..commands.reconstruct import source_of
+from ..outputs import Outputs
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect
-from .files import is_same_input, key_or_empty, read_record, remove_unfinished, stands_for, unfinished_folder
+from .files import (
+    is_same_input,
+    key_or_empty,
+    read_record,
+    remove_unfinished,
+    settings_of,
+    stands_for,
+    unfinished_folder,
+)
 from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, Events, run_here
 from .summary import SummaryRow, counts, numbers, row_of, write_summary, write_summary_if_possible
@@ -154,7 +163,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "case": case.name,
         "input": str(case.path.absolute()),
         "reading": dict(case.reading),
-        "outputs": [{"name": output.name, "settings": output.settings.to_dict()} for output in case.outputs],
+        "outputs": [output.plain() for output in case.outputs],
         "folder": str(folder.absolute()),
         "format": f".{args.output_format}",
         "space": args.space,
@@ -178,7 +187,7 @@ def remaining_steps(
         for output in task["outputs"]:
             record = read_record(folder, output["name"])
             if record is not None and stands_for(record, task, output):
-                source = source_of(Path(task["input"]), output["settings"].get("label"))
+                source = source_of(Path(task["input"]), settings_of(output).label)
                 if source not in keys:
                     keys[source] = key_or_empty(source, task["verify"])
                 if is_same_input(record, keys[source]):

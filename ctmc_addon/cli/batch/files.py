@@ -12,15 +12,16 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ...core import VERSION, CtmcError, OutputError
+from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings
 from ...core.files.atomic_write import made_folder, refused, write_json
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import VolumeSource, files_below, open_volume
+from ..arguments import label_for_checks
 
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
@@ -43,21 +44,39 @@ def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
     return Path(task["folder"], task["unfinished"], task["outputs"][0]["name"])
 
 
-def put_output(folder: Path, name: str, surface: Path, thumbnail: Path | None, record: Mapping[str, Any]) -> None:
+def put_output(
+    folder: Path,
+    name: str,
+    unfinished: Path,
+    surfaces: Sequence[Path],
+    thumbnail: Path | None,
+    record: Mapping[str, Any],
+) -> None:
     """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it."""
-    places = [(surface, folder / surface.name)]
+    places = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
     if thumbnail is not None:
-        places.append((thumbnail, made_folder(folder / THUMBNAILS) / thumbnail.name))
+        places.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
+    older = (read_record(folder, name) or {}).get("files")
     target = record_path(folder, name)
     try:
         target.unlink(missing_ok=True)
         for path, target in places:
+            made_folder(target.parent)
             path.replace(target)
+        remove_older(folder, name, older, {target for _, target in places})
         if thumbnail is None:
             thumbnail_path(folder, name).unlink(missing_ok=True)
     except OSError as error:
         raise refused(target, error) from error
     write_json(record_path(folder, name), record)
+
+
+def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> None:
+    """Remove the files of an output's folder that an older run wrote and this one does not."""
+    for file in older if isinstance(older, list) else []:
+        path = folder / name / str(file).rpartition("/")[2]
+        if str(file) == f"{name}/{path.name}" and path not in kept:
+            path.unlink(missing_ok=True)
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:
@@ -103,6 +122,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
     return {
         "version": VERSION,
         "settings": output["settings"],
+        "labels": output["labels"],
         "reading": task["reading"],
         "format": task["format"],
         "space": task["space"],
@@ -127,6 +147,14 @@ def size_of(path: Path) -> int | None:
         return path.stat().st_size
     except OSError:
         return None
+
+
+def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
+    """The settings of a task's output; of several labels with one of them, or any."""
+    labels = output["labels"]
+    return ReconstructionSettings.from_dict(
+        output["settings"] | ({"label": label_for_checks(labels)} if labels else {})
+    )
 
 
 def failed_record(

@@ -17,7 +17,7 @@ from typing import Any
 
 from ...core import ReadError, Setting, SettingsError, described
 from ...readers import stem
-from ..arguments import at_least, flag_of, flip_of, list_reader, setting_reader, spacing_of
+from ..arguments import at_least, flag_of, flip_of, label_choices, setting_reader, spacing_of
 
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -140,7 +140,7 @@ def parse_of(name: str, about: Setting) -> Parse:
         return switch
     if about.choices:
         return str
-    return list_reader(name, about) if name == "label" else setting_reader(name, about)
+    return label_choices if name == "label" else setting_reader(name, about)
 
 
 def switch(cell: str) -> bool:

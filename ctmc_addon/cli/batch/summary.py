@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from ...core import VERSION, OutputError
 from ...core.files.atomic_write import write_csv, write_json, write_text
 from .files import read_record, thumbnail_path
 
+MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed")  # of each of several surfaces
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
 STYLE = (
     "body{font:15px system-ui,sans-serif;margin:2em;color:#222}table{border-collapse:collapse}"
@@ -33,6 +34,7 @@ class SummaryRow:
     volume_mm3: float | None = None
     seconds: float | None = None
     error: str | None = None
+    surfaces: list[dict[str, Any]] = field(default_factory=list)  # of several labels
 
     def fill(self, record: dict[str, Any] | None) -> None:
         """Fill the row from an output's JSON."""
@@ -42,6 +44,7 @@ class SummaryRow:
         self.status = record["status"]
         self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
         self.seconds, self.error = record["seconds"], record["error"]
+        self.surfaces = [{name: surface[name] for name in MEASURES} for surface in record.get("surfaces", ())]
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -50,12 +53,17 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
     summary.csv open keeps others from it on Windows, which is no reason to stop.
     """
-    plain = [asdict(row) for row in rows]
-    for write, name, content in (
+    plain = [{name: value for name, value in asdict(row).items() if name != "surfaces" or value} for row in rows]
+    cases = [{name: value for name, value in row.items() if name != "surfaces"} for row in plain]
+    labels = [{"case": row.case, **surface} for row in rows for surface in row.surfaces]
+    files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
         (write_json, "summary.json", (plain,)),
-        (write_csv, "summary.csv", (plain, [field.name for field in fields(SummaryRow)])),
+        (write_csv, "summary.csv", (cases, [field.name for field in fields(SummaryRow) if field.name != "surfaces"])),
         (write_text, "summary.html", (html_text(folder, rows, over),)),
-    ):
+    ]
+    if labels:
+        files.append((write_csv, "labels.csv", (labels, ["case", *MEASURES])))
+    for write, name, content in files:
         try:
             write(folder / name, *content)
         except OutputError:
@@ -88,8 +96,31 @@ def html_text(folder: Path, rows: Sequence[SummaryRow], over: bool) -> str:
 
 def html_row(folder: Path, row: SummaryRow) -> str:
     """One case with its picture, if it has one."""
-    cells = [picture(folder, row), html.escape(row.case), row.status, *numbers(row), html.escape(row.error or "")]
+    cells = [
+        picture(folder, row),
+        html.escape(row.case) + labels_table(row),
+        row.status,
+        *numbers(row),
+        html.escape(row.error or ""),
+    ]
     return f'<tr class="{row.status}">' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def labels_table(row: SummaryRow) -> str:
+    """The surfaces of several labels, to be unfolded."""
+    if not row.surfaces:
+        return ""
+    lines = [
+        f"<tr><td>{html.escape(surface['name'])}</td><td>{surface['faces']}</td><td>{milliliters(surface)}</td></tr>"
+        for surface in row.surfaces
+    ]
+    head = "<tr><th>label</th><th>triangles</th><th>volume, ml</th></tr>"
+    return f"<details><summary>{len(lines)} surfaces</summary><table>{head}{''.join(lines)}</table></details>"
+
+
+def milliliters(surface: Mapping[str, Any]) -> str:
+    """The volume of a surface for a person."""
+    return "-" if surface["volume_mm3"] is None else f"{surface['volume_mm3'] / 1000:.3f}"
 
 
 def picture(folder: Path, row: SummaryRow) -> str:

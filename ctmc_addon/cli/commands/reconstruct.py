@@ -5,67 +5,30 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ... import readers
-from ...core import (
-    LabelError,
-    Reconstruction,
-    ReconstructionSettings,
-    Stage,
-    Stages,
-    Step,
-    Steps,
-    Volume,
-    equal_part,
-    reconstruct_steps,
-)
+from ...core import Reconstruction, ReconstructionSettings, Stage, Stages, Steps, Volume
 from ...core.files import mesh_files
-from ...core.files.atomic_write import require_writable, whole_files, write_json
+from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
 from ...core.streaming import fits_in_memory
-from ...core.volume import SlabVolume
+from ...core.volume import SlabVolume, require_labels
 from ...reporting.formatting import count
-from ..arguments import add_input, add_settings, add_work, command_of, reading_of, settings_from
-from ..blender_host import blender_at_work, objects_of, require_blender
+from ..arguments import UsageError, add_input, add_settings, add_work, command_of, reading_of, settings_and_labels
+from ..blender_host import require_blender
+from ..outputs import Outputs, surface_output, written_steps
+from ..surfaces import Surfaces, may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
 
 AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
+FORMATS = tuple(suffix.lstrip(".") for suffix in mesh_files.SURFACE_SUFFIXES)
+MOST_FILES = 8  # named in the summary
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Files to write."""
-
-    surfaces: tuple[Path, ...]
-    report: Path | None = None
-    figure: Path | None = None
-    space: str = "ras"
-    thumbnail: tuple[int, int] | None = None  # pixels of a small figure without edges
-
-    @property
-    def paths(self) -> list[Path]:
-        """All of them, in the order in which they are written."""
-        return [path for path in (*self.surfaces, self.figure, self.report) if path is not None]
-
-    @property
-    def names(self) -> list[str]:
-        """Names without folders."""
-        return [path.name for path in self.paths]
-
-    def blender_needed_for(self, simplifier: str) -> str:
-        """What Blender is needed for, empty if for nothing."""
-        if simplifier == "decimate":
-            return "--simplifier decimate"
-        suffixes = [path.suffix.lower() for path in self.surfaces if path.suffix.lower() not in mesh_files.SUFFIXES]
-        return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
 
 
 def add_parser(commands: Any) -> None:
@@ -82,10 +45,12 @@ def add_parser(commands: Any) -> None:
         "--output",
         required=True,
         metavar="OUTPUT",
-        help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)}; its folder must exist",
+        help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)}, its folder must exist; or a folder with a slash at its end, "
+        "for a file of each label",
     )
-    add_settings(parser)
+    add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
+    group.add_argument("--format", choices=FORMATS, default="stl", help="of the files in a folder (default stl)")
     group.add_argument(
         "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
     )
@@ -102,24 +67,35 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
-    settings = settings_from(args)
+    settings, choices = settings_and_labels(args)
     outputs = Outputs(
-        (require_writable(args.output, mesh_files.SURFACE_SUFFIXES),),
-        require_writable(args.report, (".json",)) if args.report else None,
-        require_writable(args.figure, (".png",)) if args.figure else None,
-        args.space,
+        report=require_writable(args.report, (".json",)) if args.report else None,
+        figure=require_writable(args.figure, (".png",)) if args.figure else None,
+        space=args.space,
+        **surface_output(args.output, f".{args.format}", may_be_several(choices)),
     )
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     stages = Stages(STAGES)
+    if args.scheduler and may_be_several(choices):
+        raise UsageError("--scheduler extracts one surface; give one label, or leave --scheduler out")
     source = source_of(Path(args.input), settings.label)
-    with Progress() as progress, workers_of(args.scheduler, source, reading_of(args)) as workers:
-        volume = progress.finish(stages.run("Reading", fetched_steps(args, settings)))
-        reconstructing = reconstruct_steps(volume, settings, args.threads, workers=workers)
-        result = progress.finish(stages.run("Reconstructing", reconstructing))
-        result = replace(result, stages=(Stage("Reading", stages.seconds["Reading"]), *result.stages))
-        result = progress.finish(stages.run("Writing", written_steps(result, outputs)))
-    print(summary(result, volume, outputs))
+    with (
+        own_folder(outputs.folder or Path(args.output).parent),
+        Progress() as progress,
+        workers_of(args.scheduler, source, reading_of(args)) as workers,
+    ):
+        volume = progress.finish(stages.run("Reading", fetched_steps(args, settings, choices)))
+        making = surfaces_steps(volume, settings, choices, args.threads, workers)
+        surfaces = progress.finish(stages.run("Reconstructing", making))
+        reading = Stage("Reading", stages.seconds["Reading"])
+        results = tuple(replace(result, stages=(reading, *result.stages)) for result in surfaces.results)
+        writing = written_steps(replace(surfaces, results=results), outputs)
+        surfaces, files = progress.finish(stages.run("Writing", writing))
+    if surfaces.are_several:
+        print(summary_of_several(surfaces, volume, files, stages.seconds))
+    else:
+        print(summary(surfaces.results[0], volume, files))
 
 
 def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None) -> Steps[Volume]:
@@ -136,13 +112,15 @@ def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> S
     return replace(volume, name=args.name or volume.name)
 
 
-def fetched_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume | SlabVolume]:
+def fetched_steps(
+    args: argparse.Namespace, settings: ReconstructionSettings, choices: Sequence[int | str]
+) -> Steps[Volume | SlabVolume]:
     """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later."""
     path = Path(args.input)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     opening = readers.open_volume_steps(source_of(path, settings.label))
     source = yield from stages.run("Reading headers", opening)
-    needed = needed_steps(source, path, reading_of(args), settings, bool(args.scheduler))
+    needed = needed_steps(source, path, reading_of(args), settings, may_be_several(choices), bool(args.scheduler))
     volume = yield from stages.run("Reading values", needed)
     return replace(volume, name=args.name or volume.name)
 
@@ -152,18 +130,24 @@ def needed_steps(
     path: Path,
     reading: Mapping[str, Any],
     settings: ReconstructionSettings,
+    several: bool = False,
     by_workers: bool = False,
 ) -> Steps[Volume | SlabVolume]:
-    """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later."""
-    if not by_workers and reads_whole(source, reading, settings):
+    """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later.
+
+    For `several` labels any part of it is wanted; `by_workers` it is always fetched.
+    """
+    if not by_workers and reads_whole(source, reading, settings, several):
         return (yield from values_steps(source, path, reading, settings.label))
     return checked((yield from source.slabs_steps(**reading)), source, path, settings.label)
 
 
-def reads_whole(source: readers.VolumeSource, reading: Mapping[str, Any], settings: ReconstructionSettings) -> bool:
+def reads_whole(
+    source: readers.VolumeSource, reading: Mapping[str, Any], settings: ReconstructionSettings, several: bool
+) -> bool:
     """Whether all values are wanted and leave memory for a surface."""
     series = source.selected_series(reading["series"])
-    if settings.region is not None or max(settings.stride) > 1:
+    if not several and (settings.region is not None or max(settings.stride) > 1):
         return False
     if series is None:
         return True
@@ -179,80 +163,17 @@ def values_steps(
 
 def checked(volume: AnyVolume, source: readers.VolumeSource, path: Path, label: int | None) -> AnyVolume:
     """The volume with a note of where its label is taken from, or an error where it cannot have one."""
-    if label is not None and volume.kind == "HU":
-        raise LabelError(
-            f"{path.name} holds HU, in which {label} is a density and not a label; "
-            "give the label volume, or --threshold"
-        )
+    if label is not None:
+        require_labels(volume, label)  # before the work
     if source.path != path:
         note = f"{path.name} holds gray values: label {label} is taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume
 
 
-def surfaces_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
-) -> Steps[list[Reconstruction]]:
-    """A surface for each of the settings."""
-    results = []
-    for at, settings in enumerate(variants):
-        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
-    return results
-
-
 def source_of(path: Path, label: int | None) -> Path:
     """The file to read: for a label that of a LiTS volume's segmentation."""
     return (readers.segmentation_sibling(path) if label is not None else None) or path
-
-
-def written_steps(result: Reconstruction, outputs: Outputs) -> Steps[Reconstruction]:
-    """Write every output, all or none, and return the result as it was written."""
-    with whole_files(outputs.paths) as places:
-        if outputs.blender_needed_for(result.settings.simplifier):
-            result = yield from with_blender_steps(result, outputs, places)
-        stages: list[Stage] = []
-        for path in outputs.surfaces:
-            if path.suffix.lower() in mesh_files.SUFFIXES:
-                yield Step(0.8, f"Writing {path.name}")
-                with timed(stages, f"Writing {path.suffix.lower()}"):
-                    result.mesh.save(places[path], outputs.space)
-        result = replace(result, stages=(*result.stages, *stages))
-        if outputs.report is not None:
-            yield Step(0.9, f"Writing {outputs.report.name}")
-            write_json(places[outputs.report], result.report() | {"files": outputs.names})
-    return result
-
-
-def with_blender_steps(result: Reconstruction, outputs: Outputs, places: Mapping[Path, Path]) -> Steps[Reconstruction]:
-    """Make an object in a scene of its own, and write what only Blender writes; returns the result as it is shown."""
-    from ...blender.export import export
-    from ...blender.figure.render import render_figure
-
-    yield Step(0.0, "Building the object")
-    stages: list[Stage] = []
-    start = time.perf_counter()
-    # A .blend has a scene "CTMC", a name that only one can have.
-    with objects_of([result], "CTMC objects") as (scene, [obj], [result]):
-        stages.append(Stage("Building the object", time.perf_counter() - start))
-        for path in outputs.surfaces:
-            if path.suffix.lower() not in mesh_files.SUFFIXES:
-                yield Step(0.2, f"Writing {path.name}")
-                with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
-                    export(obj, places[path], space=outputs.space, scene=scene)
-        if outputs.figure is not None:
-            yield Step(0.4, f"Rendering {outputs.figure.name}")
-            with timed(stages, "Rendering the figure"), blender_at_work():
-                small: dict[str, Any] = {"size": outputs.thumbnail, "edges": False} if outputs.thumbnail else {}
-                render_figure(obj, scene, places[outputs.figure], **small)
-    return replace(result, stages=(*result.stages, *stages))
-
-
-@contextmanager
-def timed(stages: list[Stage], name: str) -> Iterator[None]:
-    """Add a stage with the seconds of the block."""
-    start = time.perf_counter()
-    yield
-    stages.append(Stage(name, time.perf_counter() - start))
 
 
 def small_components_lines(result: Reconstruction) -> list[str]:
@@ -264,7 +185,7 @@ def small_components_lines(result: Reconstruction) -> list[str]:
     return [f"{counts} are smaller than {SMALL:g} mm3; --min-part {SMALL:g} removes them"]
 
 
-def summary(result: Reconstruction, volume: Volume | SlabVolume, outputs: Outputs) -> str:
+def summary(result: Reconstruction, volume: Volume | SlabVolume, files: Sequence[Path]) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
@@ -284,9 +205,41 @@ def summary(result: Reconstruction, volume: Volume | SlabVolume, outputs: Output
         ("threshold", f"{result.threshold:.6g}"),
         ("voxels", f"{result.voxels_visited} visited"),
         *titled("note", report["notes"]),
-        ("written", ", ".join(outputs.names)),
+        ("written", ", ".join(path.name for path in files)),
     ]
-    head = f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
     settings = f"settings: {command_of(result.settings) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
-    return f"{head}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
+    return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
+
+
+def head_of(volume: Volume | SlabVolume) -> str:
+    """Name, size and spacing."""
+    return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
+
+
+def summary_of_several(
+    surfaces: Surfaces, volume: Volume | SlabVolume, files: Sequence[Path], seconds: Mapping[str, float]
+) -> str:
+    """A row for every surface, and what holds for all, for a person."""
+    rows = [("label", "name", "triangles", "ml", "cm2", "parts")]
+    for name, result in zip(surfaces.names, surfaces.results, strict=True):
+        measures = result.mesh.measures
+        milliliters = f"{measures.milliliters:.3f}" if measures.closed else "-"
+        numbers = (milliliters, f"{measures.square_centimeters:.2f}", str(measures.components))
+        rows.append((str(result.settings.label), name, str(measures.faces), *numbers))
+    stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
+    stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
+    settings = command_of(replace(surfaces.results[0].settings, label=None))
+    written = ", ".join(path.name for path in files[:MOST_FILES])
+    more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
+    opened = sum(not result.mesh.closed for result in surfaces.results)
+    shapes = f", {opened} of them open: --close-border closes them at the border" if opened else ""
+    facts = [
+        ("surfaces", f"{len(surfaces.results)}{shapes}"),
+        *titled("note", surfaces.notes),
+        ("written", written + more),
+    ]
+    return (
+        f"{head_of(volume)}\nsettings: {settings or 'the defaults'}\n\n{stage_table}\n\n{table(rows)}\n\n"
+        f"{listing(facts)}"
+    )

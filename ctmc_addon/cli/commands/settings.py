@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from ...reporting.settings_toml import to_toml
-from ..arguments import add_settings, settings_from
+from ..arguments import add_settings, settings_and_labels
 
 
 def add_parser(commands: Any) -> None:
@@ -18,10 +18,10 @@ def add_parser(commands: Any) -> None:
         description="Print every setting with its text and value, for a file that --settings reads: "
         "ctmc settings --label 2 > case.toml",
     )
-    add_settings(parser)
+    add_settings(parser, many=("label",))
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
     """Print the settings that the flags give."""
-    print(to_toml(settings_from(args)), end="")
+    print(to_toml(*settings_and_labels(args)), end="")

@@ -7,7 +7,15 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...core import ReconstructionSettings, Steps, TriangleMesh, Volume, equal_part
+from ...core import (
+    Reconstruction,
+    ReconstructionSettings,
+    Steps,
+    TriangleMesh,
+    Volume,
+    equal_part,
+    reconstruct_steps,
+)
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import dimensions
@@ -89,3 +97,13 @@ def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> 
     for at, mesh in enumerate(meshes):
         distances.append((yield from equal_part(surface_distance_steps(mesh, surface), at, len(meshes))))
     return distances
+
+
+def variants_steps(
+    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
+) -> Steps[list[Reconstruction]]:
+    """A surface for each of the settings."""
+    results = []
+    for at, settings in enumerate(variants):
+        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
+    return results

@@ -24,9 +24,9 @@ from ...core import (
 from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked
-from ..commands.reconstruct import input_steps, surfaces_steps
+from ..commands.reconstruct import input_steps
 from ..terminal import Progress, dimensions
-from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
+from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin, variants_steps
 from .plot import Panel, panel_of, write_plot
 from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, runs_text, unique
 
@@ -78,7 +78,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        results = progress.finish(stages.run("Reconstructing", surfaces_steps(volume, variants, args.threads)))
+        results = progress.finish(stages.run("Reconstructing", variants_steps(volume, variants, args.threads)))
         timing = timed_runs_steps(volume, variants, args.repeats, args.threads)
         runs = progress.finish(stages.run("Timing", timing))
         meshes = [result.mesh for result in results]

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...blender.figure.spec import Cell
-from ...core import Stages
-from ..arguments import Parser
+from ...core import Reconstruction, Stages
+from ..arguments import Parser, settings_and_labels
 from ..blender_host import objects_of, quiet_steps, require_blender
-from ..commands.reconstruct import input_steps, surfaces_steps
+from ..commands.reconstruct import input_steps
+from ..surfaces import may_be_several, surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable
 
@@ -40,37 +42,40 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render, and print what came out."""
-    variants = common.settings_of(args)
+    settings, choices = settings_and_labels(args)
     if args.deviation:
-        common.only_one(variants, "a map of distances")
-    common.require_names(args, len(variants))
+        settings, choices = common.only_one(args, "a map of distances"), ()
+    common.require_surfaces(args, choices)
     require_blender("a figure")
     from ...blender.figure.render import figure_steps, require_png
     from ...blender.figure.sheet import deviation_figure_steps
     from ...blender.figure.styles import require_engine
 
-    page, style = common.page_of(args), common.style_of(args, len(variants) > 1)
+    page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
     target = Path(args.output)
     require_png(target)
     require_engine(args.engine, args.deviation)
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", input_steps(args, variants[0])))
-        steps = surfaces_steps(volume, variants, args.threads)
-        results = progress.finish(stages.run("Reconstructing", steps))
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
+        steps = surfaces_steps(volume, settings, choices, args.threads)
+        surfaces = progress.finish(stages.run("Reconstructing", steps))
+        common.require_names(args, len(surfaces.results))
+        results: Sequence[Reconstruction] = surfaces.results
         if args.deviation:
             figure = deviation_figure_steps(volume, results[0], target, page, style, blend, args.limit_mm)
             size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
         else:
-            with objects_of(results) as (scene, objects, results):
+            with objects_of(results, names=surfaces.names) as (scene, objects, results):
+                surfaces = replace(surfaces, results=tuple(results))
                 if args.caption is None:
                     style = replace(style, caption=common.caption_of(results, args.names or ()))
-                cell = Cell(common.shown_of(args, objects, results))
+                cell = Cell(common.shown_of(args, objects, surfaces))
                 figure = figure_steps([cell], target, page, style, blend, scene)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
         ("figure", common.size_of(page, size)),
         ("triangles", ", ".join(f"{len(result.mesh.faces):,}" for result in results)),
     ]
-    print(common.summary(facts, results[0].notes, [target, blend]))
+    print(common.summary(facts, surfaces.notes, [target, blend]))

@@ -22,6 +22,7 @@ from ...blender.figure.spec import (
 )
 from ...core import OutputError, Reconstruction, ReconstructionSettings
 from ...core.files.atomic_write import own_folder
+from ...core.volume import ALL
 from ...reporting.captions import figure_caption
 from ..arguments import (
     UsageError,
@@ -29,9 +30,9 @@ from ..arguments import (
     add_settings,
     add_work,
     flags_checked,
-    given_settings,
-    overridden,
+    settings_and_labels,
 )
+from ..surfaces import Surfaces, may_be_several
 from ..terminal import dimensions, listing, titled
 
 
@@ -94,21 +95,15 @@ def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
         )
 
 
-def settings_of(args: argparse.Namespace) -> list[ReconstructionSettings]:
-    """The settings that file and flags give, one for every label."""
-    values = given_settings(args)
-    labels = values.get("label")
-    with flags_checked():
-        if not isinstance(labels, list):
-            return [ReconstructionSettings(**values)]
-        return [ReconstructionSettings(**overridden(values, {"label": label})) for label in dict.fromkeys(labels)]
-
-
-def only_one(settings: Sequence[ReconstructionSettings], what: str) -> ReconstructionSettings:
-    """The only settings, or a `UsageError`."""
-    if len(settings) > 1:
-        raise UsageError(f"{what} shows one label, not {len(settings)}; leave the others out")
-    return settings[0]
+def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
+    """The settings of the only surface, or a `UsageError`."""
+    settings, choices = settings_and_labels(args)
+    if may_be_several(choices):
+        count = "all" if ALL in choices else len(choices)
+        raise UsageError(f"{what} shows one label, not {count}; leave the others out")
+    if any(isinstance(choice, str) for choice in choices):
+        raise UsageError(f"{what} takes a label by its number, not {choices[0]!r}; ctmc info lists them")
+    return settings
 
 
 def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
@@ -171,23 +166,28 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
 
 
 def require_names(args: argparse.Namespace, count: int) -> None:
-    """Raise `UsageError` for names that are not one for every label, or an opacity out of its limits."""
+    """Raise `UsageError` for names that are not one for every label."""
     if args.names and len(args.names) != count:
         raise UsageError(f"{len(args.names)} names for {count} surfaces; give one for each")
+
+
+def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> None:
+    """Raise `UsageError` for an opacity out of its limits, and for names of labels that are known to be others."""
     with flags_checked():
         require_within("opacity", args.opacity, OPACITIES)
+    if all(isinstance(choice, int) for choice in choices):
+        require_names(args, max(1, len(choices)))
 
 
-def shown_of(
-    args: argparse.Namespace, objects: Sequence[Any], results: Sequence[Reconstruction]
-) -> tuple[ShownSurface, ...]:
+def shown_of(args: argparse.Namespace, objects: Sequence[Any], surfaces: Surfaces) -> tuple[ShownSurface, ...]:
     """How every surface is shown: several have a name and their label's color, and the outermost is transparent."""
     from ...blender.figure.sheet import holds_others
 
-    if len(results) == 1:
-        return (ShownSurface(objects[0]),)
+    results = surfaces.results
+    if len(results) == 1 and not args.names:
+        return (ShownSurface(objects[0], "".join(surfaces.names)),)
     labels = [result.settings.label for result in results]
-    names = args.names or [f"label {label}" for label in labels]
+    names = args.names or surfaces.names
     unknown = [label for label in args.see_through or () if label not in labels]
     if unknown:
         raise UsageError(f"label {unknown[0]} is to be transparent and is not shown; the labels are {labels}")
@@ -199,10 +199,10 @@ def shown_of(
         ShownSurface(
             obj,
             name,
-            color_of(label) if args.style != "print" else None,
+            color_of(label, result.label_color) if args.style != "print" else None,
             args.opacity if label in transparent else 1.0,
         )
-        for obj, name, label in zip(objects, names, labels, strict=True)
+        for obj, name, label, result in zip(objects, names, labels, results, strict=True)
     )
 
 

@@ -46,7 +46,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, measure, render, and print what the captions say."""
-    settings = common.only_one(common.settings_of(args), "a sheet")
+    settings = common.only_one(args, "a sheet")
     require_blender("a figure")
     from ...blender.figure.render import require_png
     from ...blender.figure.sheet import sheet_steps

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from ...blender.figure.spec import Cell, Turn
 from ...core import Stages
-from ..arguments import flags_checked
+from ..arguments import flags_checked, settings_and_labels
 from ..blender_host import objects_of, quiet_steps, require_blender
-from ..commands.reconstruct import input_steps, surfaces_steps
+from ..commands.reconstruct import input_steps
+from ..surfaces import may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common
 
@@ -40,15 +42,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render every frame, write the video, and print what came out."""
-    variants = common.settings_of(args)
-    common.require_names(args, len(variants))
+    settings, choices = settings_and_labels(args)
+    common.require_surfaces(args, choices)
     require_blender("a turntable")
     from ...blender.figure.styles import require_engine
     from ...blender.figure.turntable import is_finished_video, is_video, require_turntable, turntable_steps
 
     with flags_checked():
         turn = Turn(args.seconds, args.fps, args.revolutions)
-    page, style = common.page_of(args), common.style_of(args, len(variants) > 1)
+    page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
     require_engine(args.engine)
     target = Path(args.output)
     require_turntable(target, page, args.resume, args.overwrite)
@@ -58,15 +60,16 @@ def run(args: argparse.Namespace) -> None:
     blend = common.blend_of(args, target if is_video(target) else target.with_name(target.name + ".blend"))
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
-        volume = progress.finish(stages.run("Reading", input_steps(args, variants[0])))
-        steps = surfaces_steps(volume, variants, args.threads)
-        results = progress.finish(stages.run("Reconstructing", steps))
-        with objects_of(results) as (scene, objects, shown):
-            cell = Cell(common.shown_of(args, objects, shown))
+        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
+        steps = surfaces_steps(volume, settings, choices, args.threads)
+        surfaces = progress.finish(stages.run("Reconstructing", steps))
+        common.require_names(args, len(surfaces.results))
+        with objects_of(surfaces.results, names=surfaces.names) as (scene, objects, shown):
+            cell = Cell(common.shown_of(args, objects, replace(surfaces, results=tuple(shown))))
             video = turntable_steps(cell, target, page, style, turn, blend, scene, args.resume, args.overwrite)
             size, rendered = progress.finish(stages.run("Rendering", quiet_steps(video)))
     facts = [
         ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {dimensions(size)} pixels"),
         ("rendered", f"{rendered} frames now" if rendered < turn.frames else "all frames"),
     ]
-    print(common.summary(facts, results[0].notes, [target, blend]))
+    print(common.summary(facts, surfaces.notes, [target, blend]))

@@ -118,6 +118,16 @@ def write_ply_faces(file: BinaryIO, faces: NDArray[np.int32]) -> None:
     file.write(rows.tobytes())
 
 
+def require_one_surface(path: Path, count: int = 0) -> None:
+    """Raise `OutputError` for several surfaces, so many if that is known, in a file that can hold one."""
+    if count != 1 and path.suffix.lower() in SUFFIXES:
+        asked = f"there are {count}" if count else "2 or more are asked for"
+        raise OutputError(
+            f"{path.name} can hold one surface, and {asked}; give a folder, such as -o {path.stem}/, "
+            "or a .blend, .glb or .obj"
+        )
+
+
 def parts_of(count: int) -> Iterator[slice]:
     """Slices of so many rows, a few at a time."""
     return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))

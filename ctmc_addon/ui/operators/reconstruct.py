@@ -12,19 +12,19 @@ import bpy
 from bpy.props import BoolProperty
 
 from ...core import (
-    LabelError,
+    CtmcError,
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
     Stages,
     Steps,
     Volume,
-    equal_part,
+    each_label_steps,
     full_steps,
     simplified_steps,
     without_small_steps,
 )
-from ...core.volume import SlabVolume
+from ...core.volume import SlabVolume, require_labels
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import cost_estimates, session, surfaces, volumes
@@ -82,7 +82,8 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         targets = {} if self.new else surfaces.targets(context, runs)
         fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
         for run in runs:
-            require_labels(loaded, run.label)
+            if run.label is not None:
+                require_labels(loaded.volume, run.label)
         requests = [
             SurfaceRequest(
                 run,
@@ -99,14 +100,6 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         return surfaces_steps(volume, requests, scene.session_uid)
 
 
-def require_labels(loaded: volumes.Loaded, label: int | None) -> None:
-    """Raise `LabelError` if a label is asked of Hounsfield units."""
-    if label is not None and loaded.volume.kind == "HU":
-        raise LabelError(
-            f"{loaded.path.name} holds HU, in which {label} is a density and not a label; load the label volume"
-        )
-
-
 def surfaces_steps(
     volume: Volume | SlabVolume | None,
     requests: Sequence[SurfaceRequest],
@@ -116,10 +109,12 @@ def surfaces_steps(
     """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
     stages = Stages(JOB_STAGES)
     reconstructing, adding = JOB_STAGES
-    finished: list[FinishedSurface] = []
-    for number, request in enumerate(requests):
-        part = equal_part(surface_steps(volume, request, full), number, len(requests))
-        finished.append((yield from stages.run(reconstructing, part)))
+    if volume is None or len(requests) == 1:
+        [request], limits = requests, machine()
+        making = surface_steps(volume, request, full, limits.threads, limits.memory_limit)
+        finished = [(yield from stages.run(reconstructing, making))]
+    else:
+        finished = yield from stages.run(reconstructing, labels_steps(volume, requests))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
     def conclude() -> str:
@@ -133,22 +128,42 @@ def surfaces_steps(
     return conclude
 
 
+def labels_steps(volume: Volume | SlabVolume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
+    """Make the surfaces of several labels, side by side."""
+    runs, limits = [request.settings for request in requests], machine()
+
+    def work_steps(number: int, threads: int, limit: int | None) -> Steps[FinishedSurface]:
+        return (yield from surface_steps(volume, requests[number], None, threads, limit))
+
+    made = yield from each_label_steps(volume, runs, work_steps, limits.threads, limits.memory_limit)
+    finished = []
+    for result in made:
+        if isinstance(result, CtmcError):
+            raise result
+        finished.append(result)
+    return finished
+
+
 def surface_steps(
-    volume: Volume | SlabVolume | None, request: SurfaceRequest, full: Reconstruction | None
+    volume: Volume | SlabVolume | None,
+    request: SurfaceRequest,
+    full: Reconstruction | None,
+    threads: int | None,
+    memory_limit: int | None,
 ) -> Steps[FinishedSurface]:
-    """Extract a surface where `full` is None, simplify and measure it."""
-    settings, limits, stages = request.settings, machine(), Stages(SURFACE_STAGES)
+    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
+    settings, stages = request.settings, Stages(SURFACE_STAGES)
     extracting, simplifying, measuring = SURFACE_STAGES
     if full is None:
         assert volume is not None, "the caller has one of the two"
-        work = full_steps(volume, settings, limits.threads, limits.memory_limit)
+        work = full_steps(volume, settings, threads, memory_limit)
         full = yield from stages.run(extracting, work)
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
     if full.settings.min_part_mm3 < settings.min_part_mm3:
         removing = without_small_steps(full, settings.min_part_mm3)
         full = yield from stages.run(extracting, removing)
-    result = yield from stages.run(simplifying, simplified_steps(full, settings, limits.memory_limit))
+    result = yield from stages.run(simplifying, simplified_steps(full, settings, memory_limit))
     measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))
     return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
 

@@ -110,7 +110,7 @@ def test_the_camera_sees_the_whole_surface_however_it_is_turned(scene, simplifie
     from bpy_extras.object_utils import world_to_camera_view
 
     with levels_in(scene, simplified[:1]) as (level,):
-        prepare_scene(scene, level.obj, (160, 120))
+        prepare_scene(scene, [level.obj], (160, 120))
         frame_turning(scene, level, (160, 120))
         for angle in np.radians(range(0, 360, 20)):
             level.obj.rotation_euler.z = angle
@@ -130,7 +130,7 @@ def test_both_ways_of_drawing_draw_the_same_outline(scene, simplified, tmp_path)
     size = (160, 120)
     with levels_in(scene, simplified) as levels:
         level = levels[1]
-        prepare_scene(scene, level.obj, size)
+        prepare_scene(scene, [level.obj], size)
         frame_turning(scene, level, size)
         level.obj.rotation_euler.z = 0.9
         whole = RenderDrawing(scene, levels, "BLENDER_WORKBENCH")

@@ -21,7 +21,7 @@ from ctmc_addon.readers import open_volume
 
 @pytest.fixture
 def task(tmp_path):
-    output = {"name": "a", "settings": {"label": 2, "stride": [1, 1, 1]}}
+    output = {"name": "a", "settings": {"label": 2, "stride": [1, 1, 1]}, "labels": []}
     return {
         "case": "a", "input": str(tmp_path / "in" / "a.nii"), "folder": str(tmp_path), "outputs": [output],
         "reading": {"spacing": None, "flip": "", "series": None, "strict": False}, "format": ".stl", "space": "ras",
@@ -108,7 +108,7 @@ def test_new_files_come_after_the_older_json_has_gone_and_before_the_new_one(tmp
 
     monkeypatch.setattr("ctmc_addon.cli.batch.files.write_json", full)
     with pytest.raises(OutputError, match="disk is full"):
-        put_output(tmp_path, "a", tmp_path / "run" / "a.stl", tmp_path / "run" / "a.png", {})
+        put_output(tmp_path, "a", tmp_path / "run", [tmp_path / "run" / "a.stl"], tmp_path / "run" / "a.png", {})
     assert (tmp_path / "a.stl").read_text() == "run/a.stl"
     assert (tmp_path / "thumbnails" / "a.png").read_text() == "run/a.png"
 

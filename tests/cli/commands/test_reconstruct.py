@@ -229,7 +229,7 @@ def test_a_threshold_in_hu_on_8_bit_slices_gets_a_hint(refused, phantom_folder, 
 def test_a_label_is_not_sought_among_hounsfield_units(refused, phantom_folder, tmp_path):
     sentence = refused("reconstruct", phantom_folder / "dicom", "-o", tmp_path / "x.stl", "--label", "2")
     assert "holds HU" in sentence
-    assert "--threshold" in sentence
+    assert "threshold" in sentence
 
 
 def test_voxels_without_a_value_name_the_remedy(refused, ctmc, tmp_path):
@@ -391,7 +391,7 @@ def test_a_stl_does_not_load_blender(phantom_folder, tmp_path):
 @pytest.mark.parametrize("there", [False, True])
 @pytest.mark.parametrize(
     "fails",
-    ["core.files.mesh_files.write_mesh", "blender.figure.render.render_figure", "cli.commands.reconstruct.write_json"],
+    ["core.files.mesh_files.write_mesh", "blender.figure.render.render_figure", "cli.outputs.write_json"],
 )
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, tmp_path, monkeypatch, fails, there):
     names = ["f.png", "r.json", "t.stl"]

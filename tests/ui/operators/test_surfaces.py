@@ -450,9 +450,9 @@ def test_labels_of_hounsfield_units_are_refused_in_the_panel(scene, tmp_path):
     nibabel.save(nibabel.Nifti1Image(values.transpose(2, 1, 0), np.eye(4)), tmp_path / "volume-0.nii")
     bpy.ops.ctmc.load(filepath=str(tmp_path / "volume-0.nii"))
     scene.ctmc.label = 2
-    with pytest.raises(RuntimeError, match="load the label volume"):
+    with pytest.raises(RuntimeError, match="give the label volume"):
         bpy.ops.ctmc.reconstruct()
-    assert "load the label volume" in session.of(scene).message
+    assert "give the label volume" in session.of(scene).message
     bpy.ops.ctmc.tissue(tissue="skin")
     assert scene.ctmc.to_settings() == ReconstructionSettings(threshold=-300.0)
 

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The files of surfaces: one for all of them, or one for each; a report and a picture. All are written, or none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..core import OutputError, Stage, Step, Steps
+from ..core.files import mesh_files
+from ..core.files.atomic_write import require_writable, whole_files, write_json
+from .blender_host import blender_at_work, objects_of
+from .file_names import file_names
+from .surfaces import Surfaces
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files to write.
+
+    Parameters
+    ----------
+    surfaces : tuple of Path
+        Files that hold all surfaces each.
+    report, figure : Path or None
+    space : {"ras", "lps"}
+    thumbnail : (width, height) int or None
+        Pixels of a small figure without edges.
+    folder : Path or None
+        With a file for each surface.
+    suffix : str
+        Of the files in the folder, such as ".stl".
+    """
+
+    surfaces: tuple[Path, ...] = ()
+    report: Path | None = None
+    figure: Path | None = None
+    space: str = "ras"
+    thumbnail: tuple[int, int] | None = None
+    folder: Path | None = None
+    suffix: str = ""
+
+    def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
+        """Every file with surfaces, and the numbers of those in it."""
+        everything = list(range(len(surfaces.results)))
+        files = dict.fromkeys(self.surfaces, everything)
+        for path in files:
+            mesh_files.require_one_surface(path, len(everything))
+        if self.folder is not None:
+            stems = file_names(surfaces.titles)
+            files |= {self.folder / f"{stems[at]}{self.suffix}": [at] for at in everything}
+        return files
+
+    def paths(self, surfaces: Surfaces) -> list[Path]:
+        """All files, in the order in which they are written."""
+        beside = [path for path in (self.figure, self.report) if path is not None]
+        return [*self.surfaces_in(surfaces), *beside]
+
+    def blender_needed_for(self, simplifier: str) -> str:
+        """What Blender is needed for, empty if for nothing."""
+        if simplifier == "decimate":
+            return "--simplifier decimate"
+        own = [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
+        suffixes = [suffix for suffix in own if suffix not in mesh_files.SUFFIXES]
+        return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
+
+
+def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
+    """The fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
+
+    Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
+
+    Raises
+    ------
+    OutputError
+        If it is neither, cannot be written to, or is a file that cannot hold several surfaces.
+    """
+    path = Path(text)
+    known = path.suffix.lower() in mesh_files.SURFACE_SUFFIXES
+    if text.endswith(("/", "\\")) or (text and path.is_dir() and not known):
+        require_writable(path / f"surface{suffix}" if path.is_dir() else path)
+        return {"folder": path, "suffix": suffix}
+    if several and text and not path.suffix:
+        raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
+    if several:
+        mesh_files.require_one_surface(path)
+    return {"surfaces": (require_writable(path, mesh_files.SURFACE_SUFFIXES),)}
+
+
+def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces, list[Path]]]:
+    """Write every output, all or none; return the surfaces as they were written, and the files."""
+    paths = outputs.paths(surfaces)
+    with whole_files(paths) as places:
+        if outputs.blender_needed_for(surfaces.results[0].settings.simplifier):
+            surfaces = yield from with_blender_steps(surfaces, outputs, places)
+        stages: list[Stage] = []
+        for path, numbers in outputs.surfaces_in(surfaces).items():
+            if path.suffix.lower() in mesh_files.SUFFIXES:
+                yield Step(0.8, f"Writing {path.name}")
+                with timed(stages, f"Writing {path.suffix.lower()}"):
+                    surfaces.results[numbers[0]].mesh.save(places[path], outputs.space)
+        surfaces = with_stages(surfaces, stages)
+        if outputs.report is not None:
+            yield Step(0.9, f"Writing {outputs.report.name}")
+            write_json(places[outputs.report], surfaces.report() | {"files": [path.name for path in paths]})
+    return surfaces, paths
+
+
+def with_blender_steps(surfaces: Surfaces, outputs: Outputs, places: Mapping[Path, Path]) -> Steps[Surfaces]:
+    """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
+    from ..blender.export import export_together
+    from ..blender.figure.render import render_figure
+
+    yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
+    stages: list[Stage] = []
+    start = time.perf_counter()
+    # A .blend has a scene "CTMC", a name that only one can have.
+    with objects_of(surfaces.results, "CTMC objects", surfaces.names) as (scene, objects, shown):
+        stages.append(Stage("Building the object", time.perf_counter() - start))
+        for path, numbers in outputs.surfaces_in(surfaces).items():
+            if path.suffix.lower() not in mesh_files.SUFFIXES:
+                yield Step(0.2, f"Writing {path.name}")
+                those = [objects[number] for number in numbers]
+                collection = surfaces.name if len(those) > 1 else ""
+                with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
+                    export_together(those, places[path], outputs.space, scene, collection)
+        if outputs.figure is not None:
+            yield Step(0.4, f"Rendering {outputs.figure.name}")
+            with timed(stages, "Rendering the figure"), blender_at_work():
+                small: dict[str, Any] = {"size": outputs.thumbnail, "edges": False} if outputs.thumbnail else {}
+                render_figure(objects, scene, places[outputs.figure], **small)
+    return with_stages(replace(surfaces, results=tuple(shown)), stages)
+
+
+def with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:
+    """The surfaces with further stages, those of one name together; of several surfaces each has had all of them."""
+    seconds: dict[str, float] = {}
+    for stage in stages:
+        seconds[stage.name] = seconds.get(stage.name, 0.0) + stage.seconds
+    more = tuple(Stage(name, taken) for name, taken in seconds.items())
+    return replace(
+        surfaces, results=tuple(replace(result, stages=(*result.stages, *more)) for result in surfaces.results)
+    )
+
+
+@contextmanager
+def timed(stages: list[Stage], name: str) -> Iterator[None]:
+    """Add a stage with the seconds of the block."""
+    start = time.perf_counter()
+    yield
+    stages.append(Stage(name, time.perf_counter() - start))

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The surfaces that a command makes of one input, and what each is called: one, or one for each of several labels."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..core import (
+    VERSION,
+    Reconstruction,
+    ReconstructionSettings,
+    Stages,
+    Steps,
+    Volume,
+    reconstruct_labels_steps,
+    reconstruct_steps,
+)
+from ..core.streaming import SlabWorkers
+from ..core.volume import ALL, SlabVolume, chosen_labels_steps, region_box
+from .file_names import file_key, printable
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """What was made of one input.
+
+    Parameters
+    ----------
+    name : str
+        Of the input; of the collection that holds several surfaces.
+    results : tuple of Reconstruction
+    names : tuple of str
+        Of each surface, all different; empty where there is one that goes by the input's name.
+    left_out : tuple of str
+        A sentence for each that could not be made.
+    """
+
+    name: str
+    results: tuple[Reconstruction, ...]
+    names: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def are_several(self) -> bool:
+        """Whether the surfaces have names of their own: they were asked for as several, whatever came of it."""
+        return bool(self.names)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """What each is called, alone or not: by its label's name where it has a label."""
+        return self.names or (names_of(self.results) if self.results[0].settings.label is not None else (self.name,))
+
+    @property
+    def notes(self) -> list[str]:
+        """What all surfaces note, and what was left out."""
+        shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
+        return [*shared, *self.left_out]
+
+    def report(self) -> dict[str, Any]:
+        """Plain data for JSON: of one surface its report, of several a list of them with their names."""
+        if not self.are_several:
+            return self.results[0].report()
+        named = zip(self.names, self.results, strict=True)
+        return {
+            "name": self.name,
+            "version": VERSION,
+            "surfaces": [result.report() | {"name": name} for name, result in named],
+            "notes": self.notes,
+        }
+
+
+def surfaces_steps(
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    choices: Sequence[int | str],
+    threads: int | None = None,
+    workers: SlabWorkers | None = None,
+) -> Steps[Surfaces]:
+    """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
+
+    Raises
+    ------
+    CtmcError
+        As `reconstruct_labels_steps`.
+    """
+    stages = Stages({"Finding the labels": 1, "Reconstructing": 30})
+    finding, making = stages.shares
+    several = may_be_several(choices)
+    if choices:
+        box = region_box(volume, settings)
+        labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, threads))
+        several = several or len(labels) > 1
+        settings = replace(settings, label=labels[0])
+    if not several:
+        result = yield from stages.run(making, reconstruct_steps(volume, settings, threads, workers=workers))
+        return Surfaces(volume.name, (result,))
+    wanted = None if ALL in choices else labels
+    made = yield from stages.run(making, reconstruct_labels_steps(volume, settings, wanted, threads))
+    return Surfaces(volume.name, tuple(made.surfaces), names_of(made.surfaces), tuple(made.left_out))
+
+
+def may_be_several(choices: Sequence[int | str]) -> bool:
+    """Whether choices ask for several labels, before anything is known of the volume."""
+    return len(choices) > 1 or ALL in choices
+
+
+def names_of(results: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """What the labels of results are called: names that several have get the label's number.
+
+    Names are those of the volume on one line, and 'label 3' for a label without one.
+    """
+    names = [printable(result.label_name) for result in results]
+    count = Counter(file_key(name) for name in names)
+    out = []
+    for name, result in zip(names, results, strict=True):
+        shared = f" {result.settings.label}" if count[file_key(name)] > 1 else ""
+        out.append(f"{name}{shared}" if name else f"label {result.settings.label}")
+    return tuple(out)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All labels of a volume at once: 104 bodies of an adult's sizes in 512 x 512 x 600, against the largest one alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct, reconstruct_labels
+from ctmc_addon.core.volume import label_extents_steps
+
+from .measuring import Session
+
+SIZE = (600, 512, 512)  # slices, rows, columns
+SPACING_MM = (0.75, 0.75, 1.0)
+# Milliliters of what TotalSegmentator finds in an adult, and how often; and how many times longer than wide it is.
+BODIES = (
+    (1500, 1, 1.3), (1300, 1, 1.1), (850, 5, 1.5), (800, 2, 1.4), (700, 4, 4.0), (350, 4, 2.0), (300, 3, 3.0),
+    (220, 3, 1.8), (200, 3, 6.0), (150, 4, 1.6), (100, 8, 1.5), (60, 14, 1.3), (30, 14, 2.0), (14, 26, 8.0),
+    (8, 6, 5.0), (4, 6, 2.0),
+)  # fmt: skip
+
+
+def many_bodies(size: tuple[int, int, int] = SIZE) -> Volume:
+    """Ellipsoids with waves on them, each its own label from 1, in the order of their sizes, turned every way."""
+    rng = np.random.default_rng(104)
+    labels = np.zeros(size, np.uint8)
+    spacing = np.array(SPACING_MM[::-1])  # z, y, x
+    extent = np.array(size) * spacing
+    scale = float(np.prod(size) / np.prod(SIZE)) ** (1 / 3)
+    number = 0
+    for milliliters, count, long in BODIES:
+        for _ in range(count):
+            number += 1
+            short = scale * (1000 * milliliters / (4 / 3 * np.pi * long)) ** (1 / 3)
+            axes = short * np.array([long, 1.0, 1.0])
+            turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+            reach = 1.08 * np.sqrt(((turn * axes) ** 2).sum(axis=1))
+            reach_in = np.minimum(reach, 0.49 * extent)
+            put(labels, number, rng.uniform(reach_in, extent - reach_in), reach, turn / axes, spacing)
+    return Volume(labels, np.diag([*SPACING_MM, 1.0]), name="bodies", kind="label")
+
+
+def put(
+    labels: NDArray[np.uint8],
+    number: int,
+    middle: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    spacing: NDArray[np.float64],
+) -> None:
+    """Fill one body: where a turned, waved radius is below 1, and nobody is yet."""
+    low = np.maximum(0, np.floor((middle - reach) / spacing).astype(int))
+    high = np.minimum(labels.shape, np.ceil((middle + reach) / spacing).astype(int) + 1)
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    z, y, x = (
+        ((np.arange(a, b) * side - at).astype(np.float32)).reshape([-1 if n == axis else 1 for n in range(3)])
+        for axis, (a, b, side, at) in enumerate(zip(low, high, spacing, middle, strict=True))
+    )
+    u, v, w = (z * t[0] + y * t[1] + x * t[2] for t in turn.T.astype(np.float32))
+    radius = u * u + v * v + w * w + np.float32(0.08) * (np.sin(9 * u) * np.sin(7 * v) + np.sin(8 * w))
+    part = labels[box]
+    part[(radius < 1) & (part == 0)] = number
+
+
+def measure(session: Session) -> None:
+    """All labels against the largest alone, as the default smooths them and bare; each on a volume not seen before."""
+    bodies = many_bodies()
+    extents = finish(label_extents_steps(bodies))
+    largest = max(extents, key=lambda label: extents[label].voxels)
+    for smoothing in ("constrained", "none"):
+        settings = ReconstructionSettings(label=largest, smoothing=smoothing)
+
+        def everything(settings: ReconstructionSettings = settings) -> Any:
+            return reconstruct_labels(replace(bodies), settings).surfaces
+
+        def alone(settings: ReconstructionSettings = settings) -> Any:
+            return reconstruct(replace(bodies), settings)
+
+        work = f"{len(extents)} labels of 512 x 512 x 600, smoothing {smoothing}"
+        session.compare(work, everything, {"the largest label alone": (alone, 4.0)}, repeats=min(3, session.repeats))

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several labels in one go: by number, by name and all; to a folder, to one file, in a batch and in a figure."""
+
+import csv
+import json
+import os
+
+import numpy as np
+import pytest
+
+from ctmc_addon import readers
+from ctmc_addon.cli.arguments import label_choices
+from ctmc_addon.core import OutputError, ReconstructionSettings, reconstruct
+
+nrrd = pytest.importorskip("nrrd")
+NAMES = {1: "Liver", 2: "kidney left", 5: "CON", 6: "a/b: c", 9: "liver"}
+
+
+@pytest.fixture
+def labels_file(tmp_path):
+    """Five boxes with names as Slicer writes them, one of them at the border; a label with no voxel; one unnamed."""
+    values = np.zeros((30, 24, 20), np.uint8)  # x, y, z as pynrrd has them
+    values[2:14, 3:15, 2:12] = 1
+    values[18:26, 3:9, 2:9] = 2
+    values[2:8, 17:22, 14:18] = 5
+    values[20:, 16:20, 4:15] = 6
+    values[12:16, 18:22, 3:8] = 9
+    values[27, 2, 17] = 11
+    header = {"space": "left-posterior-superior", "space directions": np.diag([0.8, 0.8, 1.5])}
+    header |= {"space origin": np.zeros(3)}
+    for at, (label, name) in enumerate({**NAMES, 7: "nowhere"}.items()):
+        header |= {f"Segment{at}_LabelValue": str(label), f"Segment{at}_Name": name, f"Segment{at}_ID": name}
+    path = tmp_path / "organs.nrrd"
+    nrrd.write(str(path), values, header)
+    return path
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "choices"),
+    [("3", [3]), ("1,2 5", [1, 2, 5]), ("ALL", ["all"]), ("left kidney; 7", ["left kidney", 7]), ("-4", [-4])],
+)
+def test_labels_are_numbers_names_or_all(text, choices):
+    assert label_choices(text) == choices
+
+
+def test_all_labels_become_a_file_each_and_a_report(ctmc, labels_file, tmp_path):
+    out, report = tmp_path / "out", tmp_path / "report.json"
+    done = ctmc("reconstruct", labels_file, "--label", "all", "-o", f"{out}/", "--format", "ply", "--report", report)
+    assert done.code == 0, done.errors
+    files = ["CON_.ply", "Liver 1.ply", "a_b_ c.ply", "kidney left.ply", "label 11.ply", "liver 9.ply"]
+    assert names_in(out) == files
+    said = json.loads(report.read_text("utf-8"))
+    assert sorted(said["files"]) == sorted([*files, "report.json"])
+    volume = readers.read_volume(labels_file)
+    assert [surface["label"] for surface in said["surfaces"]] == [1, 2, 5, 6, 9, 11]
+    for surface, name in zip(said["surfaces"], ["Liver 1", "kidney left", "CON", "a/b: c"], strict=False):
+        alone = reconstruct(volume, ReconstructionSettings(label=surface["label"]))
+        assert surface["name"] == name
+        assert (surface["faces"], surface["area_mm2"]) == (len(alone.mesh.faces), alone.mesh.area)
+        assert surface["volume_mm3"] == alone.mesh.enclosed_volume
+        assert surface["parts"] == 1
+    assert said["surfaces"][3]["volume_mm3"] is None  # open at the border
+    for word in ("label", "kidney left", "6, 1 of them open", "--close-border"):
+        assert word in done.out
+    alone = ctmc("reconstruct", labels_file, "--label", "2", "-o", tmp_path / "alone.ply")
+    assert alone.code == 0
+    assert (tmp_path / "alone.ply").read_bytes() == (out / "kidney left.ply").read_bytes()
+
+
+def test_labels_are_taken_by_number_and_name(ctmc, labels_file, tmp_path):
+    folder = tmp_path / "there"
+    folder.mkdir()
+    words = ("--label", "KIDNEY_LEFT", "--label", "5", "-o", folder)
+    assert ctmc("reconstruct", labels_file, *words).code == 0
+    assert names_in(folder) == ["CON_.stl", "kidney left.stl"]
+    assert ctmc("reconstruct", labels_file, "--label", "kidney left", "-o", tmp_path / "one.stl").code == 0
+    assert (tmp_path / "one.stl").read_bytes() == (folder / "kidney left.stl").read_bytes()
+    done = ctmc("reconstruct", labels_file, "--label", "kidney left", "-o", f"{tmp_path / 'single'}{os.sep}")
+    assert done.code == 0, done.errors
+    assert names_in(tmp_path / "single") == ["kidney left.stl"]
+
+
+def test_what_cannot_be_is_one_sentence_and_leaves_nothing(refused, misused, labels_file, tmp_path):
+    out = tmp_path / "new"
+    many = ("reconstruct", labels_file, "--label", "1,2", "-o")
+    sentence = refused(*many, tmp_path / "x.stl")
+    assert "x.stl can hold one surface, and 2 or more are asked for; give a folder" in sentence
+    assert "ends in a slash" in refused(*many, out)
+    assert "folder does not exist" in refused(*many, f"{out}/deeper/")
+    one = ("reconstruct", labels_file, "-o", f"{out}/", "--label")
+    assert "'kidny left'; close to it are kidney left" in refused(*one, "kidny left")
+    assert "label 4 is empty here; the labels are 1, 2, 5" in refused(*one, "1,4")
+    assert "write a whole number" in misused(*one, "1.5")
+    assert "all" in misused(*one, "")
+    assert names_in(tmp_path) == [labels_file.name]
+
+
+def test_when_one_file_of_a_folder_fails_none_is_left(refused, labels_file, tmp_path, monkeypatch):
+    from ctmc_addon.core.files import mesh_files
+
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "Liver 1.stl").write_bytes(b"older")
+    write, done = mesh_files.write_mesh, []
+
+    def fails(path, *args):
+        done.append(path)
+        if len(done) == 4:
+            raise OutputError("the disk is full")
+        write(path, *args)
+
+    monkeypatch.setattr(mesh_files, "write_mesh", fails)
+    assert "disk is full" in refused("reconstruct", labels_file, "--label", "all", "-o", out)
+    assert names_in(out) == ["Liver 1.stl"]
+    assert (out / "Liver 1.stl").read_bytes() == b"older"
+
+
+def test_one_blend_holds_all_with_names_and_colors(ctmc, labels_file, tmp_path, scene):
+    from ctmc_addon.blender.colors import color_of
+
+    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    target = tmp_path / "organs.blend"
+    done = ctmc("reconstruct", labels_file, "--label", "all", "-o", target)
+    assert done.code == 0, done.errors
+    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with scene.data.libraries.load(str(target)) as (stored, loaded):
+        loaded.collections = stored.collections
+    (collection,) = loaded.collections
+    assert collection.name == "organs"
+    assert [obj.name for obj in collection.objects] == [
+        "Liver 1", "kidney left", "CON", "a/b: c", "liver 9", "label 11",
+    ]  # fmt: skip
+    for obj in collection.objects:
+        label = json.loads(obj["ctmc"]["settings"])["label"]
+        assert np.allclose(obj.data.materials[0].diffuse_color[:3], color_of(label))
+
+
+def test_a_glb_and_an_obj_hold_several_by_their_names(ctmc, labels_file, tmp_path, scene):
+    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    for suffix in (".glb", ".obj"):
+        done = ctmc("reconstruct", labels_file, "--label", "2,5,9", "-o", tmp_path / f"o{suffix}")
+        assert done.code == 0, done.errors
+    content = (tmp_path / "o.glb").read_bytes()
+    nodes = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])["nodes"]
+    assert sorted(node["name"] for node in nodes) == ["CON", "kidney left", "liver"]
+    lines = (tmp_path / "o.obj").read_text("utf-8").splitlines()
+    assert [line for line in lines if line.startswith("o ")] == ["o kidney_left", "o CON", "o liver"]
+
+
+def test_a_batch_has_a_row_and_a_folder_for_each_case(ctmc, labels_file, tmp_path):
+    out = tmp_path / "out"
+    words = ("batch", labels_file, "-o", out, "--label", "all", "--no-thumbnails", "--jobs", "1")
+    done = ctmc(*words)
+    assert done.code == 0, done.errors
+    assert names_in(out) == ["labels.csv", "organs", "organs.json", "summary.csv", "summary.html", "summary.json"]
+    assert len(names_in(out / "organs")) == 6
+    (row,) = json.loads((out / "summary.json").read_text("utf-8"))
+    assert [surface["name"] for surface in row["surfaces"]][:2] == ["Liver 1", "kidney left"]
+    assert row["faces"] == sum(surface["faces"] for surface in row["surfaces"])
+    with (out / "labels.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [line["label"] for line in rows] == ["1", "2", "5", "6", "9", "11"]
+    assert all(line["case"] == "organs" for line in rows)
+    record = json.loads((out / "organs.json").read_text("utf-8"))
+    assert "label" not in record["settings"]
+    before = (out / "organs" / "liver 9.stl").stat().st_mtime_ns
+    assert "1 done before" in ctmc(*words, "--resume").out
+    assert (out / "organs" / "liver 9.stl").stat().st_mtime_ns == before
+    fewer = ("batch", labels_file, "-o", out, "--label", "Liver,kidney left", "--no-thumbnails", "--overwrite")
+    assert ctmc(*fewer).code == 0
+    assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
+
+
+@pytest.mark.usefixtures("scene")
+def test_a_figure_shows_all_labels_with_their_names(ctmc, labels_file, tmp_path):
+    words = ("--label", "all", "--dpi", 40, "--width-mm", 60, "--no-blend", "-o", tmp_path / "a.png")
+    done = ctmc("figure", labels_file, *words)
+    assert done.code == 0, done.errors
+    assert (tmp_path / "a.png").exists()
+
+
+def test_settings_files_and_manifests_choose_labels_too(ctmc, labels_file, tmp_path):
+    settings = tmp_path / "s.toml"
+    made = ctmc("settings", "--label", "liver", "--label", "5", "--stride", "2")
+    assert made.code == 0, made.errors
+    settings.write_text(made.out, "utf-8")
+    assert 'label = ["liver", 5]' in made.out
+    out = tmp_path / "out"
+    assert ctmc("reconstruct", labels_file, "--settings", settings, "-o", f"{out}/").code == 0
+    assert names_in(out) == ["CON_.stl", "Liver 1.stl", "liver 9.stl"]
+    (tmp_path / "cases.csv").write_text(f"input,case,label\n{labels_file.name},a,all\n", "utf-8")
+    done = ctmc("batch", tmp_path / "cases.csv", "-o", tmp_path / "b", "--no-thumbnails", "--stride", "2")
+    assert done.code == 0, done.errors
+    assert len(names_in(tmp_path / "b" / "a")) >= 5
