@@ -6,14 +6,15 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SettingsError
+from ..errors import ReadError, SettingsError
 from ..progress import Step, Steps
 from .affine import checked_affine, with_origin
 from .region import Box, box_slices
@@ -221,7 +222,17 @@ class SlabVolume(Placed):
     def samples(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
         """Return the values at some slices, rows and columns, (slices, rows, columns) in C order."""
         x, y, z = (start for start, _ in self.box)
-        return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
+        with self._readable():
+            return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """What the system says of a file that is gone by now, as a `ReadError`."""
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ReadError(f"{self.name} cannot be read any more ({reason}); load it from where it is now") from error
 
     def volume_steps(self, stride: tuple[int, int, int] = (1, 1, 1)) -> Steps[Volume]:
         """Return the values in memory: all, or every so many along x, y and z from the first on."""
@@ -232,7 +243,8 @@ class SlabVolume(Placed):
                 )
         (x, columns), (y, rows), (z, slices) = self.box
         wanted = range(z, slices, stride[2]), range(y, rows, stride[1]), range(x, columns, stride[0])
-        values = yield from self.reader.values_steps(*wanted)
+        with self._readable():
+            values = yield from self.reader.values_steps(*wanted)
         affine = self.affine.copy()
         affine[:3, :3] *= stride
         return Volume(values, affine, self.notes, self.name, self.kind, self.label_names, self.label_colors)

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import Volume
+from ctmc_addon.core import CtmcError, Volume, finish
 from ctmc_addon.core.volume import SlabVolume
+from ctmc_addon.readers import open_volume
 
 
 @pytest.mark.parametrize("dtype", ["u1", "<i2", ">i2", ">f4", "bool"])
@@ -39,3 +40,12 @@ def test_a_crop_of_a_crop_has_the_values_and_the_place_of_that_of_the_volume():
         slabs.samples(range(0, 3, 2), range(1, 6, 2), range(0, 4, 3)), expected.values[::2, 1::2, ::3]
     )
     assert np.array_equal(slabs.affine, expected.affine)
+
+
+def test_a_file_that_is_gone_is_a_sentence(tmp_path):
+    np.save(tmp_path / "ct.npy", np.zeros((4, 5, 6), np.uint8))
+    slabs = finish(open_volume(tmp_path / "ct.npy").slabs_steps())
+    (tmp_path / "ct.npy").unlink()
+    for fetch in (lambda: slabs.slab(0, 2), lambda: finish(slabs.volume_steps((2, 2, 2)))):
+        with pytest.raises(CtmcError, match=r"ct cannot be read any more .*; load it from where it is now"):
+            fetch()
