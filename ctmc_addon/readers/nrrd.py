@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from ..core import ReadError, Step, Steps, equal_part
 from ..core.volume import SliceReader, ValuesInMemory
-from .file_formats import natural_key
+from .label_names.segments import layered_steps, names_and_colors, segments_of
 from .optional_imports import needed, quiet, reason
 from .result import RawValues, ReadOptions, Series, VolumeSource
-from .stored_slices import JoinedSlices, PackedSlices, RawSlices
+from .stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from .streams import skip_steps, unpacked
 from .value_kind import require_volume_memory
 
@@ -66,31 +66,51 @@ class NrrdFile(VolumeSource):
         with path.open("rb") as stream:
             self.header = read_header(stream, name)
             self.data_start = stream.tell()
-        self.size, self.kept_axes = checked_size(self.header, name)
+        self.size, self.kept_axes, self.times, self.interleaved = checked_size(self.header, name)
         self.dtype = checked_dtype(self.header, name)
+        self.segments = segments_of(self.header, name)
         columns, rows, slices = self.size
-        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name)
-        self.data_files = data_files(self.header, path, slices)
+        times = 1 if self.segments else self.times  # else they are layers of segments that overlap
+        series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
+        self.data_files = data_files(self.header, path, slices * self.times)
         super().__init__(path, (series,), [path, *self.data_files])
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Read the values."""
-        del options
+        """Read the values of one time; of layers of segments all."""
         affine, notes = placed(self.header, self.kept_axes)
+        if self.segments and self.times > 1:
+            layers = []
+            for layer in range(self.times):
+                layers.append((yield from self._time_steps(layer)))
+            made = yield from layered_steps(layers, self.segments, self.path.name)
+            return RawValues(made.values, affine, (*notes, *made.notes), "label", made.names, made.colors)
+        values = yield from self._time_steps(options.time - 1)
+        names, colors = names_and_colors(self.segments, [segment.value for segment in self.segments])
+        return RawValues(values, affine, notes, "", names, colors)
+
+    def _time_steps(self, time: int) -> Steps[SliceReader]:
+        """What reads the values of one time, from 0 on."""
         files = self.data_files or [self.path]
         columns, rows, slices = self.size
-        if slices % len(files):
-            raise ReadError(f"{self.path.name} names {len(files)} data files for {slices} slices; repair the header")
-        shape = (slices // len(files), rows, columns)  # in each data file
+        stored_slices, stored_columns = slices * self.times, columns
+        if self.interleaved:
+            stored_slices, stored_columns = slices, columns * self.times
+        if stored_slices % len(files):
+            raise ReadError(
+                f"{self.path.name} names {len(files)} data files for {stored_slices} slices; repair the header"
+            )
+        shape = (stored_slices // len(files), rows, stored_columns)  # in each data file
+        start = 0 if self.data_files else self.data_start
         parts = []
         for number, file in enumerate(files):
-            part = stored_steps(
-                file, self.path, 0 if self.data_files else self.data_start, self.header, shape, self.dtype
-            )
+            part = stored_steps(file, self.path, start, self.header, shape, self.dtype)
             parts.append((yield from equal_part(part, number, len(files))))
-        return RawValues(
-            parts[0] if len(parts) == 1 else JoinedSlices(parts), affine, notes, "", label_names(self.header)
-        )
+        stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
+        if self.times == 1:
+            return stored
+        if self.interleaved:
+            return InterleavedSlices(stored, time, self.times)
+        return TimeSlices(stored, time * slices, slices)
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
@@ -132,23 +152,31 @@ def header_lines(stream: IO[bytes], name: str) -> tuple[list[bytes], list[str]]:
     return lines, names
 
 
-def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int]]:
-    """Size along the three axes of space, and which axes those are; a `ReadError` if it is not one volume."""
+def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int], int, bool]:
+    """Size along the three axes of space, which axes those are, and the number of volumes along a fourth.
+
+    The last is whether a voxel's values of all volumes lie together. A `ReadError` for anything else.
+    """
     sizes = [int(side) for side in header["sizes"]]
     kept = [axis for axis, side in enumerate(sizes) if side > 1 or len(sizes) <= 3]
-    if min(sizes) < 1 or len(kept) > 3:
-        kinds = " ".join(header.get("kinds", ()))
+    kinds = [str(kind) for kind in header.get("kinds", ())]
+    listed = [axis for axis in kept if axis < len(kinds) and kinds[axis].lower() in ("list", "time")]
+    color = [kind for kind in kinds if any(word in kind.lower() for word in ("color", "vector", "complex", "matrix"))]
+    apart = (listed or [kept[-1]])[0] if len(kept) == 4 else -1
+    words = f" ({' '.join(kinds)})" if kinds else ""
+    unclear = apart >= 0 and (len(listed) > 1 or color or apart not in (kept[0], kept[-1]))
+    if min(sizes) < 1 or len(kept) > 4 or unclear:
         raise ReadError(
-            f"{name} has the sizes {tuple(sizes)}{f' ({kinds})' if kinds else ''}, and a volume has 3; "
-            "save one time point, channel or label layer as a file of its own"
+            f"{name} has the sizes {tuple(sizes)}{words}, and a volume has 3, or 4 "
+            "with time; save one channel as a file of its own"
         )
-    kinds = header.get("kinds", [])
-    color = [kind for kind in kinds if "color" in str(kind).lower() or "vector" in str(kind).lower()]
     if len(kept) == 3 and color:
         raise ReadError(f"{name} has {color[0]} voxels; convert it to gray values or labels (one number a voxel)")
+    times, interleaved = (sizes[apart], apart == kept[0]) if apart >= 0 else (1, False)
+    kept = [axis for axis in kept if axis != apart]
     if len(kept) < 3 or sizes[kept[2]] < 2:
         raise ReadError(f"{name} holds one slice only, sizes {tuple(sizes)}; a surface needs at least 2 slices")
-    return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept
+    return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept, times, interleaved
 
 
 def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
@@ -321,13 +349,3 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
         "the NRRD has spacings but no orientation: taken as axial, columns towards the patient's left, "
         "rows towards the back, slices towards the head; flip x, y or z changes it",
     )
-
-
-def label_names(header: Mapping[str, Any]) -> dict[int, str]:
-    """Names of labels from Slicer's keys `SegmentN_LabelValue` and `SegmentN_Name`."""
-    names: dict[int, str] = {}
-    for key in sorted(header, key=lambda key: natural_key(Path(key))):
-        match = re.fullmatch(r"Segment(\d+)_LabelValue", key)
-        if match and re.fullmatch(r"\s*\d{1,18}\s*", str(header[key]), re.ASCII):
-            names[int(header[key])] = str(header.get(f"Segment{match[1]}_Name", f"Segment {match[1]}"))
-    return names

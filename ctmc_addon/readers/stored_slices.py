@@ -217,3 +217,18 @@ class TimeSlices(SliceReader):
         if checked is not None:
             yield from checked.pass_to_steps(checked.shape[0])
         return values
+
+
+class InterleavedSlices(SliceReader):
+    """One of `count` volumes whose values lie together voxel by voxel, along the columns of another reader."""
+
+    def __init__(self, stored: SliceReader, number: int, count: int) -> None:
+        self.stored, self.number, self.count = stored, number, count
+        slices, rows, columns = stored.shape
+        self.shape, self.dtype = (slices, rows, columns // count), stored.dtype
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Read every `count`-th column."""
+        start = columns.start * self.count + self.number
+        stop = columns[-1] * self.count + self.number + 1
+        self.stored.fill(out, slices, rows, range(start, stop, columns.step * self.count))

@@ -138,10 +138,57 @@ def test_one_layer_of_a_list_is_a_volume(tmp_path):
     np.testing.assert_allclose(volume.affine[:3, 0], DIRECTIONS[0] * (-1, -1, 1))
 
 
-def test_several_layers_are_refused(tmp_path):
-    directions = np.vstack([np.full(3, np.nan), DIRECTIONS])
-    header = {**LPS, "space directions": directions, "kinds": ["list", "domain", "domain", "domain"]}
-    with pytest.raises(CtmcError, match=r"sizes \(2, 5, 6, 7\) \(list domain.*label layer as a file of its own"):
+FIRST = (np.vstack([np.full(3, np.nan), DIRECTIONS]), ["list", "domain", "domain", "domain"])
+LAST = (np.vstack([DIRECTIONS, np.full(3, np.nan)]), ["domain", "domain", "domain", "time"])
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "ASCII"])
+@pytest.mark.parametrize("axes", [FIRST, LAST])
+def test_each_time_of_four_dimensions_is_read(tmp_path, axes, encoding):
+    first = axes is FIRST
+    array = numbers(shape=(3, 5, 6, 7) if first else (5, 6, 7, 3))
+    header = {**LPS, "space directions": axes[0], "kinds": axes[1], "encoding": encoding}
+    path = saved(tmp_path / "x.nrrd", array, header)
+    assert open_volume(path).series[0].times == 3
+    for time in (1, 2, 3):
+        expected = array[time - 1] if first else array[..., time - 1]
+        volume = read_volume(path, time=time)
+        np.testing.assert_array_equal(volume.values.T, expected)
+        np.testing.assert_allclose(volume.affine[:3, 0], DIRECTIONS[0] * (-1, -1, 1))
+        part = read_volume(path, time=time, region=(1, 2, 0, 3, 5, 4), stride=(2, 1, 2))
+        np.testing.assert_array_equal(part.values.T, expected[1:4:2, 2:6, 0:5:2])
+
+
+def layered(path, values):
+    """Two layers with three segments, of which the third overlaps the first by 2 voxels."""
+    array = np.zeros((2, 5, 6, 7), np.uint8)
+    array[0, :2], array[0, 3], array[1, 1, 0, :2], array[1, 4] = values[0], values[1], values[2], values[2]
+    segments = {}
+    for number, (layer, color) in enumerate([(0, "1 0 0"), (0, "0 1 0"), (1, "0 0 0.5")]):
+        fields = {"LabelValue": values[number], "Layer": layer, "Name": f"part {number}", "Color": color}
+        segments |= {f"Segment{number}_{key}": str(value) for key, value in fields.items()}
+    return saved(path, array, {**LPS, "space directions": FIRST[0], "kinds": FIRST[1], **segments})
+
+
+@pytest.mark.parametrize("values", [(1, 2, 3), (1, 2, 1), (7, 5, 2)])
+def test_layers_of_segments_make_one_label_volume(tmp_path, values):
+    volume = read_volume(layered(tmp_path / "x.seg.nrrd", values))
+    labels = (1, 2, 3) if values == (1, 2, 1) else values
+    expected = np.zeros((5, 6, 7), int)
+    expected[:2], expected[3], expected[1, 0, :2], expected[4] = labels[0], labels[1], labels[2], labels[2]
+    np.testing.assert_array_equal(volume.values.T, expected)
+    assert volume.label_names == {label: f"part {number}" for number, label in enumerate(labels)}
+    colors = [(255, 0, 0), (0, 255, 0), (0, 0, 128)]
+    assert volume.label_colors == dict(zip(labels, colors, strict=True))
+    assert any("the later one keeps the voxel: lost to others are part 0 2 voxels" in note for note in volume.notes)
+    assert any("numbered anew" in note for note in volume.notes) == (values == (1, 2, 1))
+    assert volume.kind == "label"
+    assert open_volume(tmp_path / "x.seg.nrrd").series[0].times == 1
+
+
+def test_a_fourth_dimension_of_vectors_is_refused(tmp_path):
+    header = {**LPS, "space directions": FIRST[0], "kinds": ["vector", "domain", "domain", "domain"]}
+    with pytest.raises(CtmcError, match=r"sizes \(2, 5, 6, 7\) \(vector domain.*one channel as a file of its own"):
         read_volume(saved(tmp_path / "x.nrrd", numbers(shape=(2, 5, 6, 7)), header))
 
 

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Segments of 3D Slicer's `.seg.nrrd`: keys `SegmentN_...` of the header, and layers where segments overlap.
+
+slicer.readthedocs.io, developer guide, modules/segmentations.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from ...core import ReadError, Step, Steps
+from ...core.volume import SliceReader
+from ..colors import RGB, rgb_of_shares
+from ..label_map import LabelMap, clean_name
+
+MOST_SEGMENTS = 4096
+
+
+class Segment(NamedTuple):
+    """One segment: the voxels of a layer that have a value."""
+
+    value: int
+    layer: int
+    name: str
+    color: RGB | None
+
+
+def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
+    """The segments that have a value, in the order of their numbers."""
+    keys = (re.fullmatch(r"Segment(\d{1,9})_LabelValue", key) for key in header)
+    numbers = sorted(int(match[1]) for match in keys if match)
+    if len(numbers) > MOST_SEGMENTS:
+        raise ReadError(f"{name} has {len(numbers)} segments, and at most {MOST_SEGMENTS} are read; save fewer")
+    segments = []
+    for number in numbers:
+        value, layer = (str(header.get(f"Segment{number}_{key}", "0")).strip() for key in ("LabelValue", "Layer"))
+        if not all(re.fullmatch(r"\d{1,18}", text, re.ASCII) for text in (value, layer)):
+            continue
+        called = clean_name(header.get(f"Segment{number}_Name", ""), f"Segment {number}")
+        color = rgb_of_shares(str(header.get(f"Segment{number}_Color", "")).split())
+        segments.append(Segment(int(value), int(layer), called, color))
+    return segments
+
+
+def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tuple[dict[int, str], dict[int, RGB]]:
+    """Names and colors by label."""
+    names = {label: segment.name for label, segment in zip(labels, segments, strict=True)}
+    colors = {label: segment.color for label, segment in zip(labels, segments, strict=True) if segment.color}
+    return names, colors
+
+
+class Layered(NamedTuple):
+    """One label volume of several layers."""
+
+    values: NDArray[Any]
+    names: dict[int, str]
+    colors: dict[int, RGB]
+    notes: tuple[str, ...]
+
+
+def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[Layered]:
+    """One label volume (slices, rows, columns) of segments in layers; where they overlap the later one keeps the voxel.
+
+    Labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
+    """
+    values = [segment.value for segment in segments]
+    missing = [segment.layer for segment in segments if segment.layer >= len(layers)]
+    if missing:
+        raise ReadError(f"{name} has a segment in layer {missing[0]} of {len(layers)}, counted from 0; export it again")
+    shared = len(set(values)) < len(values) or 0 in values
+    labels = list(range(1, len(values) + 1)) if shared else values
+    names, colors = names_and_colors(segments, labels)
+    ranks = {label: float(rank) for rank, label in enumerate(labels, 1)}
+    label_map = LabelMap(layers[0].shape, names, colors, name, 0, ranks)
+    slices, rows, columns = layers[0].everything
+    for number in slices:
+        yield Step(number / len(slices), "Painting segments")
+        window = label_map.values[number : number + 1]
+        for layer, reader in enumerate(layers):
+            own = [at for at, segment in enumerate(segments) if segment.layer == layer]
+            stored = reader.read(range(number, number + 1), rows, columns) if own else window
+            for at in own:
+                label_map.paint(window, stored == values[at], labels[at])
+    notes = label_map.overlap_note("segments", "the later one") + label_map.empty_note("segments")
+    if shared:
+        notes.append("segments of different layers share a value: they are numbered anew, in their order")
+    return Layered(label_map.values, names, colors, tuple(notes))
