@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".jp2", ".j2k", ".jpx", ".j2c")
 TIFF_SUFFIXES = (".tif", ".tiff")
 DICOM_SUFFIXES = (".dcm", ".dicom", ".ima")
 VOLUME_FORMATS = {
@@ -27,6 +27,8 @@ SIGNATURES = (
     (0, b"ObjectType =", ".mha"),
     (0, b"\x89PNG", ".png"),
     (0, b"\xff\xd8\xff", ".jpg"),
+    (0, b"\x00\x00\x00\x0cjP  ", ".jp2"),
+    (0, b"\xff\x4f\xff\x51", ".j2k"),
     (0, b"II*\x00", ".tif"),
     (0, b"MM\x00*", ".tif"),
     (0, b"II+\x00", ".tif"),

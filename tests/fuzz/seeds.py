@@ -305,6 +305,52 @@ def masks(folder: Path) -> Path:
     return folder
 
 
+def times(folder: Path) -> Path:
+    """NIfTI with a fourth dimension."""
+    values = np.stack([VALUES.T, VALUES.T + 1], axis=-1)
+    nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), folder / "ct.nii.gz")
+    return folder / "ct.nii.gz"
+
+
+def nifti_pair(folder: Path) -> Path:
+    """NIfTI in two files."""
+    nibabel.save(nibabel.Nifti1Pair(VALUES.T, np.eye(4)), folder / "ct.img")
+    return folder / "ct.hdr"
+
+
+def segment_layers(folder: Path) -> Path:
+    """A NRRD of 3D Slicer's, whose segments overlap in two layers."""
+    header = {"space": "LPS", "space directions": np.vstack([np.full(3, np.nan), np.diag([0.5, 0.5, 2])])}
+    header |= {"space origin": np.zeros(3), "kinds": ["list", "domain", "domain", "domain"], "encoding": "gzip"}
+    for number in range(2):
+        fields = {"LabelValue": 1, "Layer": number, "Name": f"part {number}", "Color": "0.5 0.2 1"}
+        header |= {f"Segment{number}_{key}": str(value) for key, value in fields.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        nrrd.write(str(folder / "x.seg.nrrd"), np.stack([BYTES.T > 100, BYTES.T % 2]).astype(np.uint8), header)
+    return folder / "x.seg.nrrd"
+
+
+def label_table(folder: Path) -> Path:
+    """Labels with a table of names beside them."""
+    nibabel.save(nibabel.Nifti1Image(BYTES.T % 3, np.eye(4)), folder / "seg.nii")
+    (folder / "seg.txt").write_text("# names\n1 liver 255 0 0 255\n2 left kidney 0 255 0 255\n")
+    return folder / "seg.nii"
+
+
+def tiff_times(suffix: str) -> Seed:
+    """A TIFF of ImageJ or OME with times and channels."""
+
+    def write(folder: Path) -> Path:
+        values = VALUES.astype(np.uint16).reshape(2, 2, 1, 34, 40).repeat(2, axis=2)
+        imagej = {"imagej": True} if suffix == "tif" else {}
+        metadata = {"axes": "TZCYX", "unit": "um", "spacing": 2.0, "PhysicalSizeX": 0.5, "PhysicalSizeY": 0.5}
+        tifffile.imwrite(folder / f"ct.{suffix}", values, photometric="minisblack", metadata=metadata, **imagej)
+        return folder / f"ct.{suffix}"
+
+    return write
+
+
 def named(seed: Seed, name: str) -> Seed:
     """The seed's one file under a name that says nothing."""
 
@@ -325,6 +371,12 @@ SEEDS: dict[str, Seed] = {
     "nrrd bzip2": nrrd_file("bzip2"),
     "nrrd ascii": nrrd_file("ascii"),
     "nhdr": detached_nrrd,
+    "nii times": times,
+    "nii pair": nifti_pair,
+    "nrrd layers": segment_layers,
+    "label table": label_table,
+    "imagej times": tiff_times("tif"),
+    "ome times": tiff_times("ome.tif"),
     "mha": metaimage("ct.mha"),
     "mha zlib": metaimage("ct.mha", True),
     "mhd": metaimage("ct.mhd"),

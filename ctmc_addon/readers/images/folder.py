@@ -20,8 +20,8 @@ from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
 from .tiff import opened_stack, tiff_picture, tiff_slice
 
-SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif"}
-FORMATS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF"}
+SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif", ".j2k": ".jp2", ".j2c": ".jp2", ".jpx": ".jp2"}
+FORMATS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".jp2": "JPEG 2000"}
 
 
 class ImageFolder(VolumeSource):

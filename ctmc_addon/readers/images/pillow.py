@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from ...core import ReadError
 from ..file_formats import suffix
 from ..optional_imports import needed, reason
+from .jpeg2000 import SUFFIXES as JPEG_2000
+from .jpeg2000 import depth_of
 
-DECODED = "PNG, JPEG and BMP"
+DECODED = "PNG, JPEG, JPEG 2000 and BMP"
+GRAY_MODES = ("L", "I;16")
 # Of Pillow's modes those that are decoded in another one, and the type of the values of every mode that is read.
 DECODE_AS = {"1": "L", "P": "RGBA", "LA": "RGBA", "PA": "RGBA", "RGBX": "RGB", "CMYK": "RGB", "YCbCr": "RGB"}
 DTYPES = dict.fromkeys((*DECODE_AS, "L", "RGB", "RGBA"), "uint8")
@@ -54,6 +57,7 @@ def picture(path: Path) -> Picture:
     try:
         with path.open("rb") as file, pillow.open(file) as image:
             (columns, rows), mode = image.size, image.mode
+            kind = image.format
             stored = str(image.tile[0][3]) if image.format == "PNG" and image.tile else ""
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{path.name} is not a readable image ({image_reason(error)}); copy it again") from error
@@ -61,7 +65,11 @@ def picture(path: Path) -> Picture:
         raise ReadError(f"{path.name} has pixels of Pillow's type '{mode}'; save it as 8 or 16 bit gray")
     if stored in CUT_TO_8_BITS:
         raise ReadError(f"{path.name} has 16 bit color or an alpha channel; save it as 16 bit gray without alpha")
-    return Picture(path, rows, columns, np.dtype(DTYPES[mode]), 1, mode)
+    dtype = np.dtype(DTYPES[mode])
+    if kind == "JPEG2000":
+        depth = depth_of(path)
+        dtype = depth.dtype if mode in GRAY_MODES else dtype
+    return Picture(path, rows, columns, dtype, 1, mode)
 
 
 def image_reason(error: BaseException) -> str:
@@ -83,7 +91,9 @@ def gray_slice(header: Picture) -> NDArray[Any]:
         raise ReadError(f"{header.path.name} is truncated or damaged ({image_reason(error)}); copy it again") from error
     if pixels.dtype.kind == "i" and pixels.min() >= 0 and pixels.max() <= 65535:
         pixels = pixels.astype(np.uint16)  # older Pillow widens 16 bit PNG to int32
-    lossy = suffix(header.path) in (".jpg", ".jpeg")
+    if suffix(header.path) in JPEG_2000 and header.mode in GRAY_MODES:
+        pixels = depth_of(header.path).as_stored(pixels)
+    lossy = suffix(header.path) in (".jpg", ".jpeg", *JPEG_2000)
     return gray(pixels, header.path.name, JPEG_NOISE if lossy else 0)
 
 

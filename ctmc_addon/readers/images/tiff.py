@@ -187,6 +187,8 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     notes = (*notes, *layout.notes)
     if first.dataoffset is not None and plain:
         return PageStack(shape, dtype, [], int(first.dataoffset), count, layout, notes)
+    if len(first.pages) < count:
+        raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
     return PageStack(shape, dtype, [first.pages[number] for number in range(count)], None, count, layout, notes)
 
 

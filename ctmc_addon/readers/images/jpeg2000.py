@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a JPEG 2000 slice says of its values, which Pillow spreads over 8 or 16 bits: ITU T.800, annex A."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError
+
+SUFFIXES = (".jp2", ".j2k", ".jpx", ".j2c")
+CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
+END = b"\xff\xd9"
+COMPONENT = 42  # byte of the codestream that says depth and sign of the first component
+MOST_HEADER = 1 << 16  # bytes before the codestream
+MOST_BEHIND = 1 << 16  # bytes behind it
+
+
+class Depth(NamedTuple):
+    """How values are stored."""
+
+    bits: int
+    signed: bool
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type that holds them."""
+        return np.dtype(f"{'i' if self.signed else 'u'}{1 if self.bits <= 8 else 2}")
+
+    def as_stored(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """Values as they stand in the file, of Pillow's, which begin at 0 and fill their type."""
+        spread = 8 * pixels.dtype.itemsize - self.bits
+        values = pixels.astype(np.int32) >> spread
+        return (values - (1 << (self.bits - 1)) if self.signed else values).astype(self.dtype)
+
+
+def depth_of(path: Path) -> Depth:
+    """Depth and sign, and a `ReadError` for a slice that is cut off: decoders make a picture of half of one too."""
+    with path.open("rb") as file:
+        head = file.read(MOST_HEADER)
+        file.seek(max(0, file.seek(0, 2) - MOST_BEHIND))
+        tail = file.read()
+    at = head.find(CODESTREAM)
+    component = head[at + COMPONENT] if 0 <= at < len(head) - COMPONENT else 0xFF
+    bits = (component & 0x7F) + 1
+    if bits > 16:
+        raise ReadError(f"{path.name} is not a readable JPEG 2000 file of at most 16 bits; copy or export it again")
+    ended = tail.rstrip(b"\x00").endswith(END) if at == 0 else END in tail
+    if not ended:
+        raise ReadError(f"{path.name} is truncated: the end of its pixels is missing; copy it again")
+    return Depth(bits, bool(component & 0x80))
