@@ -70,10 +70,14 @@ class LabelMap:
         self.painted = np.zeros(most + 1, bool)
 
     def paint(self, window: NDArray[Any], mask: NDArray[np.bool_], label: int) -> None:
-        """Give `label` to the voxels of `mask` in `window`, a view of `values`, that no label of higher rank has."""
-        before = window[mask]
-        if not before.size:
+        """Give `label` to the pixels of `mask` in `window`, a part of a slice, that no label of higher rank has."""
+        rows = np.flatnonzero(mask.any(axis=1))
+        if not rows.size:
             return
+        columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
+        box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))  # few voxels are the mask's
+        window, mask = window[box], mask[box]
+        before = window[mask]
         self.painted[label] = True
         taken = before[(before != 0) & (before != label)]
         if not taken.size:
