@@ -125,11 +125,6 @@ def test_two_series_of_ct_in_sibling_folders_stay_series(tmp_path, save_stack):
     assert volume.kind == "HU"
 
 
-def test_a_folder_with_one_segmentation_is_that_segmentation(tmp_path, save_stack):
-    save_stack(tmp_path, range(3))
-    assert read_volume(tmp_path).kind == "HU"
-
-
 def test_many_masks_take_the_memory_of_one_label_volume_and_little_more(tmp_path):
     shape = (200, 256, 256)
     for number in range(6):

@@ -229,3 +229,15 @@ def test_the_real_liver_is_dcmqis_own_export_of_it(real):
     assert hashlib.sha256(volume.values).hexdigest() == hashlib.sha256(labels.values.astype(np.uint8)).hexdigest()
     np.testing.assert_allclose(volume.affine, labels.affine, atol=1e-5)
     assert (volume.label_names, volume.label_colors) == ({1: "Liver"}, {1: (221, 130, 101)})
+
+
+def test_a_folder_is_its_only_segmentation_and_of_several_one_has_to_be_chosen(tmp_path, save_segmentation, save_stack):
+    planes = masks(3)
+    frames = [(1, (-10, -20, 2 * z), plane) for z, plane in enumerate(planes)]
+    save_segmentation(tmp_path / "first.dcm", frames)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, planes)
+    save_segmentation(tmp_path / "second.dcm", frames)
+    with pytest.raises(CtmcError, match=r"2 segmentations or structure sets \(first\.dcm, second\.dcm\); choose one"):
+        read_volume(tmp_path)
+    hu = save_stack(tmp_path / "ct", range(0, 10, 2))
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
