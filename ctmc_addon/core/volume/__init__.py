@@ -26,10 +26,13 @@ from .region import (
 )
 from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice, fitting_stride
 from .slices import (
+    PLANES,
+    SliceIndex,
     default_window,
     slice_at,
     slice_corners,
     slice_position_text,
+    slice_through,
     slice_values,
     stepped_position,
     windowed,
@@ -42,11 +45,13 @@ from .volume import Placed, Volume
 __all__ = [
     "ALL",
     "EDGES",
+    "PLANES",
     "TISSUES",
     "Box",
     "LabelExtent",
     "Placed",
     "SlabVolume",
+    "SliceIndex",
     "SliceReader",
     "ValuesInMemory",
     "Volume",
@@ -73,6 +78,7 @@ __all__ = [
     "slice_at",
     "slice_corners",
     "slice_position_text",
+    "slice_through",
     "slice_values",
     "spacing_of",
     "stepped_position",

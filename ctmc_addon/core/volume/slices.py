@@ -7,13 +7,14 @@ plane across the axis that runs most towards the head or feet. Positions are RAS
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .affine import axis_codes, transform_points
+from .affine import axis_codes, to_index, transform_points
 from .volume import Volume
 
 # Each plane with the sides of the patient between which its slider runs.
@@ -49,6 +50,20 @@ def slice_at(volume: Volume, plane: str, position: float) -> SliceIndex:
     if codes[axis] == PLANES[plane][0]:
         index = count - 1 - index
     return SliceIndex(axis, index, count)
+
+
+def slice_through(volume: Volume, plane: str, point_mm: Sequence[float]) -> SliceIndex:
+    """Return the slice of a plane nearest to a point in RAS+ mm; the outermost for a point outside the volume.
+
+    Examples
+    --------
+    >>> stack = Volume(np.zeros((11, 4, 4)), np.diag([1.0, 1.0, 2.0, 1.0]))
+    >>> slice_through(stack, "axial", (0.0, 0.0, 7.1)).index
+    4
+    """
+    section = slice_at(volume, plane, 0.0)
+    at = to_index(volume.affine, np.array([point_mm], np.float64))[0, section.axis]
+    return replace(section, index=int(min(max(round(float(at)), 0), section.count - 1)))
 
 
 def stepped_position(volume: Volume, plane: str, position: float, by: int) -> float:

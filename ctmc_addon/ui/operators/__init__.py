@@ -17,10 +17,11 @@ def modules() -> tuple[Any, ...]:
         rotation,
         simplify,
         slice,
+        slice_object,
         threshold,
         view,
         volume_object,
     )
 
-    viewing = (load, view, threshold, slice, volume_object, region)
+    viewing = (load, view, threshold, slice, slice_object, volume_object, region)
     return (*viewing, reconstruct, simplify, rotation, results, export, figure, figure_view)

@@ -9,7 +9,7 @@ from ...core.volume import slice_at, slice_position_text
 from .. import jobs
 from ..state import volumes
 from ..translations import translate
-from .layout import SubPanel, prepare
+from .layout import SubPanel, draw_pair, prepare
 
 # Window and level in HU, as radiologists set them.
 WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.0, -600.0))
@@ -58,6 +58,11 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
                 button = row.operator("ctmc.window", text=name)
                 button.window, button.level = window, level
         layout.prop(view, "show_letters")
+        column = layout.column(align=True)
+        row = draw_pair(column, context)
+        row.operator("ctmc.add_slice", icon="MESH_PLANE")
+        row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
+        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_slice,))
