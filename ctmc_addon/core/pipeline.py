@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import MemoryLimitError
 from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
 from .mesh.components import keep_components_steps
@@ -186,13 +187,19 @@ def reconstruct_steps(
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
-    streams = isinstance(field, FieldSlabs) and _simplifies(settings) and not _drops(settings)
+    may_stream = _simplifies(settings) and not _drops(settings)
+    streams = may_stream and isinstance(field, FieldSlabs)
     if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
         streams = streams and not in_memory(field.volume, settings, field.window, memory_limit)
-    if isinstance(field, FieldSlabs) and streams:
-        return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers))
-    full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
-    return (yield from _simplified_steps(stages, full, settings, memory_limit))
+    if not streams:
+        try:
+            full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
+            return (yield from _simplified_steps(stages, full, settings, memory_limit))
+        except MemoryLimitError:
+            if not may_stream:
+                raise
+    # The surface is simplified while it is extracted: the values, or the whole surface beside them, do not fit.
+    return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers))
 
 
 def full_steps(
@@ -297,7 +304,7 @@ def _full_steps(
 
 def _streamed_steps(
     stages: Stages,
-    field: FieldSlabs,
+    field: ScalarField | FieldSlabs,
     volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None,

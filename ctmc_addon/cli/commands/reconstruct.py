@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ... import readers
-from ...core import Reconstruction, ReconstructionSettings, Stage, Stages, Steps, Volume
+from ...core import MemoryLimitError, Reconstruction, ReconstructionSettings, Stage, Stages, Steps, Volume
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
@@ -23,6 +23,7 @@ from ..blender_host import require_blender
 from ..outputs import Outputs, surface_output, written_steps
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
+from .pieces import pieces_summary, written_in_pieces, written_pieces_steps
 from .slabs import workers_of
 
 AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
@@ -87,7 +88,17 @@ def run(args: argparse.Namespace) -> None:
     ):
         volume = progress.finish(stages.run("Reading", fetched_steps(args, settings, choices)))
         making = surfaces_steps(volume, settings, choices, args.threads, workers)
-        surfaces = progress.finish(stages.run("Reconstructing", making))
+        surfaces: Surfaces | None = None
+        try:
+            surfaces = progress.finish(stages.run("Reconstructing", making))
+        except MemoryLimitError:
+            if not written_in_pieces(outputs, settings, choices):
+                raise
+        if surfaces is None:
+            in_pieces = written_pieces_steps(volume, settings, args.threads, outputs)
+            written = progress.finish(stages.run("Writing", in_pieces))
+            print(pieces_summary(written, volume, settings, outputs))
+            return
         reading = Stage("Reading", stages.seconds["Reading"])
         results = tuple(replace(result, stages=(reading, *result.stages)) for result in surfaces.results)
         writing = written_steps(replace(surfaces, results=results), outputs)

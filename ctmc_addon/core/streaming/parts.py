@@ -21,7 +21,7 @@ from ..parallel import map_steps
 from ..progress import Stages, Step, Steps, equal_part
 from .slab_parts import SlabPart
 
-SLAB_BYTES = 1 << 25  # of values fetched at once, or those of one layer of samples
+SLAB_BYTES = 1 << 23  # of values fetched at once, or those of one layer of samples
 KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
 ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
 PLACING = "Placing vertices"

@@ -74,6 +74,26 @@ def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
     assert (tmp_path / "slabs.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".ply"])
+def test_a_surface_that_does_not_fit_is_written_as_it_is_extracted(
+    ctmc, refused, phantom_folder, tmp_path, monkeypatch, suffix
+):
+    words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300"]
+    assert ctmc("reconstruct", *words, "-o", tmp_path / f"held{suffix}").code == 0
+
+    def too_large(*_):
+        raise core.MemoryLimitError("a surface needs more")
+
+    monkeypatch.setattr(sys.modules["ctmc_addon.core.extraction.marching_cubes"], "require", too_large)
+    outcome = ctmc("reconstruct", *words, "-o", tmp_path / f"pieces{suffix}")
+    assert outcome.code == 0, outcome.errors
+    assert "written as it was extracted" in outcome.out
+    assert (tmp_path / f"pieces{suffix}").read_bytes() == (tmp_path / f"held{suffix}").read_bytes()
+    said = refused("reconstruct", *words, "-o", tmp_path / "no.stl", "--report", tmp_path / "report.json")
+    assert "a surface needs more" in said
+    assert ctmc("reconstruct", *words, "--simplify", "0.9", "-o", tmp_path / "reduced.stl").code == 0
+
+
 def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
     report = tmp_path / "report.json"
     words = ["--threshold", "-300", "-o", tmp_path / "skin.stl", "--report", report]
