@@ -2,6 +2,7 @@
 """A volume that is fetched slab by slab gives the surface of the volume in memory, byte for byte."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from ctmc_addon.core import CtmcError, ReconstructionSettings, Volume, reconstru
 from ctmc_addon.core.extraction import scan
 from ctmc_addon.core.streaming import choice, parts
 from ctmc_addon.core.volume import SlabVolume
+from ctmc_addon.readers import read_volume
 
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 AFFINE = np.array([[-0.7, 0.1, 0, 5], [0, 0.8, 0.2, -9], [0.1, 0, 1.5, 30], [0, 0, 0, 1]], float)
 REGION = (3, 2, 4, 60, 18, 20)
 ONE = np.pad(np.ones((1, 1, 1), np.uint8), ((3, 5), (3, 4), (3, 3)))
@@ -173,6 +176,22 @@ def test_every_slice_is_fetched_once(fetched):
     reader.slices.clear()
     reconstruct(replace(volume, reader=reader), ReconstructionSettings(threshold=120, stride=(1, 1, 4), normals="mesh"))
     assert reader.slices == [0, 4, 8, 12, 16, 20, 22]
+
+
+@pytest.mark.parametrize(
+    "extra", [{}, {"close_border": True, "keep_parts": 3}, {"topology": "trilinear", "stride": (2, 2, 1)}]
+)
+def test_bone_of_a_real_abdomen_has_the_bytes_of_the_volume_in_memory(fetched, monkeypatch, extra):
+    path = SHARED / "ircadb01_abdomen"
+    if not path.exists():
+        pytest.skip("real CT 'ircadb01_abdomen' is not beside the checkout")
+    fetched(1 << 23)
+    monkeypatch.undo()
+    monkeypatch.setattr(choice, "SMALL_BYTES", 0)
+    monkeypatch.setattr(choice, "SHARE", 0.0)
+    volume = read_volume(path)
+    settings = ReconstructionSettings(threshold=200, **extra)
+    assert outcome(SlabVolume.of(volume), settings) == outcome(volume, settings)
 
 
 class Counting(type(SlabVolume.of(Volume(np.zeros((2, 2, 2)), np.eye(4))).reader)):
