@@ -289,7 +289,10 @@ def with_flags(sentence: str) -> str:
 def add_input(parser: argparse.ArgumentParser) -> None:
     """INPUT, how it is read and what it is called."""
     parser.add_argument(
-        "input", metavar="INPUT", help="folder of slices, DICOM, or a volume such as .nii.gz, .nrrd or .mha"
+        "input",
+        metavar="INPUT",
+        help="folder of slices or of masks, DICOM, its segmentation (SEG) or structure set (RTSTRUCT), or a volume "
+        "such as .nii.gz, .nrrd or .mha",
     )
     add_reading(parser)
     parser.add_argument(

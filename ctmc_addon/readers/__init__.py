@@ -146,7 +146,8 @@ def read_volume(
     Parameters
     ----------
     path : path
-        A folder of PNG, JPEG, BMP or TIFF slices; a multi-page TIFF; a DICOM folder, file or DICOMDIR;
+        A folder of PNG, JPEG, BMP or TIFF slices; a multi-page TIFF; a DICOM folder, file or DICOMDIR, segmentation
+        or structure set; a folder of masks, a file or a folder of DICOM slices for each;
         `.nii`, `.nii.gz`, `.nrrd`, `.nhdr`, `.mha`, `.mhd`, `.mgh`, `.mgz`, `.hdr`, `.img` or `.npy`. A lone slice
         stands for its folder.
     spacing : (x, y, z) float, optional
