@@ -15,6 +15,8 @@ SUFFIXES = (".jp2", ".j2k", ".jpx", ".j2c")
 CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
 END = b"\xff\xd9"
 COMPONENT = 42  # byte of the codestream that says depth and sign of the first component
+HARMLESS = 1 << 20  # pixels that are decoded in no time
+MOST_PIXELS_OF_A_BYTE = 1000  # strong compression of a CT slice has 200
 MOST_HEADER = 1 << 16  # bytes before the codestream
 MOST_BEHIND = 1 << 16  # bytes behind it
 
@@ -35,6 +37,13 @@ class Depth(NamedTuple):
         spread = 8 * pixels.dtype.itemsize - self.bits
         values = pixels.astype(np.int32) >> spread
         return (values - (1 << (self.bits - 1)) if self.signed else values).astype(self.dtype)
+
+
+def check_pixels(path: Path, pixels: int) -> None:
+    """Refuse a slice with far more pixels than its bytes can hold: its decoder would make room for all of them."""
+    size = path.stat().st_size
+    if pixels > HARMLESS and pixels > MOST_PIXELS_OF_A_BYTE * size:
+        raise ReadError(f"{path.name} claims {pixels} pixels in {size} bytes; copy or export it again")
 
 
 def depth_of(path: Path) -> Depth:

@@ -19,7 +19,7 @@ from ...core import ReadError
 from ..file_formats import suffix
 from ..optional_imports import needed, reason
 from .jpeg2000 import SUFFIXES as JPEG_2000
-from .jpeg2000 import depth_of
+from .jpeg2000 import check_pixels, depth_of
 
 DECODED = "PNG, JPEG, JPEG 2000 and BMP"
 GRAY_MODES = ("L", "I;16")
@@ -67,6 +67,7 @@ def picture(path: Path) -> Picture:
         raise ReadError(f"{path.name} has 16 bit color or an alpha channel; save it as 16 bit gray without alpha")
     dtype = np.dtype(DTYPES[mode])
     if kind == "JPEG2000":
+        check_pixels(path, rows * columns)
         depth = depth_of(path)
         dtype = depth.dtype if mode in GRAY_MODES else dtype
     return Picture(path, rows, columns, dtype, 1, mode)

@@ -51,3 +51,12 @@ def test_color_is_refused(tmp_path):
         Image.fromarray(pixels).save(tmp_path / f"s{number}.jp2")
     with pytest.raises(ReadError, match="colored"):
         read_volume(tmp_path)
+
+
+def test_far_more_pixels_than_bytes_are_refused_before_they_are_decoded(tmp_path):
+    saved(tmp_path)
+    content = bytearray((tmp_path / "s0.j2k").read_bytes())
+    content[8:16] = (12000).to_bytes(4, "big") * 2  # Xsiz and Ysiz
+    (tmp_path / "s0.j2k").write_bytes(content)
+    with pytest.raises(ReadError, match="claims 144000000 pixels"):
+        read_volume(tmp_path)
