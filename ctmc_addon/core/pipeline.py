@@ -221,9 +221,16 @@ def simplified_steps(
     return (yield from _simplified_steps(Stages(_simplification_of(settings)), full, settings, memory_limit))
 
 
-def without_small_steps(full: Reconstruction, min_part_mm3: float) -> Steps[Reconstruction]:
-    """Return what `full_steps` made, without the components below a volume, as if the setting had asked for that."""
+def without_small_steps(
+    full: Reconstruction, min_part_mm3: float, keep_parts: int | None = None
+) -> Steps[Reconstruction]:
+    """Return what `full_steps` made, without the components below a volume, as if the setting had asked for that.
+
+    With `keep_parts` so many of the largest are left; None leaves that as it is.
+    """
     settings = replace(full.settings, min_part_mm3=min_part_mm3)
+    if keep_parts is not None:
+        settings = replace(settings, keep_parts=keep_parts)
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     surface = yield from keep_components_steps(surface, mesh, settings.keep_parts, min_part_mm3)

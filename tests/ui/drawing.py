@@ -44,10 +44,11 @@ class Layout:
         self.shown.append(name)
 
 
-def drawn(panel):
-    holder = type("Panel", (), {"layout": Layout(), "names": getattr(panel, "names", ())})()
-    panel.draw(holder, bpy.context)
-    return holder.layout
+def drawn(*panels):
+    layout = Layout()
+    for panel in panels:
+        panel.draw(type("Panel", (), {"layout": layout, "names": getattr(panel, "names", ())})(), bpy.context)
+    return layout
 
 
 def meshes_in(scene):

@@ -22,6 +22,7 @@ from .spec import ColorScale
 
 DISTANCE = "deviation_mm"  # on every vertex, for the map
 COLORS = "deviation"  # for the solid view of a viewport
+LARGEST = "ctmc_deviation_mm"  # the mesh's custom property: the distance of its last color
 # Even in lightness, and distinct to the color-blind: viridis (van der Walt and Smith 2015), sRGB.
 VIRIDIS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725")
 
@@ -79,6 +80,15 @@ def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> 
     colors = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
     colors.data.foreach_set("color", colors_of(distances_mm).ravel())
     mesh.color_attributes.active_color_name = COLORS
+    mesh[LARGEST] = float(distances_mm.max(initial=0.0))
+
+
+def painted_mm(obj: bpy.types.Object | None) -> float | None:
+    """The largest distance that an object's colors show, mm; None where it shows none."""
+    if obj is None or obj.type != "MESH" or obj.data.color_attributes.active_color_name != COLORS:
+        return None
+    largest = obj.data.get(LARGEST)
+    return float(largest) if isinstance(largest, float) else None
 
 
 def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@
 """What is drawn over a 3D viewport and stored nowhere, and where it looks from."""
 
 from .eye import frame, is_held
+from .legend import draw_legend
 from .overlay import Picture, draw_letters, draw_lines
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
@@ -10,6 +11,7 @@ __all__ = [
     "Picture",
     "PreviewSurface",
     "can_draw",
+    "draw_legend",
     "draw_letters",
     "draw_lines",
     "frame",

@@ -8,7 +8,7 @@ counted, and a label volume has a thousand times fewer of them than voxels.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError
 from ..parallel import map_steps, worker_count
-from ..progress import Steps
-from .region import Box
+from ..progress import Steps, finish
+from .region import Box, Region, converted_region, region_limits
 from .slabs import SlabVolume, values_in
 from .volume import Volume
 
@@ -214,3 +214,22 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     lows = [np.minimum.reduceat(axis, first) for axis in (x, y, z)]
     highs = [np.maximum.reduceat(axis, first) for axis in (x + length, y + 1, z + 1)]
     return [int(label) for label in value[first].tolist()], np.stack([np.add.reduceat(length, first), *lows, *highs], 1)
+
+
+def labels_region(volume: Volume | SlabVolume, labels: Collection[int], unit: str) -> Region:
+    """Return the region around labels with a sample of room on each side; where none of them is, the whole volume's.
+
+    Examples
+    --------
+    >>> values = np.zeros((5, 6, 7), np.uint8)
+    >>> values[2, 3, 4] = 8
+    >>> labels_region(Volume(values, np.eye(4), kind="label"), [8], "voxel")
+    (3.0, 2.0, 1.0, 5.0, 4.0, 3.0)
+    """
+    extents = finish(label_extents_steps(volume)) if labels else {}
+    boxes = np.array([extents[label].box for label in labels if label in extents])  # (n, 3, 2)
+    if not len(boxes):
+        return region_limits(volume, unit)
+    low = np.maximum(boxes[:, :, 0].min(axis=0) - 1.0, 0.0)
+    high = np.minimum(boxes[:, :, 1].max(axis=0), np.array(volume.size) - 1.0)
+    return converted_region(volume, (*low.tolist(), *high.tolist()), "voxel", unit)

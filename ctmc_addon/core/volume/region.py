@@ -104,6 +104,25 @@ def region_limits(volume: Placed, unit: str) -> Region:
     return tuple(float(end) for end in ends)
 
 
+def converted_region(volume: Placed, region: Region, unit: str, wanted: str) -> Region:
+    """Return the box in voxels or mm that holds a region given in the other unit.
+
+    Examples
+    --------
+    >>> from ctmc_addon.core import Volume
+    >>> box = Volume(np.zeros((2, 3, 4)), np.diag([-1.0, 1.0, 5.0, 1.0]))
+    >>> converted_region(box, (0.0, 0.0, 0.0, 3.0, 2.0, 1.0), "voxel", "mm")
+    (-3.0, 0.0, 0.0, 0.0, 2.0, 5.0)
+    """
+    if unit == wanted:
+        return tuple(float(end) for end in region)
+    corners = region_corners(volume, region, unit)
+    at = corners if wanted == "mm" else to_index(volume.affine, corners)
+    limits = np.array(region_limits(volume, wanted)).reshape(2, 3)
+    low, high = np.clip(at.min(axis=0), *limits), np.clip(at.max(axis=0), *limits)
+    return tuple(float(end) for end in (*low, *high))
+
+
 def with_moved_face(region: Region, face: int, value: float, limits: Region) -> Region:
     """Return a region with one face (0..5) moved to `value`, inside the limits and short of its opposite.
 

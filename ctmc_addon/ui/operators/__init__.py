@@ -7,6 +7,7 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Every module that registers, in order; imported only when Blender asks."""
     from . import (
+        components,
         export,
         figure,
         figure_view,
@@ -24,4 +25,4 @@ def modules() -> tuple[Any, ...]:
     )
 
     viewing = (load, view, threshold, slice, slice_object, volume_object, region)
-    return (*viewing, reconstruct, simplify, rotation, results, export, figure, figure_view)
+    return (*viewing, reconstruct, simplify, components, rotation, results, export, figure, figure_view)

@@ -22,14 +22,34 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     bl_label = "Export Surface"
     bl_description = f"Write the active surface in millimeters; the suffix chooses the format, else STL: {FORMATS}"
 
-    suffix = SURFACE_SUFFIXES[0]
-
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SURFACE_SUFFIXES), options={"HIDDEN"})
+    kind: EnumProperty(
+        name="Format",
+        description="What is written where the name has no suffix; with one, the suffix decides",
+        items=[
+            (suffix, suffix[1:].upper() if suffix != ".blend" else "Blender", suffix) for suffix in SURFACE_SUFFIXES
+        ],
+    )
     space: EnumProperty(
         name="Space",
         description="Axes of STL, PLY and OBJ",
         items=[(space, space.upper(), axes) for space, axes in SPACES.items()],
     )
+
+    def ending(self) -> str:
+        """As the list of formats says."""
+        return str(self.kind)
+
+    def check(self, context: bpy.types.Context) -> bool:
+        """Bring format and name together: whichever of the two was changed leads."""
+        before, path = self.filepath, Path(self.filepath)
+        if path.suffix.lower() in SURFACE_SUFFIXES and path.suffix.lower() != self.kind:
+            if self.kind == getattr(self, "shown_kind", self.kind):
+                self.kind = path.suffix.lower()
+            else:
+                self.filepath = str(path.with_suffix(self.kind))
+        self.shown_kind = self.kind
+        return SaveDialog.check(self, context) or bool(before != self.filepath)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -44,7 +64,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     def suggestion(self, context: bpy.types.Context) -> str:
         """The object's name."""
-        return f"{context.object.name}{self.suffix}"
+        return f"{context.object.name}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
         """Write it."""

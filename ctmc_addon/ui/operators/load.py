@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, StringProperty
+from bpy.props import BoolProperty, BoolVectorProperty, CollectionProperty, FloatVectorProperty, StringProperty
 
 from ... import readers
 from ...blender.colors import color_of
@@ -15,10 +16,11 @@ from ...blender.ct_box import show_box
 from ...core import ReadError, Stages, Steps
 from ...core.volume import volume_box, volume_statistics_steps
 from ...readers import KNOWN_SUFFIXES
+from ...reporting.formatting import in_lines
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, session, surfaces, volumes
-from ..translations import translate
+from ..translations import OURS, translate
 from .paths import RELATIVE
 from .view import frame_everywhere
 
@@ -43,13 +45,20 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         name="Spacing",
         description="Distance between samples along x, y and z [mm]. 0 = as the files say",
         min=0.0,
+        subtype="XYZ",
+        unit="CAMERA",
         options={"SKIP_SAVE"},
     )
-    flip: StringProperty(name="Flip", description="Axes to flip, such as z or xy", options={"SKIP_SAVE"})
+    flip: StringProperty(name="Flip", description="Axes to flip, such as z or xy", options={"SKIP_SAVE", "HIDDEN"})
+    flip_axes: BoolVectorProperty(
+        name="Flip",
+        description="Axes that lie the other way round than the files say or was assumed",
+        options={"SKIP_SAVE"},
+    )
     series: StringProperty(
         name="Series",
         description="UID of the DICOM series. Empty = the one with the most slices",
-        options={"SKIP_SAVE"},
+        options={"SKIP_SAVE", "HIDDEN"},
     )
     again: BoolProperty(
         name="Again",
@@ -64,8 +73,24 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         self.windowed = True
         if self.filepath or self.directory or self.again:
             return self.begin(context)
+        folder = last_folder(context.scene)
+        if folder is not None:
+            self.filepath = str(folder) + os.sep
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """What the files may not say, beside the list of files."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.column(align=True).prop(self, "spacing")
+        row = layout.row(heading=translate("Flip"), heading_ctxt=OURS, align=True)
+        for axis, name in enumerate("XYZ"):
+            row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
+        for line in in_lines(
+            translate("Of several series the one with most slices is read; the panel lists them all"), 34
+        ):
+            layout.label(text=line, translate=False)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Read the file, and look through it."""
@@ -76,7 +101,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading: dict[str, Any] = {
             "spacing": tuple(self.spacing) if any(self.spacing) else None,
-            "flip": self.flip,
+            "flip": self.flip or "".join(axis for axis, flips in zip("xyz", self.flip_axes, strict=True) if flips),
             "series": self.series or None,
         }
         if self.again and not path:
@@ -124,6 +149,13 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         return lambda: conclude(loaded, scene, expected)
 
 
+def last_folder(scene: bpy.types.Scene) -> Path | None:
+    """Where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    stored = scene.ctmc.volume_path
+    path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
+    return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
+
+
 def reading_of(stored: Any) -> dict[str, Any]:
     """How the panel wants the scene's CT to be read."""
     return {
@@ -155,8 +187,8 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         stored.volume_name = ""
         names = loaded.volume.label_names
         stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.statistics.labels])
-    if loaded.volume.kind == "label" and loaded.statistics.labels and not (stored.use_threshold or stored.use_label):
-        stored.label = loaded.statistics.labels[0][0]  # Otsu's threshold would separate labels by their numbers
+    if is_another_ct:
+        follow_kind(stored, loaded)
     scene_session = session.of(scene)
     scene_session.message = scene_session.load_message = ""
     if expected not in ("", loaded.statistics.fingerprint):
@@ -166,6 +198,16 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     show_in_scene(scene, loaded, is_another_ct)
     columns, rows, slices = loaded.full.size
     return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+
+
+def follow_kind(stored: Any, loaded: volumes.Loaded) -> None:
+    """Labels for a label volume, whose numbers no threshold separates; a threshold for HU, which are no labels."""
+    labels = [value for value, _ in loaded.statistics.labels]
+    if loaded.volume.kind == "label" and labels and not (stored.use_label and stored.label in labels):
+        stored.label = labels[0]
+    elif loaded.volume.kind == "HU" and stored.use_label:
+        stored.use_label = False
+        stored.use_threshold = stored.is_property_set("threshold")
 
 
 def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:

@@ -26,6 +26,10 @@ class SaveDialog:
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
 
+    def ending(self) -> str:
+        """The suffix of a name without one."""
+        return self.suffix
+
     def suggestion(self, context: bpy.types.Context) -> str:
         """A name for the file."""
         raise NotImplementedError
@@ -42,12 +46,12 @@ class SaveDialog:
 
     def check(self, _context: bpy.types.Context) -> bool:
         """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
-        before, self.filepath = self.filepath, with_suffix(self.filepath, self.suffix)
+        before, self.filepath = self.filepath, with_suffix(self.filepath, self.ending())
         return bool(before != self.filepath)
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Write it, and say so."""
-        path = Path(bpy.path.abspath(with_suffix(self.filepath, self.suffix)))
+        path = Path(bpy.path.abspath(with_suffix(self.filepath, self.ending())))
         try:
             self.write(context, path)
         except CtmcError as error:

@@ -160,8 +160,8 @@ def surface_steps(
         full = yield from stages.run(extracting, work)
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
-    if full.settings.min_part_mm3 < settings.min_part_mm3:
-        removing = without_small_steps(full, settings.min_part_mm3)
+    if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
+        removing = without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
         full = yield from stages.run(extracting, removing)
     result = yield from stages.run(simplifying, simplified_steps(full, settings, memory_limit))
     measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))

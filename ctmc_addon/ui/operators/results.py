@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.figure.distance_map import paint_distances
+from ...blender.figure.distance_map import paint_distances, painted_mm
 from ...blender.surface import as_shown, own_mesh, require_editable, settings_of
 from ...core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, vertex_distances_steps
@@ -17,6 +17,7 @@ from .. import jobs
 from ..state import measurements, session, surfaces, volumes
 from ..state.measurements import measurement_steps
 from ..translations import translate
+from ..viewport import deviation
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -69,8 +70,8 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.deviation_map"
     bl_label = "Deviation Map"
     bl_description = (
-        "Write each vertex's distance to the full surface [mm] and a color into the mesh as attributes; "
-        "solid view shows them with Color: Attribute"
+        "Write each vertex's distance to the full surface [mm] and a color into the mesh as attributes, and show the "
+        "colors in the viewport, with a legend"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -86,18 +87,46 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
 
 def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
     """Measure every vertex, then write once; the message has the largest distance that is painted."""
-    deviation = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
+    distances = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
 
     def conclude() -> str:
         obj = session.object_of(uid)
-        if obj is None or len(obj.data.vertices) != len(deviation):
+        if obj is None or len(obj.data.vertices) != len(distances):
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
         require_editable(obj)
-        paint_distances(obj.data, deviation)
-        message = translate("{name}: at most {most} mm from the full surface")
-        return message.format(name=obj.name, most=f"{deviation.max(initial=0.0):.3g}")
+        paint_distances(obj.data, distances)
+        deviation.show()
+        message = translate("{name}: at most {most} mm from the full surface; the viewport shows Color: Attribute")
+        return message.format(name=obj.name, most=f"{distances.max(initial=0.0):.3g}")
 
     return conclude
+
+
+class CTMC_OT_deviation_view(bpy.types.Operator):
+    """Show or hide the colors of a deviation map."""
+
+    bl_idname = "ctmc.deviation_view"
+    bl_label = "Show Deviation"
+    bl_description = (
+        "Show the colors of the deviation map in the viewport, with a legend in mm; again to shade it as before"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a map, or where a viewport shows one."""
+        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_shown():
+            cls.poll_message_set("Make a deviation map first")
+            return False
+        return True
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        """Switch."""
+        if deviation.is_shown():
+            deviation.hide()
+        else:
+            deviation.show()
+        session.redraw_viewports()
+        return {"FINISHED"}
 
 
 class CTMC_OT_adopt_settings(bpy.types.Operator):
@@ -165,5 +194,5 @@ def command_text(scene: bpy.types.Scene) -> str:
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
+    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_deviation_view, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fewer triangles or components, and a plain mesh: `ctmc.simplify`, `ctmc.remove_small`, `ctmc.make_final`."""
+"""Fewer triangles, and a plain mesh: `ctmc.simplify`, `ctmc.make_final`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import bpy
 
 from ...blender.surface import apply_shape_and_modifiers, require_provenance, require_updatable
 from ...core import GOALS, CtmcError, MeshError, Steps
-from ...core.mesh import SMALL
 from .. import jobs
 from ..needs import Needs
 from ..state import surfaces, volumes
@@ -39,28 +38,15 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
         return from_full_steps(context, {name: getattr(panel, name) for name in ("simplifier", *GOALS)})
 
 
-class CTMC_OT_remove_small(jobs.LongOperator, bpy.types.Operator):
-    """Remove the small components of the active surface."""
-
-    bl_idname = "ctmc.remove_small"
-    bl_label = "Remove Small Components"
-    bl_description = "Remove components and fill cavities below 10 mm3; nothing is extracted again"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-
-    needs = (jobs.idle, surfaces.can_change)
-
-    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The active surface, from its full form."""
-        return from_full_steps(context, {"min_part_mm3": SMALL})
-
-
-def from_full_steps(context: bpy.types.Context, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
-    """Make the active surface anew with other settings, from its full form where that is known."""
+def from_full_steps(
+    context: bpy.types.Context, changes: Mapping[str, Any], *, extracts: bool = False
+) -> Steps[jobs.Conclusion]:
+    """Make the active surface anew with other settings, from its full form where that is known or not `extracts`."""
     scene, obj = context.scene, context.view_layer.objects.active
     require_updatable(obj)
     provenance = require_provenance(obj)
     settings = replace(provenance.settings, **changes)
-    full = surfaces.full_of(obj, scene)
+    full = None if extracts else surfaces.full_of(obj, scene)
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
     request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
@@ -89,4 +75,4 @@ class CTMC_OT_apply_shape(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_remove_small, CTMC_OT_apply_shape))
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_simplify, CTMC_OT_apply_shape))

@@ -10,7 +10,7 @@ import bpy
 from ...core import described
 from ...reporting.formatting import in_lines
 from .. import jobs
-from ..properties.settings import optional, switch
+from ..properties.limits import optional, switch
 from ..translations import OURS, translate
 
 LETTER = 5.8  # pixels of a letter at Blender's usual size
@@ -25,6 +25,12 @@ class SidePanel:
     bl_region_type = "UI"
     bl_category = jobs.TAB
     bl_translation_context = OURS
+
+
+class Step(SidePanel):
+    """A step of the work below the main panel, open until it is closed."""
+
+    bl_parent_id = "CTMC_PT_main"
 
 
 class SubPanel(SidePanel):
@@ -50,7 +56,13 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
         value.use_property_split = False
         value.prop(settings, name, text=translate("All"))
     elif not optional(name):
-        layout.prop(settings, name)
+        unit = described()[name].unit
+        if unit == "mm3":  # Blender has no unit of its own for it
+            row = layout.row(heading=label, heading_ctxt=OURS)
+            row.use_property_split = False
+            row.prop(settings, name, text=unit)
+        else:
+            layout.prop(settings, name)
     else:
         row = layout.row(heading=label, heading_ctxt=OURS)
         row.prop(settings, switch(name), text="")
@@ -92,6 +104,18 @@ def draw_facts(layout: Any, context: bpy.types.Context, facts: list[tuple[str, s
     column.scale_y = 0.85
     for name, value in facts:
         row = column.split(factor=names)
+        left = row.row()
+        left.alignment = "RIGHT"
+        left.label(text=name, translate=False)
+        row.label(text=value, translate=False)
+
+
+def draw_table(layout: Any, facts: list[tuple[str, str]]) -> None:
+    """Names and values, a line each at every width."""
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    for name, value in facts:
+        row = column.split(factor=0.4)
         left = row.row()
         left.alignment = "RIGHT"
         left.label(text=name, translate=False)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tab CTMC in the 3D viewport's sidebar: load, surface, voxels and alpha, simplify, reconstruct."""
+"""The tab CTMC in the 3D viewport's sidebar: load, surface, voxels and alpha, simplify, reconstruct.
+
+Nothing that comes and goes stands between two widgets: such lines are at the end, below the buttons.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,23 @@ from typing import Any
 import bpy
 
 from ...blender.surface import read_provenance
-from ...core import GOALS, SettingsError, is_allowed
+from ...core import SettingsError
 from ...core.mesh import SMALL
-from ...reporting.formatting import count, duration, size_of_bytes, voxel_sides
+from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
 from ..state import measurements, session, surfaces, volumes
 from ..translations import translate
-from .layout import SidePanel, draw_job, draw_pair, draw_setting, draw_text, is_narrow, prepare
+from .figure import OPERATORS
+from .layout import SidePanel, Step, draw_job, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
 from .volume import LOAD, draw_load
 
+ELSEWHERE = (LOAD, "ctmc.rotation_test", *OPERATORS.values())
+"""Jobs that show how far they are in a place of their own."""
+
 
 class CTMC_PT_main(SidePanel, bpy.types.Panel):
-    """Load, surface, voxels and alpha, simplify, reconstruct."""
+    """The steps of the work stand below it."""
 
     bl_idname = "CTMC_PT_main"
     bl_label = "CTMC"
@@ -30,113 +37,188 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
         self.layout.enabled = not jobs.locked()
         bpy.types.CTMC_PT_presets.draw_panel_header(self.layout)
 
+    def draw(self, _context: bpy.types.Context) -> None:
+        """Nothing of its own."""
+
+
+class CTMC_PT_load(Step, bpy.types.Panel):
+    """The CT."""
+
+    bl_idname = "CTMC_PT_load"
+    bl_label = "Load"
+
     def draw(self, context: bpy.types.Context) -> None:
-        """Show what is needed for every surface."""
-        layout, settings = self.layout.column(), context.scene.ctmc
+        """Load, and what the CT is."""
+        prepare(self.layout)
+        draw_load(self.layout, context)
+
+
+class CTMC_PT_surface(Step, bpy.types.Panel):
+    """Where the surface is sought."""
+
+    bl_idname = "CTMC_PT_surface"
+    bl_label = "Surface"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Threshold or labels."""
+        prepare(self.layout)
+        draw_surface(self.layout, context, context.scene.ctmc)
+
+
+class CTMC_PT_voxels(Step, bpy.types.Panel):
+    """How finely, and what it costs."""
+
+    bl_idname = "CTMC_PT_voxels"
+    bl_label = "Voxels and Alpha"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Stride, alpha, cost."""
+        prepare(self.layout)
+        draw_voxels(self.layout, context, context.scene.ctmc)
+
+
+class CTMC_PT_simplify(Step, bpy.types.Panel):
+    """How many triangles are left."""
+
+    bl_idname = "CTMC_PT_simplify"
+    bl_label = "Simplify"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Goal first, then the method."""
+        prepare(self.layout)
+        draw_simplify(self.layout, context, context.scene.ctmc)
+
+
+class CTMC_PT_make(Step, bpy.types.Panel):
+    """The button, and what is said of the next surface."""
+
+    bl_idname = "CTMC_PT_make"
+    bl_label = "Reconstruct"
+    bl_options = {"HIDE_HEADER"}  # noqa: RUF012  (Blender reads it from the class)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The button or how far it is; then all that comes and goes."""
         prepare(self.layout, lock=False)
-        prepare(layout)
-        draw_load(layout, context)
-        draw_surface(layout, context, settings)
-        draw_voxels(layout, context, settings)
-        draw_simplify(layout, context, settings)
-        draw_reconstruct(self.layout, context, settings)
+        draw_reconstruct(self.layout, context, context.scene.ctmc)
+
+
+STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
+"""What is always needed, in the order of the work."""
 
 
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Voxel sides in pixels and mm, what they cost, and alpha."""
-    column = layout.column(align=True)
-    row = draw_pair(column, context, 0.4)
-    row.use_property_split = False
-    left = row.row()
-    left.alignment = "LEFT" if is_narrow(context) else "RIGHT"
-    left.label(text=translate("Stride"), translate=False)
-    sides = row.row(align=True)
-    for axis in range(3):
-        sides.prop(settings, "stride", index=axis, text="")
+    """Voxel sides in pixels and mm, alpha, and what they cost."""
     volume = volumes.current_full(context.scene)
-    if volume is not None:
-        draw_text(column, context, voxel_sides(settings.stride, volume.spacing))
-    draw_cost(layout, context)
-    try:
-        matters = settings.to_settings().alpha_matters
-    except SettingsError as error:
-        draw_text(layout, context, str(error), "ERROR")
-        matters = True
+    column = layout.column(align=True)
+    for text, shows_mm in ((translate("Stride [px]"), False), (translate("Voxel [mm]"), True)):
+        row = column.split(factor=0.4, align=True)
+        row.use_property_split = False
+        left = row.row()
+        left.alignment = "RIGHT"
+        left.label(text=text, translate=False)
+        sides = row.row(align=True)
+        for axis, name in enumerate("xyz"):
+            if not shows_mm:
+                sides.prop(settings, "stride", index=axis, text=name)
+            else:
+                side = "-" if volume is None else f"{settings.stride[axis] * volume.spacing[axis]:.3g}"
+                sides.label(text=side, translate=False)
     row = layout.row()
-    row.enabled = matters
+    row.enabled = alpha_matters(settings)
     row.prop(settings, "alpha", slider=True)
-    if not matters:
-        draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
+    draw_cost(layout, context)
+
+
+def alpha_matters(settings: Any) -> bool:
+    """Whether alpha has an effect; settings that contradict each other are said elsewhere."""
+    try:
+        matters: bool = settings.to_settings().alpha_matters
+    except SettingsError:
+        return True
+    return matters
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """What the present settings would cost; always two lines, so that nothing jumps while it is counted."""
-    scene = context.scene
-    if volumes.current(scene) is None:
-        return
-    cost = session.of(scene).cost
-    column = layout.column(align=True)
-    if volumes.is_coarse(scene):
-        draw_text(column, context, translate("Not counted: the CT does not fit in memory"))
-        return
-    if cost is None:
-        waiting = column.column(align=True)
-        waiting.scale_y = 0.8  # as that of text
-        waiting.label(text=translate("Counting..."), translate=False)
-        waiting.label(text="")
-        return
-    if not cost.error:
-        text = translate("{voxels} voxels, {faces} triangles")
-        draw_text(column, context, text.format(voxels=count(cost.voxels), faces=count(cost.faces)))
-        text = translate("{memory}, about {seconds}")
-        draw_text(column, context, text.format(memory=size_of_bytes(cost.memory), seconds=duration(cost.seconds)))
-    if cost.refusal:
-        draw_text(column, context, cost.refusal, "ERROR")
+    """What the present settings would cost; always four lines, so that nothing jumps while it is counted."""
+    cost = session.of(context.scene).cost
+    waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
+    values = ["..." if waits else "-"] * 4
+    if cost is not None and not cost.error:
+        values = [count(cost.voxels), count(cost.faces), size_of_bytes(cost.memory), duration(cost.seconds)]
+    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Time, About"))
+    draw_table(layout, list(zip(names, values, strict=True)))
 
 
 def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """None, Decimate or built-in, and its goal."""
-    column = layout.column()
-    row = column.row(align=True)
-    row.use_property_split = False
-    if is_narrow(context):
-        row.prop(settings, "simplifier", text="")
-    else:
-        row.prop(settings, "simplifier", expand=True)
-    goals = column.column(align=True)
-    goals.active = settings.simplifier != "none"
-    for name in GOALS:
-        line = goals.column()
-        line.enabled = is_allowed(settings, name)
-        draw_setting(line, settings, name)
+    """The goal, its number, what is removed, and the method: the same lines for every goal."""
+    goal = settings.goal
+    layout.prop(settings, "goal")
+    value = layout.row()
+    value.active = goal != "none"
+    value.prop(settings, {"target_faces": goal, "max_error_mm": goal}.get(goal, "ratio"))
+    draw_table(layout, [("", removed_text(context, settings))])
+    method = layout.row()
+    method.enabled = goal in ("reduction", "target_faces")
+    method.prop(settings, "method", expand=False)
+
+
+def removed_text(context: bpy.types.Context, settings: Any) -> str:
+    """What the goal removes, of how many triangles."""
+    cost = session.of(context.scene).cost
+    faces = 0 if cost is None or cost.error else cost.faces
+    if settings.goal == "reduction":
+        return translate("removes {percent} %").format(percent=f"{100 * settings.reduction:.4g}")
+    if settings.goal == "target_faces" and faces:
+        return translate("of {faces}").format(faces=count(faces))
+    return ""
 
 
 def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The button, or how far it is; export and command."""
+    """The button, or how far it is; simplify, preview, export, command; then what is to be said."""
     job, scene = jobs.running(), context.scene
     row = layout.row(align=True)
     row.scale_y = 1.5
-    if job is not None and job.operator != LOAD:
+    if job is not None and job.operator not in ELSEWHERE:
         draw_job(row, job)
     else:
         updates = surfaces.is_of_ct(surfaces.active_surface(context), scene)
         text = "Update Surface" if updates else "Reconstruct Surface"
         row.operator("ctmc.reconstruct", text=text, icon="FILE_REFRESH" if updates else "MESH_ICOSPHERE")
-        if updates:
-            row.operator("ctmc.reconstruct", text="", icon="ADD").new = True
+        new = row.row(align=True)
+        new.enabled = updates
+        new.operator("ctmc.reconstruct", text="", icon="ADD").new = True
     layout = layout.column()
     layout.enabled = not jobs.locked()
-    draw_small_components(layout, context)
     row = draw_pair(layout, context)
     row.use_property_split = False
-    row.operator("ctmc.simplify", icon="MOD_DECIM")
+    row.operator("ctmc.simplify", text="Simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
+    row = draw_pair(layout, context)
+    row.operator("ctmc.export", text="Export", icon="EXPORT")
+    row.operator("ctmc.copy_command", text="Command", icon="COPYDOWN")
+    draw_notes(layout, context, settings)
+
+
+def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """What went wrong, what cannot be made, what has no effect; mostly nothing."""
+    scene_session = session.of(context.scene)
+    if scene_session.message:
+        draw_text(layout.box(), context, scene_session.message, "ERROR")
+    try:
+        settings.to_settings()
+    except SettingsError as error:
+        draw_text(layout, context, str(error), "ERROR")
+    else:
+        if scene_session.cost is not None and scene_session.cost.refusal:
+            draw_text(layout, context, scene_session.cost.refusal, "ERROR")
+    if volumes.is_coarse(context.scene):
+        draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
+    if not alpha_matters(settings):
+        draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
     if settings.preview and sum(item.chosen for item in settings.labels) > 1:
         text = translate("The preview shows the first label that is ticked")
         draw_text(layout, context, text, "INFO")
-    row = draw_pair(layout, context, 0.4)
-    row.operator("ctmc.export", text="Export", icon="EXPORT")
-    row.operator("ctmc.copy_command", icon="COPYDOWN")
+    draw_small_components(layout, context)
 
 
 def draw_small_components(layout: Any, context: bpy.types.Context) -> None:
@@ -153,4 +235,4 @@ def draw_small_components(layout: Any, context: bpy.types.Context) -> None:
         layout.operator("ctmc.remove_small", icon="TRASH")
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_PT_main,))
+register, unregister = bpy.utils.register_classes_factory((CTMC_PT_main, *STEPS))

@@ -10,7 +10,8 @@ from bl_operators.presets import AddPresetBase  # type: ignore[import-not-found]
 from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
 from ...core import described
-from ..properties.settings import OF_ONE_VOLUME, optional, switch
+from ..properties.limits import optional, switch
+from ..properties.settings import OF_ONE_VOLUME
 from .layout import SidePanel
 
 SHIPPED = Path(__file__).parents[1]  # Blender looks below it for presets/ctmc

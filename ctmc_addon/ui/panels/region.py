@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from .. import jobs
+from ..translations import translate
 from .layout import SubPanel, prepare
 
 
@@ -24,14 +27,26 @@ class CTMC_PT_region(SubPanel, bpy.types.Panel):
         """Unit, lowest and highest corner."""
         layout, settings = self.layout, context.scene.ctmc
         prepare(layout)
-        layout.operator("ctmc.fit_region", icon="CUBE")
-        column = layout.column(align=True)
-        column.active = settings.use_region
-        column.prop(settings, "region_unit")
-        for axis, name in enumerate("XYZ"):
-            row = column.row(align=True, heading=name)
-            row.prop(settings, "region", index=axis, text="")
-            row.prop(settings, "region", index=axis + 3, text="")
+        layout.use_property_split = False
+        row = layout.row()
+        row.row().prop(settings, "region_in", expand=True)
+        row.operator("ctmc.fit_region", icon="CUBE")
+        table = layout.column(align=True)
+        table.active = settings.use_region
+        head = columns_of(table, "")
+        for text in ("Low", "High"):
+            head.label(text=translate(text), translate=False)
+        for axis, name in enumerate("xyz"):
+            row = columns_of(table, name)
+            for face in (axis, axis + 3):
+                row.prop(settings, "region", index=face, text="")
+
+
+def columns_of(table: Any, name: str) -> Any:
+    """A row of the table: its name, then room for two fields of equal width."""
+    split = table.split(factor=0.1, align=True)
+    split.label(text=name, translate=False)
+    return split.row(align=True)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_region,))

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ...blender.surface import Provenance, read_provenance
+from ...core.mesh import Measures
 from ...reporting.formatting import count
 from ..state import measurements
 from ..state.measurements import Measurement
 from ..translations import translate
-from .layout import SubPanel, draw_facts, draw_pair, draw_text, prepare
+from ..viewport import deviation
+from .layout import SubPanel, draw_pair, draw_table, draw_text, prepare
 
 
 class CTMC_PT_results(SubPanel, bpy.types.Panel):
@@ -28,15 +32,53 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
             layout.label(text=translate("No reconstructed surface is selected"), icon="INFO", translate=False)
             return
         layout.label(text=obj.name, icon="OUTLINER_OB_MESH", translate=False)
-        draw_facts(layout, context, facts_of(provenance, measurements.of(obj)), names=0.45)
+        measurement = measurements.of(obj)
+        draw_table(layout, facts_of(provenance, measurement))
+        draw_mending(layout, measurement)
         row = draw_pair(layout, context)
         row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         row.operator("ctmc.deviation_map", icon="COLOR")
+        layout.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
         column = layout.column(align=True)  # too many words to stand side by side
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         for note in provenance.notes:
             draw_text(layout, context, note, "INFO")
+
+
+def draw_mending(layout: Any, measurement: Measurement | None) -> None:
+    """Whether the surface is closed, of how many components it is, and a button for what can be done about it."""
+    measures = None if measurement is None else measurement.measures
+    for text, buttons in (
+        (surface_text(measures), (("ctmc.close_border", "Close Border"),)),
+        (components_text(measures), (("ctmc.keep_largest", "Keep Largest"), ("ctmc.remove_small", "Remove Small"))),
+    ):
+        column = layout.column(align=True)
+        column.label(text=text, translate=False)
+        row = column.row(align=True)
+        for name, label in buttons:
+            row.operator(name, text=label)
+
+
+def surface_text(measures: Measures | None) -> str:
+    """Whether a surface is closed, and what cuts it."""
+    if measures is None:
+        return translate("Surface: not measured")
+    if measures.closed:
+        return translate("Surface: closed")
+    text = "Surface: open, 1 border" if measures.borders == 1 else "Surface: open, {count} borders"
+    return translate(text).format(count=count(measures.borders))
+
+
+def components_text(measures: Measures | None) -> str:
+    """Of how many components a surface is, and how many are small."""
+    if measures is None:
+        return translate("Components: not counted")
+    text = (
+        "{count} components" if not measures.has_many_small_components else "{count} components, {small} below 10 mm3"
+    )
+    text = translate("1 component" if measures.components == 1 else text)
+    return text.format(count=count(measures.components), small=count(measures.small_components))
 
 
 def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tuple[str, str]]:
@@ -48,17 +90,14 @@ def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tu
         (translate("Threshold"), f"{provenance.threshold:.6g}"),
     ]
     if measurement is None:
-        return facts
+        return [*facts, *((translate(name), "-") for name in ("Mean Distance", "Largest Distance", "Volume", "Area"))]
     measures, distance = measurement.measures, measurement.distance
-    if distance is not None:
-        facts.append((translate("Mean Distance"), f"{distance.mean:.3g} mm"))
-        facts.append((translate("Largest Distance"), f"{distance.largest:.3g} mm"))
     return [
         *facts,
-        (translate("Surface"), translate("closed") if measures.closed else translate("open")),
+        (translate("Mean Distance"), "-" if distance is None else f"{distance.mean:.3g} mm"),
+        (translate("Largest Distance"), "-" if distance is None else f"{distance.largest:.3g} mm"),
         (translate("Volume"), f"{measures.milliliters:.4g} ml" if measures.closed else "-"),
         (translate("Area"), f"{measures.square_centimeters:.4g} cm2"),
-        (translate("Components"), count(measures.components)),
     ]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ...core.volume import surface_name
 from ..operators import threshold
 from ..state import volumes
 from ..translations import translate
@@ -33,11 +34,8 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
         number.active = settings.use_threshold
         number.prop(settings, "threshold", text=threshold_label(context.scene))
         row.operator("ctmc.auto_threshold")
-        if not settings.use_threshold:
-            value = threshold.used_threshold(context.scene)
-            text = translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
-            column.label(text=text, icon="INFO", translate=False)
         draw_setting(column, settings, "upper")
+        column.label(text=threshold_text(context.scene), translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
     draw_smoothing(column, settings)
 
@@ -45,10 +43,20 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
 def draw_smoothing(layout: Any, settings: Any) -> None:
     """Draw how the values are smoothed, and what belongs to that."""
     draw_setting(layout, settings, "smoothing")
-    if settings.smoothing == "gaussian" or settings.use_smoothing_mm:
-        layout.prop(settings, "smoothing_mm")
-    elif settings.use_label and settings.smoothing in ("auto", "constrained"):
-        draw_setting(layout, settings, "slice_steps")
+    row = layout.row()
+    if settings.use_label and settings.smoothing in ("auto", "constrained") and not settings.use_smoothing_mm:
+        row.prop(settings, "slice_steps")
+    else:
+        row.active = settings.smoothing == "gaussian" or settings.use_smoothing_mm
+        row.prop(settings, "smoothing_mm")
+
+
+def threshold_text(scene: bpy.types.Scene) -> str:
+    """Which threshold is used: Otsu's, or that of a tissue."""
+    volume, value = volumes.current(scene), threshold.used_threshold(scene)
+    if not scene.ctmc.use_threshold:
+        return translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
+    return "" if volume is None or value is None else surface_name(volume.kind, value)
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:

@@ -12,7 +12,7 @@ from .. import jobs
 from ..operators.view import AS_IT_IS, SIDES
 from ..state import session, volumes
 from ..translations import translate
-from .layout import draw_facts, draw_job, draw_text
+from .layout import draw_job, draw_table, draw_text
 
 LOAD = "ctmc.load"
 
@@ -25,18 +25,15 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
     else:
         layout.operator("ctmc.load", icon="FILE_FOLDER")
     scene_session = session.of(scene)
-    for message in (scene_session.load_message, scene_session.message):
-        if message:
-            draw_text(layout.box(), context, message, "ERROR")
+    if scene_session.load_message:
+        draw_text(layout.box(), context, scene_session.load_message, "ERROR")
     if volumes.missing(scene):
         draw_missing(layout, context)
     loaded = volumes.loaded(scene)
     if loaded is None:
         return
-    header, body = layout.panel("CTMC_volume", default_closed=False)
-    header.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
-    if body is not None:
-        draw_volume(body, context, loaded)
+    layout.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
+    draw_volume(layout, context, loaded)
 
 
 def draw_missing(layout: Any, context: bpy.types.Context) -> None:
@@ -72,7 +69,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
             ),
         ),
     ]
-    draw_facts(layout, context, facts)
+    draw_table(layout, facts)
     draw_views(layout)
     if len(loaded.series) > 1:
         draw_series(layout, loaded)

@@ -10,6 +10,7 @@ import bpy
 from bpy.props import FloatProperty, IntProperty
 
 from ...blender.surface import SCALE
+from ..translations import OURS, translate
 
 # As an extension this package lies in bl_ext.<repository>.ctmc, and that is what Blender calls the add-on.
 ADDON = __package__.rpartition(".ctmc_addon.")[0] or "ctmc_addon"
@@ -29,7 +30,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         max=64,
     )
     preview_ms: IntProperty(
-        name="Preview Budget",
+        name="Preview Budget [ms]",
         description="How long a coarse preview may take while a slider moves [ms]. Larger = finer, and less smooth",
         default=100,
         min=10,
@@ -44,7 +45,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         precision=4,
     )
     memory_gib: FloatProperty(
-        name="Memory Limit",
+        name="Memory Limit [GiB]",
         description="Memory that a surface may take [GiB]. 0 = what the machine has available",
         default=0.0,
         min=0.0,
@@ -56,7 +57,10 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         """Show all four."""
         self.layout.use_property_split = True
         for name in ("threads", "preview_ms", "scene_scale", "memory_gib"):
-            self.layout.prop(self, name)
+            row = self.layout.row(heading=translate(self.bl_rna.properties[name].name), heading_ctxt=OURS)
+            row.use_property_split = False
+            is_auto = name in ("threads", "memory_gib") and not getattr(self, name)
+            row.prop(self, name, text=translate("auto") if is_auto else "")
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,10 @@ from bpy.utils import register_class, unregister_class
 from ...core import EXCLUSIVE, ReconstructionSettings, Setting, described
 from ..state.change_events import notify
 from .kinds import boolean, choice, collection, decimal, decimals, integer, integers, text
+from .limits import DEFAULTS, highest, lowest, optional, switch
+from .panel import fit_region, panel_properties
 
 CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
-DEFAULTS = ReconstructionSettings()
 OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 """Settings that mean nothing for another CT, which presets leave alone."""
 
@@ -92,11 +93,6 @@ class SettingsMethods:
                 setattr(self, switch(name), value is not None)
 
 
-def optional(name: str) -> bool:
-    """Whether a setting may be absent."""
-    return getattr(DEFAULTS, name) is None
-
-
 def as_written(number: float) -> float:
     """The number as it was typed: Blender keeps 0.9 in float32, which read back would be 0.89999998."""
     return float(str(np.float32(number)))
@@ -140,27 +136,12 @@ def tooltip(about: Setting) -> str:
     return f"{about.text} [{about.unit}]" if about.unit else about.text
 
 
-def lowest(about: Setting) -> float:
-    """The smallest float32 that the setting allows."""
-    low = np.float32(about.low)
-    return float(np.nextafter(low, np.float32(np.inf)) if about.low_open else low)
-
-
-def highest(about: Setting) -> float:
-    """The largest float32 that the setting allows."""
-    high = np.float32(about.high)
-    return float(np.nextafter(high, np.float32(0.0)) if about.high_open else high)
-
-
-def switch(name: str) -> str:
-    """The property that says whether a setting is there."""
-    return f"use_{name}"
-
-
 def on_change(name: str) -> Callable[[Any, Any], None]:
     """Whoever gives a setting a value wants it used."""
 
     def update(properties: Any, _context: Any) -> None:
+        if name == "region":
+            properties.region_for = properties.volume_fingerprint
         if optional(name) and not getattr(properties, switch(name)):
             setattr(properties, switch(name), True)
         if name == "smoothing" and properties.smoothing != "gaussian":
@@ -181,6 +162,8 @@ def on_switch(name: str) -> Callable[[Any, Any], None]:
             for other in rivals:
                 if getattr(properties, switch(other)):
                     setattr(properties, switch(other), False)
+        if name == "region" and properties.use_region and properties.region_for != properties.volume_fingerprint:
+            fit_region(properties)
         if name == "label":
             ticked = any(item.chosen for item in properties.labels)
             if not properties.use_label or not ticked:
@@ -274,62 +257,15 @@ def volume_properties() -> dict[str, Any]:
             "Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
             size=3,
             min=0.0,
-            precision=4,
+            precision=3,
+            subtype="XYZ",
+            unit="CAMERA",
         ),
         "flip_x": boolean("Left - Right", turned.format("left and right")),
         "flip_y": boolean("Front - Back", turned.format("front and back")),
         "flip_z": boolean("Head - Feet", turned.format("head and feet")),
         "labels": collection("Labels", "Labels of the volume", type=CTMCLabel),
         "label_index": integer("Label", "Line of the list that is marked"),
-    }
-
-
-def get_surface_from(properties: Any) -> int:
-    """0 by threshold, 1 by label."""
-    return int(properties.use_label)
-
-
-def set_surface_from(properties: Any, use_label: int) -> None:
-    """Store whether the surface is that of a label."""
-    if bool(use_label) != properties.use_label:
-        properties.use_label = bool(use_label)
-
-
-def panel_properties() -> dict[str, Any]:
-    """What only the panel has."""
-    return {
-        "surface_from": choice(
-            "Surface From",
-            "Whether the surface is sought at a gray value or around labels",
-            items=[
-                ("threshold", "Threshold", "At a gray value: what is at or above it is inside"),
-                ("label", "Labels", "Around the structures of a label volume"),
-            ],
-            get=get_surface_from,
-            set=set_surface_from,
-        ),
-        "preview": boolean(
-            "Live Preview",
-            "Show a coarse surface in the viewport that follows the settings",
-            default=True,
-            update=lambda properties, _: notify(properties, "preview"),
-        ),
-        "rotation_kind": choice(
-            "Motion",
-            "What is timed",
-            items=[
-                ("rotate", "Rotate", "Turn about the patient's long axis"),
-                ("zoom", "Zoom", "Draw nearer and back"),
-                ("pan", "Pan", "Move sideways and back"),
-            ],
-        ),
-        "rotation_levels": text("Levels", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"),
-        "rotation_step": integer(
-            "Step", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
-        ),
-        "rotation_rounds": integer(
-            "Rounds", "How often each level is turned. Larger = steadier mean", default=5, min=1, max=100
-        ),
     }
 
 

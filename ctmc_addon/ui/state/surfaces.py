@@ -49,6 +49,11 @@ def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
     return loaded is not None and provenance is not None and provenance.fingerprint == loaded.statistics.fingerprint
 
 
+def require_settings(obj: bpy.types.Object) -> ReconstructionSettings:
+    """The settings that a surface was made with."""
+    return require_provenance(obj).settings
+
+
 def can_change(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the active object is a surface that can be changed, with the reason if not."""
     obj = context.view_layer.objects.active

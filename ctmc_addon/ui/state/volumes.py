@@ -137,6 +137,11 @@ def is_coarse(scene: bpy.types.Scene) -> bool:
     return ct is not None and ct.file is not None
 
 
+def last_path() -> Path | None:
+    """Where the CT lies that was loaded last in this session, of whatever file."""
+    return _loaded[next(reversed(_loaded))].path if _loaded else None
+
+
 def missing(scene: bpy.types.Scene) -> bool:
     """Whether the file knows a CT that is not in memory."""
     return bool(scene.ctmc.volume_path) and loaded(scene) is None

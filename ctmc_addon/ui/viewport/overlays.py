@@ -27,6 +27,7 @@ from ..operators.threshold import used_threshold
 from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import volumes
+from . import deviation
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -89,8 +90,10 @@ def draw_in_space() -> None:
 
 
 def draw_on_top() -> None:
-    """Draw the letters over everything."""
+    """Draw legend and letters over everything."""
     context = bpy.context
+    if context.space_data.overlay.show_overlays:
+        deviation.draw(context)
     volume = scene_volume(context)
     if volume is None or not context.scene.ctmc_view.show_letters:
         return

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import bpy
 
 from ...blender.colors import BONE, color_of
+from ...blender.surface import read_provenance
 from ...blender.viewport import PreviewSurface
 from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps
 from ..properties.preferences import machine
@@ -22,12 +24,15 @@ class State:
     ----------
     wanted : bool
         Whether a surface is to be shown as soon as one is known: `shown` is None while its threshold is counted.
+    settings : ReconstructionSettings or None
+        What is shown was made with.
     """
 
     scene: int = 0
     maker: Preview | None = None
     shown: PreviewSurface | None = None
     wanted: bool = False
+    settings: ReconstructionSettings | None = None
     color: tuple[float, float, float] = BONE
 
 
@@ -75,7 +80,7 @@ def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Ste
 def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     """Put a surface on the graphics card when Blender draws next."""
     settings = scene.ctmc
-    state.scene, state.shown = scene.session_uid, None
+    state.scene, state.shown, state.settings = scene.session_uid, None, settings_of(scene)
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
     recolor(scene)
@@ -104,10 +109,38 @@ def hide() -> None:
         session.redraw_viewports()
 
 
+def is_made(context: bpy.types.Context) -> bool:
+    """Whether the surface that is shown stands in the viewport already; the two would flicker through each other."""
+    fingerprint = context.scene.ctmc.volume_fingerprint
+    if state.settings is None:
+        return False
+    wanted = lying(state.settings)
+    made = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
+    return any(
+        provenance.fingerprint == fingerprint and lying(provenance.settings) == wanted and obj.visible_get()
+        for obj, provenance in made
+        if provenance is not None
+    )
+
+
+@lru_cache(maxsize=256)
+def lying(settings: ReconstructionSettings) -> ReconstructionSettings:
+    """The settings that decide where a surface lies; the others leave out parts or move it by less than a voxel."""
+    return ReconstructionSettings(
+        threshold=settings.threshold,
+        upper=settings.upper,
+        label=settings.label,
+        smoothing=settings.smoothing,
+        smoothing_mm=settings.smoothing_mm,
+    )
+
+
 def draw() -> None:
     """Draw the preview in a viewport of its scene."""
     context = bpy.context
     if state.shown is None or context.scene.session_uid != state.scene or volumes.current(context.scene) is None:
+        return
+    if is_made(context):
         return
     view = context.region_data
     state.shown.draw(view.perspective_matrix, view.view_matrix, state.color)

@@ -165,7 +165,8 @@ def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_f
     ):
         properties = getattr(bpy.ops.ctmc, kind.bl_idname.partition(".")[2]).get_rna_type().properties
         assert properties["check_existing"].default
-        dialog = SimpleNamespace(filepath=str(tmp_path / name), suffix=kind.suffix)
+        ending = Path(named).suffix
+        dialog = SimpleNamespace(filepath=str(tmp_path / name), kind=".stl", ending=lambda ending=ending: ending)
         assert kind.check(dialog, None) == (name != named)
         assert dialog.filepath == str(tmp_path / named)
     load(ball_file)
@@ -204,7 +205,7 @@ def test_a_ct_that_does_not_fit_is_shown_coarse_and_reconstructed_from_its_file(
     assert loaded.volume.size == (24, 24, 12)
     assert loaded.full.size == (48, 48, 24)
     np.testing.assert_allclose(loaded.volume.spacing, (2, 2, 4))
-    texts = " ".join(drawn(panels.CTMC_PT_main).texts)
+    texts = " ".join(drawn(*panels.STEPS).texts)
     assert "Shown at every 2 x 2 x 2 voxels; surfaces are made from the file" in texts
     assert "48 x 48 x 24" in texts
     assert "Not counted: the CT does not fit in memory" in texts
@@ -220,3 +221,32 @@ def test_a_ct_that_does_not_fit_is_shown_coarse_and_reconstructed_from_its_file(
     assert reconstruct(loaded.volume, coarse).mesh.volume == pytest.approx(whole.volume, rel=0.1)
     bpy.ops.ctmc.fit_region()
     assert tuple(scene.ctmc.region) == (0, 0, 0, 47, 47, 23)
+
+
+def test_the_format_of_the_dialog_and_the_suffix_follow_each_other(scene):
+    from types import SimpleNamespace
+
+    from ctmc_addon.ui.operators.export import CTMC_OT_export
+
+    dialog = SimpleNamespace(filepath="/x/bone.stl", kind=".stl")
+    dialog.ending = lambda: dialog.kind
+    CTMC_OT_export.check(dialog, None)
+    dialog.kind = ".glb"
+    assert CTMC_OT_export.check(dialog, None)
+    assert dialog.filepath == "/x/bone.glb"
+    dialog.filepath = "/x/bone.ply"
+    CTMC_OT_export.check(dialog, None)
+    assert dialog.kind == ".ply"
+
+
+def test_a_label_volume_goes_to_labels_by_itself_and_hu_back_to_its_threshold(scene, tmp_path):
+    values = np.zeros((8, 9, 10), np.int16)
+    values[2:5, 2:5, 2:5], values[5:7, 5:8, 5:8] = 3, 7
+    hounsfield = np.where(values > 0, 400, -1000).astype(np.int16)
+    for name, content in (("ct", hounsfield), ("labels", values.astype(np.uint8))):
+        np.save(tmp_path / f"{name}.npy", content)
+    load(tmp_path / "ct.npy")
+    scene.ctmc.threshold = 150.0
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"))
+    assert (scene.ctmc.use_label, scene.ctmc.label, scene.ctmc.use_threshold) == (True, 3, False)
+    assert [item.value for item in scene.ctmc.labels if item.chosen] == [3]

@@ -363,12 +363,17 @@ def test_an_input_of_geometry_nodes_is_in_the_text_of_its_modifier(loaded):
 
 
 def test_results_give_an_open_surface_no_volume(loaded):
-    from ctmc_addon.ui.panels.results import facts_of
+    from ctmc_addon.ui.panels.results import facts_of, surface_text
 
     loaded.ctmc.threshold = 20.0  # the ball reaches over the border
     bpy.ops.ctmc.reconstruct()
-    facts = dict(facts_of(read_provenance(active()), measurements.of(active())))
-    assert (facts["Surface"], facts["Volume"]) == ("open", "-")
+    measurement = measurements.of(active())
+    assert dict(facts_of(read_provenance(active()), measurement))["Volume"] == "-"
+    assert surface_text(measurement.measures) == "Surface: open, 6 borders"  # one on each side of the box
+    assert bpy.ops.ctmc.close_border() == {"FINISHED"}
+    assert surface_text(measurements.of(active()).measures) == "Surface: closed"
+    assert loaded.ctmc.close_border, "the next update keeps it"
+    assert not bpy.ops.ctmc.close_border.poll()
 
 
 def test_make_final_and_use_its_settings(loaded):
@@ -473,11 +478,11 @@ def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, bal
 
     bpy.ops.ctmc.reconstruct()
     first, faces = active(), len(active().data.polygons)
-    assert "ctmc.reconstruct Update Surface" in drawn(panels.CTMC_PT_main).buttons
+    assert "ctmc.reconstruct Update Surface" in drawn(*panels.STEPS).buttons
     bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
     assert volumes.current(loaded).name == read_provenance(first).name
     assert not surfaces.is_of_ct(first, loaded)
-    assert "ctmc.reconstruct Reconstruct Surface" in drawn(panels.CTMC_PT_main).buttons
+    assert "ctmc.reconstruct Reconstruct Surface" in drawn(*panels.STEPS).buttons
     bpy.ops.ctmc.reconstruct()
     assert (len(meshes_in(loaded)), len(first.data.polygons)) == (2, faces)
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
@@ -534,9 +539,9 @@ def test_what_could_not_be_read_stays_in_the_panel_until_the_next_load(loaded, b
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.ctmc.load(filepath=str(tmp_path / "nowhere"))
     bpy.ops.ctmc.reconstruct()
-    assert "nowhere" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "nowhere" in " ".join(drawn(*panels.STEPS).texts)
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    assert "nowhere" not in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "nowhere" not in " ".join(drawn(*panels.STEPS).texts)
 
 
 @pytest.fixture
@@ -557,10 +562,10 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     from ctmc_addon.ui.operators import reconstruct as operators
     from ctmc_addon.ui.panels import main as panels
 
-    assert "ctmc.remove_small" not in drawn(panels.CTMC_PT_main).buttons
+    assert "ctmc.remove_small" not in drawn(*panels.STEPS).buttons
     noise.ctmc.alpha = 0.5
     bpy.ops.ctmc.reconstruct()
-    drawing = drawn(panels.CTMC_PT_main)
+    drawing = drawn(*panels.STEPS)
     assert "195 of 196 components are smaller than 10 mm3" in " ".join(drawing.texts)
     assert "ctmc.remove_small" in drawing.buttons
     monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
@@ -573,7 +578,7 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     assert read_provenance(active()).settings == settings
     assert measurements.of(active()).measures.components == 1
     assert len(meshes_in(noise)) == 1
-    assert "ctmc.remove_small" not in drawn(panels.CTMC_PT_main).buttons
+    assert "ctmc.remove_small" not in drawn(*panels.STEPS).buttons
 
 
 def test_results_name_the_removed_components(noise):

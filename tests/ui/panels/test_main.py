@@ -15,7 +15,7 @@ from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import region, results, rotation, settings
 
 PANELS = (
-    panels.CTMC_PT_main,
+    *panels.STEPS,
     region.CTMC_PT_region,
     settings.CTMC_PT_parts,
     settings.CTMC_PT_normals,
@@ -26,19 +26,53 @@ PANELS = (
 )
 
 
+SHOWN_AS = {"region_unit": "region_in", "simplifier": "method", "reduction": "ratio"}
+"""Settings that the panel shows by a choice or a number of its own."""
+
+
 def test_every_setting_is_shown(scene):
     shown = set()
     for use_label in (False, True):
         scene.ctmc.use_label = use_label
-        for panel in PANELS:
-            shown |= set(drawn(panel).shown)
-    scene.ctmc.smoothing = "gaussian"
-    shown |= set(drawn(panels.CTMC_PT_main).shown)
-    assert set(described()) <= shown
+        for goal in ("none", "reduction", "target_faces", "max_error_mm"):
+            scene.ctmc.goal = goal
+            for panel in PANELS:
+                shown |= set(drawn(panel).shown)
+    assert {SHOWN_AS.get(name, name) for name in described()} <= shown
+
+
+def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
+    settings = scene.ctmc
+    assert (settings.goal, settings.to_settings().simplifies) == ("none", False)
+    settings.goal = "reduction"
+    settings.ratio = 0.1
+    assert settings.to_settings().reduction == 0.9
+    assert "removes 90 %" in drawn(*panels.STEPS).texts
+    settings.method = "decimate"
+    settings.goal = "max_error_mm"
+    assert (settings.method, settings.use_reduction, settings.to_settings().max_error_mm) == ("builtin", False, 0.5)
+    settings.simplifier = "none"
+    assert settings.goal == "none"
+    settings.goal = "target_faces"
+    assert (settings.simplifier, settings.to_settings().target_faces) == ("builtin", 10_000)
+    settings.goal = "none"
+    assert not settings.to_settings().simplifies
+
+
+def test_the_panel_has_as_many_lines_before_and_after_a_count_and_for_every_goal(scene, ball_file):
+    from ctmc_addon.ui.state import session
+
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    before = len(drawn(*panels.STEPS).texts)
+    session.of(scene).cost = None
+    for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
+        assert len(drawn(*panels.STEPS).texts) == before
+    scene.ctmc.use_threshold = True
+    assert len(drawn(*panels.STEPS).texts) == before
 
 
 def test_the_buttons_are_there_and_exist(scene):
-    buttons = drawn(panels.CTMC_PT_main).buttons
+    buttons = drawn(*panels.STEPS).buttons
     assert buttons[0] == "ctmc.load"
     assert "ctmc.reconstruct Reconstruct Surface" in buttons
     for button in buttons:
@@ -46,29 +80,30 @@ def test_the_buttons_are_there_and_exist(scene):
 
 
 def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(scene):
-    plain = ["Otsu's threshold is used", "Stride"]
-    assert drawn(panels.CTMC_PT_main).texts == plain
+    says = "Alpha has no effect on a label that is not smoothed"
+    assert "Otsu's threshold is used" in drawn(*panels.STEPS).texts
     scene.ctmc.label = 2
     scene.ctmc.smoothing = "none"
-    assert "Alpha has no effect on a label that is not smoothed" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert says in " ".join(drawn(*panels.STEPS).texts)
     scene.ctmc.smoothing = "constrained"
-    assert drawn(panels.CTMC_PT_main).texts == plain[1:]
+    assert says not in " ".join(drawn(*panels.STEPS).texts)
     scene.ctmc.simplifier, scene.ctmc.max_error_mm = "decimate", 0.5
-    assert "max_error_mm is not possible with simplifier decimate" in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert "max_error_mm is not possible with simplifier decimate" in " ".join(drawn(*panels.STEPS).texts)
 
 
 def test_the_panel_says_what_was_loaded(scene, ball_file):
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    texts = drawn(panels.CTMC_PT_main).texts
+    texts = drawn(*panels.STEPS).texts
     assert texts[0] == "ball"
     for fact in ("24 x 24 x 12", "1 x 1 x 2 mm", "left, back, head (LPS)"):
         assert fact in texts
     assert "taken as axial" in " ".join(texts)
 
 
-def test_every_panel_but_the_main_one_begins_closed(scene):
+def test_every_panel_but_the_steps_of_the_work_begins_closed(scene):
     ours = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CTMC_PT_")]
     below = [kind for kind in ours if getattr(kind, "bl_parent_id", "") == "CTMC_PT_main"]
+    below = [kind for kind in below if kind not in panels.STEPS]
     assert len(below) > 6
     assert all("DEFAULT_CLOSED" in kind.bl_options for kind in below)
 
@@ -77,11 +112,11 @@ def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
     says = "The preview shows the first label that is ticked"
     scene.ctmc.show_labels([(1, "", (1, 0, 0)), (2, "", (0, 1, 0))])
     scene.ctmc.labels[0].chosen = True
-    assert says not in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert says not in " ".join(drawn(*panels.STEPS).texts)
     scene.ctmc.labels[1].chosen = True
-    assert says in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert says in " ".join(drawn(*panels.STEPS).texts)
     scene.ctmc.preview = False
-    assert says not in " ".join(drawn(panels.CTMC_PT_main).texts)
+    assert says not in " ".join(drawn(*panels.STEPS).texts)
 
 
 class Nested(Layout):

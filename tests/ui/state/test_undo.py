@@ -60,7 +60,7 @@ def test_undo_while_counting_ends_calmly_and_counts_again(loaded, monkeypatch):
     scene = bpy.context.scene
     assert scene.ctmc.threshold == 100.0
     assert session.of(scene).cost is not None
-    assert "Counting..." not in drawn(panels.CTMC_PT_main).texts
+    assert "..." not in drawn(*panels.STEPS).texts
 
 
 def test_results_are_those_of_the_mesh_that_stands_there_after_undo(loaded):
@@ -90,7 +90,7 @@ def test_measures_of_another_mesh_are_not_shown(loaded):
     bpy.ops.ctmc.reconstruct()
     assert "Area" in drawn(results.CTMC_PT_results).texts
     active().data = bpy.data.meshes.new("empty")
-    assert "Area" not in drawn(results.CTMC_PT_results).texts
+    assert "Surface: not measured" in drawn(results.CTMC_PT_results).texts
 
 
 def test_simplify_after_undo_starts_from_the_surface_that_stands_there(loaded):
@@ -144,7 +144,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     obj["ctmc"] = memory
     bpy.context.view_layer.objects.active = obj
     obj.select_set(True)
-    for panel in (panels.CTMC_PT_main, results.CTMC_PT_results, rotation.CTMC_PT_rotation):
+    for panel in (*panels.STEPS, results.CTMC_PT_results, rotation.CTMC_PT_rotation):
         drawn(panel)
     for operator in ("reconstruct", "simplify", "measure", "deviation_map", "make_final", "adopt_settings", "export"):
         getattr(bpy.ops.ctmc, operator).poll()
@@ -174,4 +174,4 @@ def test_a_measurement_that_cannot_be_breaks_no_panel(loaded, bad):
     for text in (json.dumps(stored | bad), "[" * 100_000, "3"):
         obj[measurements.PROPERTY] = text
         assert measurements.of(obj) is None
-        assert "Area" not in drawn(results.CTMC_PT_results).texts
+        assert "Surface: not measured" in drawn(results.CTMC_PT_results).texts

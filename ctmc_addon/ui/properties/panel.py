@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What only the panel has: settings shown as a person thinks of them, the preview, the rotation test.
+
+As in settings.py, this module must not hold `bpy` itself, nor anything that does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...core import GOALS, described
+from ...core.volume import converted_region, labels_region
+from ..state.change_events import notify
+from .kinds import boolean, choice, decimal, integer, text
+from .limits import highest, switch
+
+
+def current_volume(properties: Any) -> Any:
+    """The scene's volume, in memory or in its file; `volumes` holds bpy and is looked up only when asked."""
+    from ..state import volumes
+
+    return volumes.current_full(properties.id_data)
+
+
+def fit_region(properties: Any) -> None:
+    """Put the region around the ticked labels, else around the whole CT; without a CT it stays."""
+    volume = current_volume(properties)
+    if volume is not None:
+        labels = [item.value for item in properties.labels if item.chosen] if properties.use_label else []
+        properties.region = labels_region(volume, labels, properties.region_unit)
+
+
+def get_unit(properties: Any) -> int:
+    """The region's unit as its choice shows it."""
+    return described()["region_unit"].choices.index(properties.region_unit)
+
+
+def set_unit(properties: Any, number: int) -> None:
+    """The choice was changed: the box stays where it is, in other numbers."""
+    before, wanted = properties.region_unit, described()["region_unit"].choices[number]
+    volume = current_volume(properties)
+    used = properties.use_region
+    if volume is not None and before != wanted:
+        properties.region = converted_region(volume, tuple(properties.region), before, wanted)
+    properties.region_unit = wanted
+    properties.use_region = used
+
+
+NO_GOAL = "none"
+
+
+def get_goal(properties: Any) -> int:
+    """0 without a goal, else the number of the goal that is used."""
+    used = [name for name in GOALS if getattr(properties, switch(name))]
+    return GOALS.index(used[0]) + 1 if used and properties.simplifier != "none" else 0
+
+
+def set_goal(properties: Any, number: int) -> None:
+    """The choice was changed; a goal that its method cannot reach takes the built-in one."""
+    goal = GOALS[number - 1] if number else ""
+    if goal and (properties.simplifier == "none" or goal == "max_error_mm"):
+        properties.simplifier = "builtin"
+    for name in GOALS:
+        if getattr(properties, switch(name)) != (name == goal):
+            setattr(properties, switch(name), name == goal)
+
+
+def get_method(properties: Any) -> int:
+    """0 for the built-in simplifier, 1 for Decimate."""
+    return int(properties.simplifier == "decimate")
+
+
+def set_method(properties: Any, number: int) -> None:
+    """The choice was changed."""
+    properties.simplifier = "decimate" if number else "builtin"
+
+
+def get_ratio(properties: Any) -> float:
+    """The share of the triangles that is kept."""
+    return float(1.0 - properties.reduction)
+
+
+def set_ratio(properties: Any, ratio: float) -> None:
+    """Another share is to be kept."""
+    properties.reduction = min(1.0 - ratio, highest(described()["reduction"]))
+
+
+def get_surface_from(properties: Any) -> int:
+    """0 by threshold, 1 by label."""
+    return int(properties.use_label)
+
+
+def set_surface_from(properties: Any, use_label: int) -> None:
+    """Store whether the surface is that of a label."""
+    if bool(use_label) != properties.use_label:
+        properties.use_label = bool(use_label)
+
+
+def panel_properties() -> dict[str, Any]:
+    """What only the panel has."""
+    return {
+        "surface_from": choice(
+            "Surface From",
+            "Whether the surface is sought at a gray value or around labels",
+            items=[
+                ("threshold", "Threshold", "At a gray value: what is at or above it is inside"),
+                ("label", "Labels", "Around the structures of a label volume"),
+            ],
+            get=get_surface_from,
+            set=set_surface_from,
+        ),
+        "goal": choice(
+            "Simplify To",
+            "What simplification aims at",
+            items=[
+                (NO_GOAL, "None", "Leave every triangle"),
+                ("reduction", "Ratio", "A share of the triangles"),
+                ("target_faces", "Triangles", "A number of triangles"),
+                ("max_error_mm", "Maximum Error", "As few triangles as keep the surface within a distance"),
+            ],
+            get=get_goal,
+            set=set_goal,
+        ),
+        "method": choice(
+            "Method",
+            "What simplifies",
+            items=[
+                ("builtin", "Built-In", "Quadric error simplification, once: exact, and the mesh is small"),
+                ("decimate", "Decimate", "Blender's modifier, which stays live; it knows no maximum error"),
+            ],
+            get=get_method,
+            set=set_method,
+        ),
+        "ratio": decimal(
+            "Ratio",
+            "Share of the triangles to keep, as in Blender's Decimate. Smaller = fewer triangles",
+            subtype="FACTOR",
+            min=0.0,
+            max=1.0,
+            precision=3,
+            get=get_ratio,
+            set=set_ratio,
+        ),
+        "region_in": choice(
+            "Unit",
+            "Unit of the region's numbers; another leaves the box where it is",
+            items=[("voxel", "Voxels", "Voxel indices"), ("mm", "mm", "RAS+ millimeters")],
+            get=get_unit,
+            set=set_unit,
+        ),
+        "region_for": text("Region Of", "Fingerprint of the CT that the region was set for", options={"HIDDEN"}),
+        "preview": boolean(
+            "Live Preview",
+            "Show a coarse surface in the viewport that follows the settings",
+            default=True,
+            update=lambda properties, _: notify(properties, "preview"),
+        ),
+        "rotation_kind": choice(
+            "Motion",
+            "What is timed",
+            items=[
+                ("rotate", "Rotate", "Turn about the patient's long axis"),
+                ("zoom", "Zoom", "Draw nearer and back"),
+                ("pan", "Pan", "Move sideways and back"),
+            ],
+        ),
+        "rotation_levels": text("Levels", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"),
+        "rotation_step": integer(
+            "Step", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
+        ),
+        "rotation_rounds": integer(
+            "Rounds", "How often each level is turned. Larger = steadier mean", default=5, min=1, max=100
+        ),
+    }

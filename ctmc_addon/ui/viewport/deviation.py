@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The colors of a deviation map in the 3D viewports: shown, with a legend in mm, and put back as it was."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.figure.distance_map import VIRIDIS, painted_mm
+from ...blender.viewport import draw_legend
+from ..state import session
+from ..translations import translate
+
+ATTRIBUTE, USUAL = "VERTEX", "MATERIAL"
+_before: dict[int, tuple[str, str]] = {}  # how each viewport was shaded, by its address
+
+
+def shadings() -> list[Any]:
+    """How the 3D viewports of all windows are shaded."""
+    return [area.spaces.active.shading for area in session.viewports()]
+
+
+def is_shown() -> bool:
+    """Whether a viewport shows the colors of attributes."""
+    return any(shading.type == "SOLID" and shading.color_type == ATTRIBUTE for shading in shadings())
+
+
+def show() -> None:
+    """Show the colors of attributes in every viewport."""
+    for shading in shadings():
+        if (shading.type, shading.color_type) != ("SOLID", ATTRIBUTE):
+            _before[shading.as_pointer()] = (shading.type, shading.color_type)
+            shading.type, shading.color_type = "SOLID", ATTRIBUTE
+
+
+def hide() -> None:
+    """Shade the viewports as they were before."""
+    for shading in shadings():
+        if shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
+            kind, color = _before.pop(shading.as_pointer(), ("SOLID", USUAL))
+            shading.color_type, shading.type = color, kind
+
+
+def draw(context: bpy.types.Context) -> None:
+    """Draw the legend of the active surface, where its colors are shown."""
+    shading = context.space_data.shading
+    largest = painted_mm(context.view_layer.objects.active)
+    if largest is not None and shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
+        draw_legend(translate("Distance to the full surface"), VIRIDIS, largest, "mm")
