@@ -57,7 +57,7 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
     covered = dict.fromkeys(SIDEBARS, 0.0)
     for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
         if bar.type in ("UI", "TOOLS") and bar.alignment in covered and bar.width > 1:
-            covered[bar.alignment] += min(bar.width, region.width / 3)
+            covered[bar.alignment] += min(bar.width, 0.6 * region.width)
     free = region.width - sum(covered.values())
     longer = max(region.width, region.height, 1)
     # As far away as the shorter free side needs it for the sphere about the box.
