@@ -13,7 +13,7 @@ from .. import jobs
 from ..properties.limits import optional, switch
 from ..translations import OURS, translate
 
-LETTER = 5.8  # pixels of a letter at Blender's usual size
+LETTER = 6.3  # pixels of a letter at Blender's usual size
 MARGIN = 60.0  # pixels of a panel beside its text
 NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 

@@ -14,7 +14,7 @@ from ..state import measurements
 from ..state.measurements import Measurement
 from ..translations import translate
 from ..viewport import deviation
-from .layout import SubPanel, draw_pair, draw_table, draw_text, prepare
+from .layout import SubPanel, draw_table, draw_text, prepare
 
 
 class CTMC_PT_results(SubPanel, bpy.types.Panel):
@@ -35,10 +35,10 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         measurement = measurements.of(obj)
         draw_table(layout, facts_of(provenance, measurement))
         draw_mending(layout, measurement)
-        row = draw_pair(layout, context)
-        row.operator("ctmc.measure", icon="DRIVER_DISTANCE")
-        row.operator("ctmc.deviation_map", icon="COLOR")
-        layout.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
+        layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
+        column = layout.column(align=True)
+        column.operator("ctmc.deviation_map", icon="COLOR")
+        column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
         column = layout.column(align=True)  # too many words to stand side by side
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
