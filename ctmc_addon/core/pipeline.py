@@ -195,7 +195,7 @@ def reconstruct_steps(
         try:
             full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
             return (yield from _simplified_steps(stages, full, settings, memory_limit))
-        except MemoryLimitError:
+        except (MemoryLimitError, MemoryError):
             if not may_stream:
                 raise
     # The surface is simplified while it is extracted: the values, or the whole surface beside them, do not fit.

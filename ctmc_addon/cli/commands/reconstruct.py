@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> None:
         surfaces: Surfaces | None = None
         try:
             surfaces = progress.finish(stages.run("Reconstructing", making))
-        except MemoryLimitError:
+        except (MemoryLimitError, MemoryError):
             if not written_in_pieces(outputs, settings, choices):
                 raise
         if surfaces is None:
