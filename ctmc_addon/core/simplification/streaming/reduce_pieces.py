@@ -41,7 +41,7 @@ from .workers import Task, Workers, working
 
 T = TypeVar("T")
 
-BATCH_FACES, BOUNDED_BATCH_FACES = 1 << 20, 1 << 18  # triangles that are simplified together
+BATCH_FACES, BOUNDED_BATCH_FACES = 1 << 19, 1 << 18  # triangles that are simplified together
 LAST_FACES, BOUNDED_LAST_FACES = 3 << 19, 3 << 18  # in the last pass, at most
 SPARE = 2.0  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
