@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel by mouse: nothing jumps, the goal comes first, region, components, labels, deviation map."""
+
+from __future__ import annotations
+
+import pytest
+from window.scenes import IDLE, QUIET, begin, load
+
+pytestmark = pytest.mark.window
+
+MAKE = "bpy.ops.ctmc.reconstruct()"
+SHADING = "answer = [viewport().space.shading.type, viewport().space.shading.color_type]"
+RED_HERE = """
+import importlib
+preview = ours("ui.viewport.preview")
+window, view = viewport().window, viewport()
+with bpy.context.temp_override(window=window, area=view.area, region=view.region):
+    answer = preview.state.shown is not None and not preview.is_made(bpy.context)
+"""
+
+
+@pytest.fixture(scope="module")
+def ct(desk):
+    begin(desk, "CTMC_PT_region", "CTMC_PT_results")
+    load(desk, f"{desk.inside}/volume-0.nii.gz")
+    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1)")
+    desk.wait(QUIET)
+    return f"{desk.inside}/volume-0.nii.gz"
+
+
+def test_the_button_stays_at_its_place_while_costs_are_counted_and_a_surface_is_made(desk, ct):
+    _, before = desk.find(MAKE)
+    desk.ask("ours('ui.state.session').of(bpy.context.scene).cost = None; redraw()")
+    assert desk.under(desk.find(MAKE)[0], before) == MAKE
+    desk.look("panel-01-counting")
+    desk.press(MAKE, "reconstruct")
+    desk.wait(f"{IDLE} and len(bpy.data.meshes) == 1")
+    desk.wait(QUIET)
+    desk.look("panel-02-made")
+    assert desk.find(MAKE)[1] == before
+
+
+def test_the_preview_is_not_drawn_over_the_surface_it_would_make(desk, ct):
+    desk.ask("bpy.context.scene.ctmc.alpha = 0.5; bpy.context.scene.ctmc.stride = (3, 3, 1)")
+    desk.wait(QUIET)
+    assert not desk.ask(RED_HERE)
+    desk.ask("bpy.context.scene.ctmc.threshold = 300")
+    desk.wait(QUIET)
+    assert desk.ask(RED_HERE)
+    desk.ask("bpy.context.scene.ctmc.threshold = 200")
+    desk.wait(QUIET)
+
+
+def test_ticking_the_region_begins_with_the_whole_volume_and_what_was_set_stays(desk, ct):
+    desk.press("ctmc.use_region", "fit_region", 0.155)
+    desk.look("panel-03-region")
+    assert desk.ask("answer = list(bpy.context.scene.ctmc.region)") == [0, 0, 0, 511, 511, 28]
+    desk.ask("s = bpy.context.scene.ctmc; s.region = (100, 100, 2, 400, 400, 20); s.use_region = False")
+    desk.press("ctmc.use_region", "fit_region", 0.155)
+    assert desk.ask("answer = list(bpy.context.scene.ctmc.region)") == [100, 100, 2, 400, 400, 20]
+    desk.ask("bpy.context.scene.ctmc.use_region = False")
+
+
+def test_close_border_stands_in_results_and_closes(desk, ct):
+    desk.press("bpy.ops.ctmc.close_border()", "close_border")
+    desk.wait(f"{IDLE} and bpy.context.scene.ctmc.close_border")
+    desk.look("panel-04-closed")
+    measured = "ours('ui.state.measurements').of(bpy.data.objects['Bone 200 HU']).measures.closed"
+    assert desk.ask(f"answer = {measured}")
+
+
+def test_a_deviation_map_is_seen_with_a_legend_and_has_a_way_back(desk, ct):
+    assert desk.ask(SHADING) == ["SOLID", "MATERIAL"]
+    desk.ask("s = bpy.context.scene.ctmc; s.goal = 'reduction'; s.ratio = 0.1")
+    desk.press("bpy.ops.ctmc.simplify()", "simplify", 0.2)
+    desk.wait(IDLE)
+    desk.press("bpy.ops.ctmc.deviation_map()", "deviation_map")
+    desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
+    picture = desk.look("panel-05-deviation")
+    # The head of the color bar is viridis' yellow: beside it nothing in the viewport is.
+    x, y = desk.ask("view = viewport(); answer = [view.region.x, view.window.height - view.region.y]")
+    scale = desk.ask("answer = bpy.context.preferences.system.ui_scale")
+    red, green, blue = picture.getpixel((round(x + 78 * scale), round(y - 188 * scale)))
+    assert red > 200
+    assert green > 190
+    assert blue < 110
+    desk.press("bpy.ops.ctmc.deviation_view()", "deviation_view")
+    assert desk.ask(SHADING) == ["SOLID", "MATERIAL"]
+    desk.look("panel-06-back")
+
+
+def test_a_label_volume_after_a_ct_goes_to_labels_and_a_name_typed_in_the_list_travels(desk, ct):
+    desk.ask(f"""
+import gzip
+import struct
+data = bytearray(gzip.decompress(open("{ct}", "rb").read()))
+start, (columns, rows, slices) = int(struct.unpack_from("<f", data, 108)[0]), struct.unpack_from("<3h", data, 42)
+import numpy as np
+values = np.zeros((slices, rows, columns), np.int16)
+values[5:15, 100:200, 100:200], values[5:15, 300:400, 300:400] = 1, 2
+struct.pack_into("<2h", data, 70, 4, 16)
+open("{desk.inside}/segmentation-9.nii", "wb").write(bytes(data[:start]) + values.tobytes())
+""")
+    load(desk, f"{desk.inside}/segmentation-9.nii")
+    desk.look("panel-07-labels")
+    assert desk.ask("s = bpy.context.scene.ctmc; answer = [s.use_label, s.use_threshold, s.label]") == [True, False, 1]
+    desk.ask("for o in bpy.data.objects: o.select_set(False)")
+    desk.press(MAKE, "reconstruct")
+    desk.wait(f"{IDLE} and 'Label 1' in bpy.data.objects")
+    desk.ask("bpy.context.scene.ctmc.labels[0].name = 'Liver'")
+    assert desk.ask("o = bpy.data.objects['Liver']; answer = o.data.materials[0].name") == "Liver"
+
+
+def test_the_goal_stands_before_the_method(desk, ct):
+    assert desk.find("ctmc.goal")[1] < desk.find("ctmc.ratio")[1] < desk.find("ctmc.method")[1]
+
+
+def test_the_console_is_silent(desk, ct):
+    log = desk.log.read_text(encoding="utf-8", errors="replace")
+    for word in ("Traceback", "missing the 'files'", "Error:", "rna_uiItem"):
+        assert word not in log
