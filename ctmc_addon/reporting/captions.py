@@ -15,7 +15,7 @@ def figure_caption(
     triangles: int,
     name: str = "",
 ) -> str:
-    """Return the settings of a figure's surface in a line; of several surfaces, what they have in common.
+    """Return every setting that shaped a figure's surface, in a line; of several surfaces, what they have in common.
 
     `spacing_mm` is empty where surfaces have different ones.
 
@@ -30,7 +30,8 @@ def figure_caption(
     if len(settings) == 1 and first.label is not None:
         parts.append(name or f"Label {first.label}")
     elif len(settings) == 1:
-        parts.append(f"{name or 'Surface'} at {threshold:.4g}")
+        limits = f"at {threshold:.4g}" if first.upper is None else f"from {threshold:.4g} to {first.upper:.4g}"
+        parts.append(f"{name or 'Surface'} {limits}")
     if all(surface.stride == first.stride for surface in settings):
         parts.append(stride_phrase(first.stride, spacing_mm))
     smoothings = {smoothing_phrase(surface) for surface in settings}
@@ -38,8 +39,40 @@ def figure_caption(
         parts += smoothings
     if all(surface.alpha_matters and surface.alpha == first.alpha for surface in settings):
         parts.append(f"alpha {first.alpha:g}")
+    for phrase in shape_phrases(first):
+        if all(phrase in shape_phrases(surface) for surface in settings):
+            parts.append(phrase)
     text = ", ".join([*parts, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
+
+
+def shape_phrases(settings: ReconstructionSettings) -> list[str]:
+    """Return what else shaped a surface, in the order in which it is done; nothing for what is left as it is.
+
+    Examples
+    --------
+    >>> shape_phrases(ReconstructionSettings(close_border=True, keep_parts=1, reduction=0.9))
+    ['closed at the border', 'largest component', 'simplified by 90 %']
+    """
+    phrases = []
+    if settings.topology != "classic":
+        phrases.append(f"{settings.topology} topology")
+    if settings.region is not None:
+        phrases.append("a region")
+    if settings.close_border:
+        phrases.append("closed at the border")
+    if settings.keep_parts:
+        phrases.append("largest component" if settings.keep_parts == 1 else f"{settings.keep_parts} largest components")
+    if settings.min_part_mm3:
+        phrases.append(f"components of {settings.min_part_mm3:g} mm³ or more")
+    if settings.simplifies:
+        how = "simplified"
+        if settings.reduction is not None:
+            how += f" by {settings.reduction * 100:.4g} %"
+        elif settings.max_error_mm is not None:
+            how += f" within {settings.max_error_mm:g} mm"
+        phrases.append(f"{how} (Decimate)" if settings.simplifier == "decimate" else how)
+    return phrases
 
 
 def stride_phrase(stride: Sequence[int], spacing_mm: Sequence[float] = ()) -> str:
