@@ -15,7 +15,7 @@ import os
 import struct
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from .surface import mesh_data as meshes
 from .surface.evaluate import evaluated_copy
 from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
+from .timeline import shown_in_turn
 
 MM_PER_M = 1000.0
 PLACEHOLDER = "CTMC-export"  # and a number; the object's own name is taken while the object exists
@@ -56,6 +57,7 @@ def export_together(
     space: str = "ras",
     scene: bpy.types.Scene | None = None,
     collection: str = "",
+    frames: Sequence[int] = (),
 ) -> None:
     """Write the evaluated surfaces of one or several objects to one file, whole or not at all.
 
@@ -69,6 +71,8 @@ def export_together(
         Where the objects are evaluated; None takes the first scene that holds each.
     collection : str
         The name of a collection that holds the objects of a .blend; empty for none.
+    frames : sequence of int
+        At which each object of a .blend is shown, and the others are not; empty for all at once.
 
     Raises
     ------
@@ -90,14 +94,19 @@ def export_together(
         return
     with whole_file(target) as beside:
         try:
-            written, expected = WRITERS[suffix](objects, beside, space, scene, collection)
+            written, expected = WRITERS[suffix](objects, beside, space, scene, collection, frames)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
         require_complete(beside, written, expected, target.name)
 
 
 def write_obj(
-    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+    objects: Sequence[bpy.types.Object],
+    path: Path,
+    space: str,
+    scene: bpy.types.Scene | None,
+    collection: str,
+    frames: Sequence[int],
 ) -> tuple[int, int]:
     """An OBJ without a material file; returns its faces, and the faces it should have.
 
@@ -135,7 +144,12 @@ def write_obj(
 
 
 def write_glb(
-    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+    objects: Sequence[bpy.types.Object],
+    path: Path,
+    space: str,
+    scene: bpy.types.Scene | None,
+    collection: str,
+    frames: Sequence[int],
 ) -> tuple[int, int]:
     """A binary glTF; returns its bytes, and the bytes its header promises. Its axes are glTF's, whatever `space`."""
     if not hasattr(bpy.types, "EXPORT_SCENE_OT_gltf"):
@@ -185,7 +199,12 @@ def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
 
 
 def write_blend(
-    objects: Sequence[bpy.types.Object], path: Path, space: str, scene: bpy.types.Scene | None, collection: str
+    objects: Sequence[bpy.types.Object],
+    path: Path,
+    space: str,
+    scene: bpy.types.Scene | None,
+    collection: str,
+    frames: Sequence[int],
 ) -> tuple[int, int]:
     """A .blend with the live objects, framed; nothing else of the present file goes in.
 
@@ -212,7 +231,8 @@ def write_blend(
         rows = sum(len(obj.data.vertices) + len(obj.data.polygons) for obj in objects)
         require_room(path, 500_000 + 40 * rows)
         # Not save_as_mainfile: that would write the whole file, and the path it lies at.
-        bpy.data.libraries.write(str(path), {own_scene}, path_remap="RELATIVE_ALL")
+        with shown_in_turn(objects, frames, own_scene) if frames else nullcontext():
+            bpy.data.libraries.write(str(path), {own_scene}, path_remap="RELATIVE_ALL")
     finally:
         remove_blocks(own_scene, *added)
     return 0, 0

@@ -286,15 +286,15 @@ def with_flags(sentence: str) -> str:
     return sentence
 
 
-def add_input(parser: argparse.ArgumentParser) -> None:
-    """INPUT, how it is read and what it is called."""
+def add_input(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
+    """INPUT, how it is read and what it is called; `all_times` may be asked for."""
     parser.add_argument(
         "input",
         metavar="INPUT",
         help="folder of slices or of masks, DICOM, its segmentation (SEG) or structure set (RTSTRUCT), or a volume "
         "such as .nii.gz, .nrrd or .mha",
     )
-    add_reading(parser)
+    add_reading(parser, all_times)
     parser.add_argument(
         "--name",
         type=name_of,
@@ -310,8 +310,8 @@ def name_of(text: str) -> str:
     return name
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """How INPUT is read."""
+def add_reading(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
+    """How INPUT is read; `all_times` may be asked for."""
     group = parser.add_argument_group("reading")
     group.add_argument(
         "--spacing",
@@ -324,7 +324,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--flip", type=flip_of, default="", metavar="AXES", help="mirror these axes, such as z or xz")
     group.add_argument("--series", metavar="UID", help="which DICOM series to take, by its UID or number (see info)")
     group.add_argument(
-        "--time", type=at_least(1), metavar="N", help="which of several time points or phases, from 1 on (see info)"
+        "--time",
+        type=time_or_all if all_times else at_least(1),
+        metavar="N",
+        help="which of several time points or phases, from 1 on (see info)"
+        + ("; all makes a surface of each" if all_times else ""),
     )
     group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
     group.add_argument(
@@ -349,6 +353,11 @@ def reading_of(args: argparse.Namespace) -> dict[str, Any]:
     """The keyword arguments of `read_volume` that were asked for."""
     names = ("spacing", "flip", "series", "strict", "time")
     return {name: getattr(args, name) for name in names}
+
+
+def time_or_all(text: str) -> int | str:
+    """A time from 1 on, or all of them."""
+    return ALL if text.strip().lower() == ALL else at_least(1)(text)
 
 
 def spacing_of(text: str) -> Any:

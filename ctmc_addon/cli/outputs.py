@@ -127,7 +127,7 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, places: Mapping[Pat
                 those = [objects[number] for number in numbers]
                 collection = surfaces.name if len(those) > 1 else ""
                 with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
-                    export_together(those, places[path], outputs.space, scene, collection)
+                    export_together(those, places[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
             yield Step(0.4, f"Rendering {outputs.figure.name}")
             with timed(stages, "Rendering the figure"), blender_at_work():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surfaces that a command makes of one input, and what each is called: one, or one for each of several labels."""
+"""The surfaces that a command makes of one input, and what each is called: one, or one for each label or time."""
 
 from __future__ import annotations
 
@@ -36,12 +36,15 @@ class Surfaces:
         Of each surface, all different; empty where there is one that goes by the input's name.
     left_out : tuple of str
         A sentence for each that could not be made.
+    times : tuple of int
+        Of each surface, from 1 on, rising; empty where they are not of several times.
     """
 
     name: str
     results: tuple[Reconstruction, ...]
     names: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    times: tuple[int, ...] = ()
 
     @property
     def are_several(self) -> bool:
@@ -63,11 +66,13 @@ class Surfaces:
         """Plain data for JSON: of one surface its report, of several a list of them with their names."""
         if not self.are_several:
             return self.results[0].report()
-        named = zip(self.names, self.results, strict=True)
+        surfaces = [result.report() | {"name": name} for name, result in zip(self.names, self.results, strict=True)]
+        for surface, time in zip(surfaces, self.times):  # noqa: B905  (there may be no times)
+            surface["time"] = time
         return {
             "name": self.name,
             "version": VERSION,
-            "surfaces": [result.report() | {"name": name} for name, result in named],
+            "surfaces": surfaces,
             "notes": self.notes,
         }
 

@@ -2,7 +2,17 @@
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
-from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, OutputError, ReadError, SettingsError, one_line
+from .errors import (
+    CtmcError,
+    LabelError,
+    MemoryLimitError,
+    MeshError,
+    OutputError,
+    ReadError,
+    SettingsError,
+    ThresholdError,
+    one_line,
+)
 from .extraction.marching_cubes import marching_cubes
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import amount, available_bytes
@@ -52,6 +62,7 @@ __all__ = [
     "Step",
     "Steps",
     "Surface",
+    "ThresholdError",
     "TriangleMesh",
     "Volume",
     "amount",

@@ -16,7 +16,7 @@ from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
 from ...core.streaming import fits_in_memory
-from ...core.volume import SlabVolume, require_labels
+from ...core.volume import ALL, SlabVolume, require_labels
 from ...reporting.formatting import count
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, reading_of, settings_and_labels
 from ..blender_host import require_blender
@@ -25,6 +25,7 @@ from ..surfaces import Surfaces, may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .pieces import pieces_summary, written_in_pieces, written_pieces_steps
 from .slabs import workers_of
+from .times import number_of_times, require_one_each, times_steps
 
 AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
 FORMATS = tuple(suffix.lstrip(".") for suffix in mesh_files.SURFACE_SUFFIXES)
@@ -40,14 +41,14 @@ def add_parser(commands: Any) -> None:
         description="Make a surface from a CT stack or a label volume. Without --threshold or --label "
         "Otsu's threshold is used.",
     )
-    add_input(parser)
+    add_input(parser, all_times=True)
     parser.add_argument(
         "-o",
         "--output",
         required=True,
         metavar="OUTPUT",
         help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)}, its folder must exist; or a folder with a slash at its end, "
-        "for a file of each label",
+        "for a file of each label or time",
     )
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
@@ -69,14 +70,20 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
     settings, choices = settings_and_labels(args)
+    if args.time == ALL:
+        suffix = Path(args.output).suffix.lower()
+        require_one_each(choices, suffix if suffix in mesh_files.SURFACE_SUFFIXES else "", args.figure, args.scheduler)
     outputs = Outputs(
         report=require_writable(args.report, (".json",)) if args.report else None,
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
-        **surface_output(args.output, f".{args.format}", may_be_several(choices)),
+        **surface_output(args.output, f".{args.format}", may_be_several(choices) or args.time == ALL),
     )
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
+    if args.time == ALL:
+        run_times(args, settings, choices, outputs)
+        return
     stages = Stages(STAGES)
     if args.scheduler and may_be_several(choices):
         raise UsageError("--scheduler extracts one surface; give one label, or leave --scheduler out")
@@ -107,6 +114,26 @@ def run(args: argparse.Namespace) -> None:
         print(summary_of_several(surfaces, volume, files, stages.seconds))
     else:
         print(summary(surfaces.results[0], volume, files))
+
+
+def run_times(
+    args: argparse.Namespace, settings: ReconstructionSettings, choices: Sequence[int | str], outputs: Outputs
+) -> None:
+    """Read and reconstruct every time, write, and print what came out."""
+    path, reading = Path(args.input), reading_of(args)
+    stages = Stages({"Reading headers": 1, "Reconstructing": 18, "Writing": 2})
+    with own_folder(outputs.folder or Path(args.output).parent), Progress() as progress:
+        opening = readers.open_volume_steps(source_of(path, settings.label))
+        source = progress.finish(stages.run("Reading headers", opening))
+
+        def read_steps(time: int) -> Steps[Volume | SlabVolume]:
+            volume = yield from needed_steps(source, path, {**reading, "time": time}, settings)
+            return replace(volume, name=args.name or volume.name)
+
+        making = times_steps(read_steps, number_of_times(source, args.series), settings, choices, args.threads)
+        surfaces, volume = progress.finish(stages.run("Reconstructing", making))
+        surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
+    print(summary_of_several(surfaces, volume, files, stages.seconds))
 
 
 def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None) -> Steps[Volume]:
@@ -232,25 +259,27 @@ def summary_of_several(
     surfaces: Surfaces, volume: Volume | SlabVolume, files: Sequence[Path], seconds: Mapping[str, float]
 ) -> str:
     """A row for every surface, and what holds for all, for a person."""
-    rows = [("label", "name", "triangles", "ml", "cm2", "parts")]
-    for name, result in zip(surfaces.names, surfaces.results, strict=True):
+    rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "parts")]
+    numbers = surfaces.times or [result.settings.label for result in surfaces.results]
+    for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         measures = result.mesh.measures
         milliliters = f"{measures.milliliters:.3f}" if measures.closed else "-"
-        numbers = (milliliters, f"{measures.square_centimeters:.2f}", str(measures.components))
-        rows.append((str(result.settings.label), name, str(measures.faces), *numbers))
+        facts = (milliliters, f"{measures.square_centimeters:.2f}", str(measures.components))
+        rows.append((str(number), name, str(measures.faces), *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
-    settings = command_of(replace(surfaces.results[0].settings, label=None))
+    shared = surfaces.results[0].settings
+    settings = command_of(shared if surfaces.times else replace(shared, label=None))
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
     opened = sum(not result.mesh.closed for result in surfaces.results)
     shapes = f", {opened} of them open: --close-border closes them at the border" if opened else ""
-    facts = [
+    shown = [
         ("surfaces", f"{len(surfaces.results)}{shapes}"),
         *titled("note", surfaces.notes),
         ("written", written + more),
     ]
     return (
         f"{head_of(volume)}\nsettings: {settings or 'the defaults'}\n\n{stage_table}\n\n{table(rows)}\n\n"
-        f"{listing(facts)}"
+        f"{listing(shown)}"
     )

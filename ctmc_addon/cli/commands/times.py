@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A surface of every time of a volume, one time after the other: no more than one is in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ...core import (
+    CtmcError,
+    LabelError,
+    MeshError,
+    ReadError,
+    ReconstructionSettings,
+    Stages,
+    Steps,
+    ThresholdError,
+    Volume,
+    equal_part,
+)
+from ...core.volume import SlabVolume, used_threshold_steps
+from ...readers import VolumeSource
+from ..arguments import UsageError
+from ..surfaces import Surfaces, may_be_several, surfaces_steps
+
+Reader = Callable[[int], Steps[Volume | SlabVolume]]
+STAGES = {"Reading": 3, "Reconstructing": 6}
+IN_TURN = (".blend",)  # files that show one surface after the other
+
+
+def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, scheduler: bool) -> None:
+    """Raise `UsageError` where what is asked for is not one surface for each time; `suffix` is empty for a folder."""
+    if may_be_several(choices):
+        raise UsageError("--time all makes one surface of each time; give one label, or one time")
+    if figure or scheduler:
+        flag = "--figure" if figure else "--scheduler"
+        raise UsageError(f"{flag} is for one surface; give one time, or leave {flag} out")
+    if suffix and suffix not in IN_TURN:
+        raise UsageError(
+            f"--time all makes several surfaces, and a {suffix} does not show them in turn; "
+            "give a .blend, or a folder with a slash at its end"
+        )
+
+
+def number_of_times(source: VolumeSource, series: str | None) -> int:
+    """How many times a series has, or a `ReadError` for a single one."""
+    line = source.selected_series(series)
+    if line is not None and line.times == 1:
+        raise ReadError(f"{source.path.name} holds a single time; leave --time all out")
+    return 1 if line is None else line.times  # without a series: reading says what is wrong
+
+
+def times_steps(
+    read_steps: Reader,
+    count: int,
+    settings: ReconstructionSettings,
+    choices: Sequence[int | str],
+    threads: int | None = None,
+) -> Steps[tuple[Surfaces, Volume | SlabVolume]]:
+    """Make the surface of each of `count` times; return them and the last volume.
+
+    Without a threshold Otsu's of the first time is used for all, so that a change is one of the volume. A time without
+    a surface is left out and said.
+
+    Raises
+    ------
+    CtmcError
+        As `reconstruct`, if no time has a surface.
+    """
+    made: list[Surfaces] = []
+    times: list[int] = []
+    left_out: list[str] = []
+    reason: CtmcError | None = None
+    volume: Volume | SlabVolume | None = None
+    note = ""
+    for number in range(count):
+        volume = None  # gone before the next is read
+        stages = Stages(STAGES)
+        reading = stages.run("Reading", read_steps(number + 1))
+        volume = yield from equal_part(reading, number, count)
+        if settings.threshold is None and settings.label is None:
+            threshold = yield from used_threshold_steps(volume, settings)
+            note = f"Otsu's threshold of time 1, {threshold:.6g}, is used for all times"
+            settings = replace(settings, threshold=threshold)
+        try:
+            making = stages.run("Reconstructing", surfaces_steps(volume, settings, choices, threads))
+            one = yield from equal_part(making, number, count)
+        except (LabelError, MeshError, ThresholdError) as error:
+            reason = reason or error
+            left_out.append(f"time {number + 1} is left out: {error}")
+            continue
+        if one.are_several:
+            raise UsageError(f"{choices[0]} is the name of several labels; give one label's number")
+        made.append(one)
+        times.append(number + 1)
+    if volume is None or not made:
+        raise reason or ReadError("there is no time to read; check the file")
+    digits = len(str(count))
+    names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(made, times, strict=True))
+    notes = (note,) if note else ()
+    results = tuple(replace(one.results[0], notes=(*one.results[0].notes, *notes)) for one in made)
+    return Surfaces(made[0].name, results, names, tuple(left_out), tuple(times)), volume
