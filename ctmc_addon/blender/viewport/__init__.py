@@ -6,15 +6,20 @@ from .legend import draw_legend
 from .overlay import Picture, draw_letters, draw_lines
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
+from .strip import Shown, Strip, draw_strip, strip_in
 
 __all__ = [
     "Picture",
     "PreviewSurface",
+    "Shown",
+    "Strip",
     "can_draw",
     "draw_legend",
     "draw_letters",
     "draw_lines",
+    "draw_strip",
     "frame",
     "free_shader",
     "is_held",
+    "strip_in",
 ]

@@ -11,16 +11,17 @@ from typing import NamedTuple
 
 
 class Tissue(NamedTuple):
-    """The name of a tissue, its threshold in HU, and what the surface then encloses."""
+    """The name of a tissue, its threshold in HU, what the surface then encloses, and its upper limit if it has one."""
 
     name: str
     threshold: float
     text: str
+    upper: float | None = None
 
 
 TISSUES = {
     "skin": Tissue("Skin", -300.0, "The body's surface against air"),
-    "lung": Tissue("Lung", -500.0, "Airways and lungs, as hollows in the body"),
+    "lung": Tissue("Lung", -950.0, "Lungs, without air and what is denser", -600.0),
     "soft": Tissue("Soft Tissue", -20.0, "Muscle and organs without fat"),
     "vessel": Tissue("Contrast Vessel", 150.0, "Vessels with contrast medium, and bone"),
     "bone": Tissue("Bone", 200.0, "Bone, spongy bone included"),
@@ -29,17 +30,26 @@ TISSUES = {
 }
 
 
-def surface_name(kind: str, threshold: float) -> str:
-    """Return what the surface at a threshold is called: after the tissue that begins below it, where values are HU.
+def surface_name(kind: str, threshold: float, upper: float | None = None) -> str:
+    """Return what a surface is called: after the tissue that it is of, where values are HU.
+
+    That is the tissue that begins below the threshold, or the one that both limits lie in.
 
     Examples
     --------
     >>> surface_name("HU", 226.0), surface_name("HU", -900.0), surface_name("grey value", 120.0)
     ('Bone 226 HU', 'Surface -900 HU', 'Surface 120')
+    >>> surface_name("HU", -950.0, -600.0), surface_name("HU", 226.0, 500.0), surface_name("HU", -950.0, 0.0)
+    ('Lung -950 to -600 HU', 'Bone 226 to 500 HU', 'Surface -950 to 0 HU')
     """
-    number = f"{threshold:.6g}"
+    number = f"{threshold:.6g}" if upper is None else f"{threshold:.6g} to {upper:.6g}"
     if kind != "HU":
         return f"Surface {number}"
-    below = [tissue for tissue in TISSUES.values() if tissue.threshold <= threshold]
-    name = max(below, key=lambda tissue: tissue.threshold).name if below else "Surface"
+    below = [tissue for tissue in TISSUES.values() if tissue.upper is None and tissue.threshold <= threshold]
+    around = [
+        tissue
+        for tissue in TISSUES.values()
+        if tissue.upper is not None and upper is not None and tissue.threshold <= threshold <= upper <= tissue.upper
+    ]
+    name = max(around or below, key=lambda tissue: tissue.threshold).name if around or below else "Surface"
     return f"{name} {number} HU"

@@ -11,6 +11,7 @@ def modules() -> tuple[Any, ...]:
         export,
         figure,
         figure_view,
+        histogram,
         load,
         reconstruct,
         region,
@@ -24,5 +25,5 @@ def modules() -> tuple[Any, ...]:
         volume_object,
     )
 
-    viewing = (load, view, threshold, slice, slice_object, volume_object, region)
+    viewing = (load, view, threshold, histogram, slice, slice_object, volume_object, region)
     return (*viewing, reconstruct, simplify, components, rotation, results, export, figure, figure_view)

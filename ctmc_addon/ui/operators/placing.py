@@ -151,7 +151,8 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
 
 def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
     """What a surface is called: its label, else tissue and threshold."""
-    return f"{request.prefix} {request.structure or surface_name(request.kind, result.threshold)}".strip()
+    by_values = surface_name(request.kind, result.threshold, result.settings.upper)
+    return f"{request.prefix} {request.structure or by_values}".strip()
 
 
 def move_to(obj: bpy.types.Object, collection: bpy.types.Collection) -> None:

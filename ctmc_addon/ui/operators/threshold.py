@@ -57,7 +57,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
     bl_idname = "ctmc.tissue"
     bl_label = "Tissue"
-    bl_description = "Set the usual threshold of a tissue [HU]"
+    bl_description = "Set the usual threshold of a tissue, with its upper limit if it has one [HU]"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     tissue: EnumProperty(
@@ -77,8 +77,12 @@ class CTMC_OT_tissue(bpy.types.Operator):
         return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set it."""
-        context.scene.ctmc.threshold = TISSUES[self.tissue].threshold
+        """Set it, with its upper limit; a tissue without one leaves none."""
+        tissue, settings = TISSUES[self.tissue], context.scene.ctmc
+        settings.use_upper = tissue.upper is not None
+        settings.threshold = tissue.threshold
+        if tissue.upper is not None:
+            settings.upper = tissue.upper
         return {"FINISHED"}
 
 

@@ -11,6 +11,7 @@ from ...core.volume import surface_name
 from ..operators import threshold
 from ..state import volumes
 from ..translations import translate
+from ..viewport import histogram
 from .layout import draw_setting, draw_text
 
 
@@ -26,6 +27,7 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
         icon = threshold.histogram_icon(context.scene)
         if icon:
             column.template_icon(icon, scale=6.0)
+        column.operator("ctmc.histogram", icon="NORMALIZE_FCURVES", depress=histogram.current() is not None)
         row = column.split(factor=0.8, align=True)
         row.use_property_split = False
         value = row.row(align=True)
@@ -56,7 +58,8 @@ def threshold_text(scene: bpy.types.Scene) -> str:
     volume, value = volumes.current(scene), threshold.used_threshold(scene)
     if not scene.ctmc.use_threshold:
         return translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
-    return "" if volume is None or value is None else surface_name(volume.kind, value)
+    upper = scene.ctmc.upper if scene.ctmc.use_upper else None
+    return "" if volume is None or value is None else surface_name(volume.kind, value, upper)
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The histogram as a strip along the lower edge of a 3D viewport: where its parts are, in pixels, and how it is drawn.
+
+Pixels count from the region's lower left corner. `gpu` and `blf` exist only where Blender draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .overlay import FONT, Color
+
+# Pixels at Blender's usual size, from the lower edge up.
+GAP, TICKS, PLOT, BANDS, TITLE = 8, 18, 96, 18, 20
+SIDE = 14  # beside the axis
+LETTERS = 11
+REACH = 9  # how far from a line the mouse still takes it
+NARROWEST = 120
+
+BACKGROUND, PLOT_BACKGROUND = (0.10, 0.10, 0.11, 0.92), (0.05, 0.05, 0.06, 1.0)
+OUTSIDE, INSIDE = (0.42, 0.42, 0.45, 1.0), (0.90, 0.58, 0.25, 1.0)
+LINE, LINE_HELD, FAINT, TEXT = (1.0, 1.0, 1.0, 1.0), (1.0, 0.95, 0.45, 1.0), (1.0, 1.0, 1.0, 0.12), (0.9, 0.9, 0.9, 1.0)
+BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # one beside the other
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Where the strip lies in a region.
+
+    Parameters
+    ----------
+    left, right : float
+        Its ends, pixels.
+    low, high : float
+        The values at the ends of its axis.
+    scale : float
+        Of Blender's interface.
+    """
+
+    left: float
+    right: float
+    low: float
+    high: float
+    scale: float = 1.0
+
+    @property
+    def bottom(self) -> float:
+        """Its lower edge."""
+        return GAP * self.scale
+
+    @property
+    def top(self) -> float:
+        """Its upper edge."""
+        return self.bottom + (TICKS + PLOT + BANDS + TITLE) * self.scale
+
+    @property
+    def axis(self) -> tuple[float, float]:
+        """The pixels of `low` and `high`."""
+        return self.left + SIDE * self.scale, self.right - SIDE * self.scale
+
+    @property
+    def pixel(self) -> float:
+        """What a pixel is worth, in values."""
+        first, last = self.axis
+        return (self.high - self.low) / max(1.0, last - first)
+
+    @property
+    def reach(self) -> float:
+        """How far from a line the mouse still takes it, in values."""
+        return REACH * self.scale * self.pixel
+
+    def x_of(self, value: float) -> float:
+        """The pixel of a value; one beyond an end stands at that end."""
+        return self.axis[0] + (min(max(value, self.low), self.high) - self.low) / self.pixel
+
+    def value_at(self, x: float) -> float:
+        """The value at a pixel; beyond an end it is that end's."""
+        return min(max(self.low + (x - self.axis[0]) * self.pixel, self.low), self.high)
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a pixel lies in the strip."""
+        return self.left <= x <= self.right and self.bottom <= y <= self.top
+
+
+def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
+    """The strip in a 3D viewport, as wide as its toolbar and sidebar leave free."""
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    left, right = 0.0, float(region.width)
+    for bar in area.regions:
+        if bar.width <= 1 or bar.type not in ("TOOLS", "UI", "HUD"):
+            continue
+        begin, end = bar.x - region.x, bar.x + bar.width - region.x
+        if bar.type == "HUD" or bar.alignment == "LEFT":
+            left = max(left, end) if begin < region.width / 2 else left
+        elif bar.alignment == "RIGHT":
+            right = min(right, begin)
+    gap = GAP * scale
+    left, right = left + gap, right - gap
+    if right - left < NARROWEST * scale:
+        left, right = gap, region.width - gap
+    return Strip(left, right, low, high, scale)
+
+
+def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Two triangles for each box.
+
+    Parameters
+    ----------
+    boxes : (n, 4)
+        Left, bottom, right, top.
+
+    Returns
+    -------
+    (6 n, 3) float32
+    """
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)  # (6 n, 2)
+    return np.column_stack((corners, np.zeros(len(corners)))).astype(np.float32)
+
+
+def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: float) -> NDArray[np.float64]:
+    """The boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
+    ends = start + width * np.arange(len(heights) + 1)
+    pixels = strip.axis[0] + (np.clip(ends, strip.low, strip.high) - strip.low) / strip.pixel
+    foot = strip.bottom + TICKS * strip.scale
+    tops = foot + heights * (PLOT - 4) * strip.scale
+    return np.column_stack((pixels[:-1], np.full(len(heights), foot), pixels[1:], tops))
+
+
+def draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
+    """Fill boxes with one color."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    if not len(boxes):
+        return
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "TRIS", {"pos": rectangles(np.asarray(boxes, np.float64))})
+    shader.bind()
+    shader.uniform_float("color", color)
+    batch.draw(shader)
+
+
+def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: bool = False) -> bool:
+    """Write a text at a pixel, or with its middle there, pushed into `room`; False where it does not fit."""
+    import blf
+
+    width = blf.dimensions(FONT, text)[0]
+    if width > room[1] - room[0]:
+        return False
+    x = min(max(x - width / 2 if middle else x, room[0]), room[1] - width)
+    blf.position(FONT, x, y, 0.0)
+    blf.draw(FONT, text)
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What the strip shows.
+
+    Parameters
+    ----------
+    bars : tuple of (heights, start, width)
+    ticks : sequence of (value, text)
+    bands : sequence of (low, high, texts)
+        The longest text that fits is written.
+    limits : tuple of (threshold, upper)
+        None where there is none; an upper limit then stands at the end.
+    held : int or None
+        The line that the mouse holds or would take, 0 or 1.
+    title, hint : str
+        At the left and the right of the upper edge.
+    pointed : tuple of (value, text) or None
+        What is under the mouse.
+    """
+
+    bars: tuple[NDArray[np.float64], float, float]
+    ticks: Sequence[tuple[float, str]]
+    bands: Sequence[tuple[float, float, Sequence[str]]]
+    limits: tuple[float | None, float | None]
+    held: int | None = None
+    title: str = ""
+    hint: str = ""
+    pointed: tuple[float, str] | None = None
+
+
+def draw_strip(strip: Strip, shown: Shown) -> None:
+    """Draw it in the region that is being drawn."""
+    import blf
+    import gpu
+
+    gpu.state.blend_set("ALPHA")
+    scale, (first, last) = strip.scale, strip.axis
+    foot = strip.bottom + TICKS * scale
+    head = foot + PLOT * scale
+    draw_boxes(np.array([[strip.left, strip.bottom, strip.right, strip.top]]), BACKGROUND)
+    draw_boxes(np.array([[first, foot, last, head]]), PLOT_BACKGROUND)
+    draw_bars(strip, shown)
+    grid = [strip.x_of(value) for value, _ in shown.ticks]
+    draw_boxes(np.array([[x, foot, x + scale, head] for x in grid]).reshape(-1, 4), FAINT)
+    blf.size(FONT, LETTERS * scale)
+    blf.color(FONT, *TEXT)
+    for (_, text), x in zip(shown.ticks, grid, strict=True):
+        draw_text(text, x, strip.bottom + 5 * scale, (strip.left, strip.right), middle=True)
+    for number, (low, high, texts) in enumerate(shown.bands):
+        begin, end = strip.x_of(low), strip.x_of(high)
+        draw_boxes(np.array([[begin, head, end - scale, head + BANDS * scale]]), BAND_COLORS[number % 2])
+        room = (begin + 3 * scale, end - 3 * scale)
+        any(draw_text(text, begin, head + 5 * scale, room, middle=False) for text in texts)
+    draw_limits(strip, shown, foot, head)
+    y = head + (BANDS + 6) * scale
+    width = blf.dimensions(FONT, shown.title)[0]
+    draw_text(shown.title, first, y, (first, last))
+    draw_text(shown.hint, last, y, (first + width + 12 * scale, last))
+    if shown.pointed is not None:
+        value, text = shown.pointed
+        x = strip.x_of(value)
+        draw_boxes(np.array([[x, foot, x + scale, head]]), (1.0, 1.0, 1.0, 0.35))
+        wide = blf.dimensions(FONT, text)[0] + 8 * scale
+        left = min(x + 6 * scale, last - wide)
+        draw_boxes(np.array([[left, head - 20 * scale, left + wide, head - 3 * scale]]), (0.0, 0.0, 0.0, 0.75))
+        draw_text(text, left + 4 * scale, head - 15 * scale, (left, last))
+    gpu.state.blend_set("NONE")
+
+
+def draw_bars(strip: Strip, shown: Shown) -> None:
+    """The bars, those between the limits in color."""
+    boxes = bar_boxes(strip, *shown.bars)
+    threshold, upper = shown.limits
+    begin = strip.axis[1] if threshold is None else strip.x_of(threshold)
+    end = strip.axis[1] if upper is None else strip.x_of(upper)
+    draw_boxes(boxes, OUTSIDE)
+    inside = boxes.copy()
+    inside[:, [0, 2]] = np.clip(inside[:, [0, 2]], begin, max(begin, end))
+    draw_boxes(inside[inside[:, 2] > inside[:, 0]], INSIDE)
+
+
+def draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
+    """The two lines, each with a grip at its head; the upper limit's is hollow where there is none."""
+    scale = strip.scale
+    threshold, upper = shown.limits
+    for number, value in enumerate((threshold, upper)):
+        if value is None and number == 0:
+            continue
+        x = strip.axis[1] if value is None else strip.x_of(value)
+        color = LINE_HELD if shown.held == number else LINE
+        if value is None:
+            color = (*color[:3], 0.5)
+        draw_boxes(np.array([[x - scale, foot, x + scale, head]]), color)
+        draw_boxes(np.array([[x - 4 * scale, foot - 7 * scale, x + 4 * scale, foot + 5 * scale]]), color)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The histogram in the viewport, whose lines set threshold and upper limit: what it shows, and in which viewport.
+
+One viewport has it at a time. Nothing of it is stored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+from ...blender.viewport import Shown, Strip, draw_strip, strip_in
+from ...core.volume import (
+    Limits,
+    grabbed_limit,
+    histogram_bars,
+    moved_limit,
+    round_ticks,
+    rounded_to,
+    shown_range,
+    tissue_bands,
+)
+from ..operators.threshold import used_threshold
+from ..state import session, volumes
+from ..translations import translate
+
+PIXELS_OF_A_TICK = 70.0
+
+
+@dataclass
+class Open:
+    """The histogram that is open.
+
+    Parameters
+    ----------
+    area : int
+        `as_pointer` of its viewport.
+    handler : object
+        What draws it.
+    range : (low, high) or None
+        The axis, kept while a line is dragged.
+    pointed, held : float, bool or None
+        The value under the mouse; whether the line it holds or would take is the upper limit.
+    """
+
+    area: int
+    handler: Any
+    range: tuple[float, float] | None = None
+    pointed: float | None = None
+    held: bool | None = None
+
+
+_open: list[Open] = []  # at most one
+
+
+def current() -> Open | None:
+    """The histogram that is open."""
+    return _open[0] if _open else None
+
+
+def show(area: bpy.types.Area) -> Open:
+    """Open it in a viewport."""
+    hide()
+    handler = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
+    _open.append(Open(area.as_pointer(), handler))
+    session.redraw_viewports()
+    return _open[0]
+
+
+def hide() -> None:
+    """Close it, wherever it is."""
+    while _open:
+        bpy.types.SpaceView3D.draw_handler_remove(_open.pop().handler, "WINDOW")
+    session.redraw_viewports()
+
+
+def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
+    """Threshold and upper limit as a reconstruction would use them."""
+    settings = scene.ctmc
+    return used_threshold(scene), settings.upper if settings.use_upper else None
+
+
+def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:
+    """What `restore_limits` brings back."""
+    settings = scene.ctmc
+    return settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label
+
+
+def restore_limits(scene: bpy.types.Scene, stored: tuple[Any, ...]) -> None:
+    """Bring back what the limits were before a drag."""
+    settings = scene.ctmc
+    settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label = stored
+
+
+def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
+    """Where the open histogram lies in its viewport; None where no CT is loaded, or labels."""
+    ct, shown = volumes.loaded(scene), current()
+    if ct is None or shown is None or ct.volume.kind == "label":
+        return None
+    low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *limits_of(scene))
+    return strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
+
+
+def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
+    """Whether a press at this pixel takes the upper limit; else the threshold."""
+    threshold, upper = limits_of(scene)
+    value = strip.value_at(x)
+    known = value if threshold is None else threshold
+    return grabbed_limit(Limits(known, upper), value, strip.high, strip.reach)
+
+
+def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
+    """The pixel of a line; one that is not there yet stands at the end."""
+    value = limits_of(scene)[is_upper]
+    return strip.axis[1] if value is None else strip.x_of(value)
+
+
+def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None:
+    """Bring a line to a pixel."""
+    settings = scene.ctmc
+    threshold, upper = limits_of(scene)
+    value = strip.value_at(x)
+    if strip.low < value < strip.high:
+        value = rounded_to(value, strip.pixel)
+    before = Limits(strip.low if threshold is None else threshold, upper)
+    after = moved_limit(before, is_upper, value, strip.low, strip.high)
+    if is_upper and after.upper is None:
+        settings.use_upper = False
+    elif is_upper:
+        settings.upper = after.upper
+    else:
+        settings.threshold = after.threshold
+
+
+def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
+    """What the strip shows of the scene's CT."""
+    ct, opened = volumes.require_loaded(scene), current()
+    first, last = strip.axis
+    bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
+    ticks = round_ticks(strip.low, strip.high, max(2, int((last - first) / (PIXELS_OF_A_TICK * strip.scale))))
+    is_hu = ct.volume.kind == "HU"
+    bands = tissue_bands(strip.low, strip.high) if is_hu else []
+    names = [(band.low, band.high, translate(band.name)) for band in bands]
+    pointed, held = (None, None) if opened is None else (opened.pointed, opened.held)
+    text = None
+    if pointed is not None:
+        value = rounded_to(pointed, strip.pixel)
+        tissue = next((f", {name}" for low, high, name in names if low <= value < high), "")
+        text = (pointed, with_unit(value, is_hu) + tissue)
+    return Shown(
+        (bars.heights, bars.start, bars.width),
+        [(tick, f"{tick:.6g}") for tick in ticks],
+        [(low, high, (f"{name} {low:.6g}", name)) for low, high, name in names],
+        limits_of(scene),
+        None if held is None else int(held),
+        title_of(scene, is_hu),
+        translate("Drag a line. Upper limit at the right end: none. Esc closes"),
+        text,
+    )
+
+
+def with_unit(value: float, is_hu: bool) -> str:
+    """A value, with its unit where it has one."""
+    return f"{value:.6g} HU" if is_hu else f"{value:.6g}"
+
+
+def title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
+    """The limits in words."""
+    threshold, upper = limits_of(scene)
+    words = {"Threshold": threshold, "Upper Limit": upper}
+    said = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]
+    return "    ".join(said)
+
+
+def draw() -> None:
+    """Draw it, where it is."""
+    context, opened = bpy.context, current()
+    if opened is None or context.area is None or context.area.as_pointer() != opened.area:
+        return
+    strip = strip_of(context.area, context.scene)
+    if strip is not None:
+        draw_strip(strip, shown_of(strip, context.scene))
+
+
+def register() -> None:
+    """Nothing is there until it is opened."""
+
+
+def unregister() -> None:
+    """Leave nothing in the viewport."""
+    hide()
