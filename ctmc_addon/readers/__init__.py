@@ -254,7 +254,9 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
         raise ReadError(f"the folder {folder.name} is empty; choose the folder that holds the slices")
     source = yield from dicom_series.open_steps(folder, files)
     if slices and len(source.files) <= len(slices):
-        return (yield from image_folder.open_steps(folder))
+        alone = len(slices) == 1 and not source.files  # such as TotalSegmentator's preview of its masks
+        masks_beside = (yield from masks.in_files_steps(folder, open_volume_steps)) if alone else None
+        return masks_beside or (yield from image_folder.open_steps(folder))
     if source.files:
         return (yield from masks.in_folders_steps(source)) or source
     masks_in_files = yield from masks.in_files_steps(folder, open_volume_steps)

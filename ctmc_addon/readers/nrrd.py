@@ -320,6 +320,12 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
     if "space directions" in header:
         directions = np.asarray(header["space directions"], np.float64)
         origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), np.float64)
+        notes = []
+        if directions.shape[1:] == origin.shape == (4,) and not directions[kept, 3].any():  # the fourth is time
+            directions, origin = directions[:, :3], origin[:3]
+            if not space:
+                space = "left-posterior-superior"
+                notes.append("the file's space has no name: taken as left-posterior-superior, as ITK writes times")
         if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) <= max(kept) or origin.shape != (3,):
             raise ReadError(
                 f"'space directions' {directions.shape} and 'space origin' {origin.shape} of the NRRD do not place "
@@ -328,7 +334,6 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
         affine = np.eye(4)
         affine[:3, :3] = directions[kept].T
         affine[:3, 3] = origin
-        notes = []
         signs = SPACES.get(space.removesuffix("-time"))
         if signs is None:
             signs = (1.0, 1.0, 1.0)

@@ -60,6 +60,15 @@ def test_nrrd_masks_are_read_too(tmp_path):
     assert read_volume(tmp_path).label_names == {1: "liver", 2: "spleen"}
 
 
+def test_a_preview_beside_masks_is_no_slice(tmp_path):
+    from PIL import Image
+
+    for name, mask in zip(("liver", "spleen"), boxes(), strict=True):
+        save(tmp_path / f"{name}.nii.gz", mask)
+    Image.new("RGB", (40, 30)).save(tmp_path / "preview_total.png")
+    assert read_volume(tmp_path).label_names == {1: "liver", 2: "spleen"}
+
+
 def test_masks_on_different_grids_are_refused_in_a_sentence(tmp_path):
     liver, spleen = boxes()
     save(tmp_path / "a" / "liver.nii.gz", liver)

@@ -186,6 +186,30 @@ def test_layers_of_segments_make_one_label_volume(tmp_path, values):
     assert open_volume(tmp_path / "x.seg.nrrd").series[0].times == 1
 
 
+@pytest.mark.parametrize("space", ["", "left-posterior-superior-time", "right-anterior-superior-time"])
+def test_times_in_a_space_of_four_dimensions_are_read(tmp_path, space):
+    """As ITK writes four dimensions: without a name of the space, in its own axes."""
+    array = numbers(shape=(5, 6, 7, 3))
+    directions = np.eye(4)
+    directions[:3, :3] = DIRECTIONS
+    header = {"space directions": directions, "space origin": [*ORIGIN, 0], "kinds": ["domain"] * 4}
+    volume = read_volume(saved(tmp_path / "x.nrrd", array, header | ({"space": space} if space else {})), time=2)
+    np.testing.assert_array_equal(volume.values.T, array[..., 1])
+    signs = (1, 1, 1) if "right" in space else (-1, -1, 1)
+    np.testing.assert_allclose(volume.affine[:3], np.column_stack([DIRECTIONS.T, ORIGIN]) * np.array(signs)[:, None])
+    assert any("as ITK writes times" in note for note in volume.notes) == (not space)
+
+
+def test_small_segments_in_layers_keep_all_their_voxels(tmp_path):
+    array = np.zeros((2, 9, 8, 7), np.uint8)
+    array[0, 5:8, 3:6, 2:5], array[1, 6, 4:7, 1:3] = 1, 1
+    segments = {f"Segment{layer}_{key}": str(layer + at) for layer in (0, 1) for key, at in (("Layer", 0), ("Name", 5))}
+    segments |= {f"Segment{layer}_LabelValue": "1" for layer in (0, 1)}
+    header = {**LPS, "space directions": FIRST[0], "kinds": FIRST[1], **segments}
+    volume = read_volume(saved(tmp_path / "x.seg.nrrd", array, header))
+    np.testing.assert_array_equal(volume.values.T, np.where(array[1], 2, array[0]))
+
+
 def test_a_fourth_dimension_of_vectors_is_refused(tmp_path):
     header = {**LPS, "space directions": FIRST[0], "kinds": ["vector", "domain", "domain", "domain"]}
     with pytest.raises(CtmcError, match=r"sizes \(2, 5, 6, 7\) \(vector domain.*one channel as a file of its own"):

@@ -79,10 +79,10 @@ def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], na
     slices, rows, columns = layers[0].everything
     for number in slices:
         yield Step(number / len(slices), "Painting segments")
-        window = label_map.values[number : number + 1]
+        window = label_map.values[number]
         for layer, reader in enumerate(layers):
             own = [at for at, segment in enumerate(segments) if segment.layer == layer]
-            stored = reader.read(range(number, number + 1), rows, columns) if own else window
+            stored = reader.read(range(number, number + 1), rows, columns)[0] if own else window
             for at in own:
                 label_map.paint(window, stored == values[at], labels[at])
     notes = label_map.overlap_note("segments", "the later one") + label_map.empty_note("segments")

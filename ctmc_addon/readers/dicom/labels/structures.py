@@ -156,7 +156,7 @@ def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[lis
     """The contours of every region by scanned slice, in pixels, and how many were left out and why."""
     regions, left_out = [], Counter[str]()
     total = sum(len(region.contours) for region in header.regions)
-    done = 0
+    done, gap = 0, grid.gap
     with opened(path) as (elements, _):
         for region in header.regions:
             nearest: dict[int, dict[float, list[NDArray[np.float64]]]] = {}
@@ -172,9 +172,9 @@ def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[lis
                     left_out["contours of less than 3 points"] += 1
                     continue
                 scanned, corners, way, spread = grid.on_slice(points)
-                if spread > PLANAR * grid.gap:
+                if spread > PLANAR * gap:
                     left_out["contours that do not lie in the plane of the slices"] += 1
-                elif abs(way) > 0.5 * grid.gap * (1 + 1e-6):
+                elif abs(way) > 0.5 * gap * (1 + 1e-6):
                     left_out["contours above or below all slices"] += 1
                 else:
                     nearest.setdefault(scanned, {}).setdefault(round(abs(way), 2), []).append(corners)
@@ -195,7 +195,7 @@ def positions_of(elements: Elements, place: Place) -> NDArray[np.float64]:
     words = elements.file.read(place.length).rstrip(b"\0 ").split(b"\\")
     if len(words) % 3:
         raise Damaged(f"a contour of {len(words)} numbers, which are no positions")
-    values = np.array(words).astype(np.float64)
+    values = np.fromiter(map(float, words), np.float64, len(words))
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN
         raise Damaged("a contour with positions that are no number or farther than any patient")
     return values.reshape(-1, 3)
