@@ -7,6 +7,8 @@ import math
 
 import bpy
 
+NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # in a file that Blender has made
+
 
 def set_units(scene: bpy.types.Scene, scale: float) -> None:
     """Show lengths in mm, where a millimeter is `scale` Blender units; nothing moves.
@@ -22,3 +24,9 @@ def shows_mm(scene: bpy.types.Scene, scale: float) -> bool:
     units = scene.unit_settings
     is_mm = units.system == "METRIC" and units.length_unit == "MILLIMETERS"
     return is_mm and math.isclose(units.scale_length, 0.001 / scale, rel_tol=1e-5)
+
+
+def has_blenders_units(scene: bpy.types.Scene) -> bool:
+    """Whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
+    units = scene.unit_settings
+    return all(getattr(units, name) == value for name, value in NEW.items())

@@ -39,7 +39,7 @@ def loaded(desk):
 
 def test_a_line_follows_the_mouse_and_the_preview_follows_the_line(desk):
     desk.look("histogram-01-open")
-    before = desk.ask("answer = len(ours('ui.viewport.preview').state.shown.mesh.faces)")
+    before = desk.ask("answer = len(ours('ui.viewport.preview').state.shown.surface.faces)")
     start, end = places(desk, 200, 700)
     desk.drag(start, end)
     threshold, upper = desk.ask(LIMITS)
@@ -47,7 +47,7 @@ def test_a_line_follows_the_mouse_and_the_preview_follows_the_line(desk):
     assert upper is None
     desk.wait(QUIET)
     desk.look("histogram-02-dragged")
-    assert desk.ask("answer = len(ours('ui.viewport.preview').state.shown.mesh.faces)") != before
+    assert desk.ask("answer = len(ours('ui.viewport.preview').state.shown.surface.faces)") != before
 
 
 def test_a_drag_is_one_undo_step(desk):

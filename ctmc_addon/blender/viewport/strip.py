@@ -251,4 +251,4 @@ def draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
         if value is None:
             color = (*color[:3], 0.5)
         draw_boxes(np.array([[x - scale, foot, x + scale, head]]), color)
-        draw_boxes(np.array([[x - 4 * scale, foot - 7 * scale, x + 4 * scale, foot + 5 * scale]]), color)
+        draw_boxes(np.array([[x - 4 * scale, foot, x + 4 * scale, foot + 12 * scale]]), color)

@@ -13,6 +13,7 @@ from bpy.props import BoolProperty, BoolVectorProperty, CollectionProperty, Floa
 from ... import readers
 from ...blender.colors import color_of
 from ...blender.ct_box import show_box
+from ...blender.units import has_blenders_units, set_units
 from ...core import ReadError, Stages, Steps
 from ...core.volume import volume_box, volume_statistics_steps
 from ...readers import KNOWN_SUFFIXES
@@ -178,6 +179,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
     stored, reading = scene.ctmc, loaded.reading
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
+    is_first = not stored.volume_fingerprint
     volumes.keep(loaded, scene)
     stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
     for axis in "xyz":
@@ -197,7 +199,11 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     change_events.notify(stored, "volume")
     show_in_scene(scene, loaded, is_another_ct)
     columns, rows, slices = loaded.full.size
-    return translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+    text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+    if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
+        set_units(scene, machine().scale)
+        text += ". " + translate("Blender's numbers are millimeters now")
+    return text
 
 
 def follow_kind(stored: Any, loaded: volumes.Loaded) -> None:

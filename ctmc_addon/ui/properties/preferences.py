@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit."""
+"""What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit, units."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import bpy
-from bpy.props import FloatProperty, IntProperty
+from bpy.props import BoolProperty, FloatProperty, IntProperty
 
 from ...blender.surface import SCALE
 from ..translations import OURS, translate
@@ -18,7 +18,7 @@ GIB = 2**30
 
 
 class CTMCPreferences(bpy.types.AddonPreferences):
-    """Threads, preview budget, scene scale, memory limit."""
+    """Threads, preview budget, scene scale, memory limit, units."""
 
     bl_idname = ADDON
 
@@ -52,15 +52,24 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         max=1024.0,
         precision=1,
     )
+    show_mm: BoolProperty(
+        name="Show Millimeters in New Files",
+        description=(
+            "Set the units to the patient's millimeters when the first CT is loaded into a file that was never saved "
+            "and has Blender's own units"
+        ),
+        default=True,
+    )
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """Show all four."""
+        """Show them."""
         self.layout.use_property_split = True
         for name in ("threads", "preview_ms", "scene_scale", "memory_gib"):
             row = self.layout.row(heading=translate(self.bl_rna.properties[name].name), heading_ctxt=OURS)
             row.use_property_split = False
             is_auto = name in ("threads", "memory_gib") and not getattr(self, name)
             row.prop(self, name, text=translate("auto") if is_auto else "")
+        self.layout.prop(self, "show_mm")
 
 
 @dataclass(frozen=True)
@@ -71,6 +80,7 @@ class Machine:
     preview_seconds: float = 0.1
     scale: float = SCALE
     memory_limit: int | None = None
+    show_mm: bool = True
 
 
 def machine() -> Machine:
@@ -84,6 +94,7 @@ def machine() -> Machine:
         preview_seconds=preferences.preview_ms / 1000,
         scale=preferences.scene_scale,
         memory_limit=int(preferences.memory_gib * GIB) or None,
+        show_mm=preferences.show_mm,
     )
 
 

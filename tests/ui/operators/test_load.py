@@ -250,3 +250,33 @@ def test_a_label_volume_goes_to_labels_by_itself_and_hu_back_to_its_threshold(sc
     bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"))
     assert (scene.ctmc.use_label, scene.ctmc.label, scene.ctmc.use_threshold) == (True, 3, False)
     assert [item.value for item in scene.ctmc.labels if item.chosen] == [3]
+
+
+def numbers_shown(obj):
+    """The dimensions as Blender's sidebar shows them, in mm."""
+    return np.array(obj.dimensions) * bpy.context.scene.unit_settings.scale_length * 1000
+
+
+def test_the_first_ct_of_a_new_file_lets_blender_show_its_millimeters(scene, ball_file):
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1.0, 1.0, 2.0))
+    bpy.ops.ctmc.reconstruct()
+    bpy.context.view_layer.update()
+    assert numbers_shown(bpy.context.object) == pytest.approx([12.0, 12.0, 12.0], rel=0.03)
+    assert bpy.utils.units.to_value("METRIC", "LENGTH", "12 mm") / scene.unit_settings.scale_length == pytest.approx(
+        0.12
+    )
+
+
+@pytest.mark.parametrize("reason", ["chosen units", "saved file", "second CT"])
+def test_units_that_somebody_has_chosen_stay(scene, ball_file, tmp_path, reason):
+    if reason == "chosen units":
+        scene.unit_settings.system = "IMPERIAL"
+    if reason == "saved file":
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    if reason == "second CT":
+        bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1.0, 1.0, 1.0))
+        scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
+        scene.unit_settings.length_unit = "METERS"
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1.0, 1.0, 2.0))
+    assert bpy.context.scene.unit_settings.scale_length == 1.0
