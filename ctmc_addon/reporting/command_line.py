@@ -51,13 +51,13 @@ def reading_flags(reading: Mapping[str, Any]) -> list[str]:
 
     Examples
     --------
-    >>> reading_flags({"spacing": (0.7, 0.7, 2.0), "flip": "z", "series": None})
-    ['--spacing', '0.7', '0.7', '2', '--flip', 'z']
+    >>> reading_flags({"spacing": (0.7, 0.7, 2.0), "flip": "z", "series": None, "time": 2})
+    ['--spacing', '0.7', '0.7', '2', '--flip', 'z', '--time', '2']
     """
     words = []
     if reading.get("spacing"):
         words += ["--spacing", *(f"{side:.12g}" for side in reading["spacing"])]
-    for name in ("flip", "series"):
+    for name in ("flip", "series", "time"):
         if reading.get(name):
             words += [f"--{name}", str(reading[name])]
     return words

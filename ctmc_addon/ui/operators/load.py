@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, BoolVectorProperty, CollectionProperty, FloatVectorProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    BoolVectorProperty,
+    CollectionProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
 
 from ... import readers
 from ...blender.colors import color_of
@@ -31,11 +38,14 @@ DROPPED = ";".join(sorted({"." + suffix.rpartition(".")[2] for suffix in KNOWN_S
 
 
 class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
-    """Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy."""
+    """Read a CT or labels, in any of the formats that `readers` knows."""
 
     bl_idname = "ctmc.load"
     bl_label = "Load CT"
-    bl_description = "Read a CT stack: a folder of slices, a DICOM series, NIfTI, NRRD, TIFF or npy"
+    bl_description = (
+        "Read a CT or labels: DICOM with its segmentations (SEG) and structure sets (RTSTRUCT), NIfTI, NRRD, "
+        "MetaImage, MGH, Analyze, npy, a folder of masks, or slices as TIFF, JPEG 2000, PNG, JPEG or BMP"
+    )
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     message_field = "load_message"
 
@@ -59,6 +69,13 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     series: StringProperty(
         name="Series",
         description="UID of the DICOM series. Empty = the one with the most slices",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+    time: IntProperty(
+        name="Time",
+        description="Which of several times of the CT to read: time points, phases or acquisitions. "
+        "0 = the first that is whole",
+        min=0,
         options={"SKIP_SAVE", "HIDDEN"},
     )
     again: BoolProperty(
@@ -104,12 +121,15 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             "spacing": tuple(self.spacing) if any(self.spacing) else None,
             "flip": self.flip or "".join(axis for axis, flips in zip("xyz", self.flip_axes, strict=True) if flips),
             "series": self.series or None,
+            "time": self.time or None,
         }
         if self.again and not path:
             path = stored.volume_path
             reading = reading_of(stored)
             if self.series:
-                reading["series"] = self.series
+                reading |= {"series": self.series, "time": None}
+            if self.time:
+                reading["time"] = self.time
             if reading == known_reading(scene):
                 expected = stored.volume_fingerprint
         if not path:
@@ -134,6 +154,9 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             volume = yield from stages.run(values, file.volume_steps(stride))
         if reading["series"] and selected is not None:  # its UID is kept nowhere
             reading = {**reading, "series": str(selected.number)}
+        if selected is not None:
+            time, _ = source.selected_time(reading["series"], reading["time"])
+            reading = {**reading, "time": time if selected.times > 1 else None}
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
             path,
@@ -163,6 +186,7 @@ def reading_of(stored: Any) -> dict[str, Any]:
         "spacing": tuple(stored.spacing) if any(stored.spacing) else None,
         "flip": "".join(axis for axis in "xyz" if getattr(stored, f"flip_{axis}")),
         "series": stored.series or None,
+        "time": stored.time or None,
     }
 
 
@@ -185,6 +209,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     for axis in "xyz":
         setattr(stored, f"flip_{axis}", axis in reading["flip"])
     stored.series = str(reading["series"] or "")
+    stored.time = reading["time"] or 0
     if is_another_ct:
         stored.volume_name = ""
         names = loaded.volume.label_names

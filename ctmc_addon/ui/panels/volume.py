@@ -73,6 +73,8 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     draw_views(layout)
     if len(loaded.series) > 1:
         draw_series(layout, loaded)
+    if loaded.times > 1:
+        draw_times(layout, stored, loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
         column.prop(stored, "spacing")
@@ -106,6 +108,16 @@ def draw_views(layout: Any) -> None:
     row = row.row(align=True)
     for side in (side for side in SIDES if side != AS_IT_IS):
         row.operator("ctmc.view", text=side, translate=False).side = side
+
+
+def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
+    """Which of several times is to be read, and a button that reads it."""
+    column = layout.column(align=True)
+    text = translate("Time, 1 to {count}").format(count=loaded.times)
+    column.prop(stored, "time", text=text, translate=False)
+    row = column.row(align=True)
+    row.enabled = stored.time != loaded.reading["time"]
+    row.operator("ctmc.load", text="Load This Time", icon="FILE_REFRESH").again = True
 
 
 def draw_series(layout: Any, loaded: volumes.Loaded) -> None:

@@ -252,6 +252,12 @@ def volume_properties() -> dict[str, Any]:
         "volume_name": text("Name", "What surfaces of this CT are called. Empty = as its file or folder"),
         "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
         "series": text("Series", "UID of the DICOM series. Empty = the one with most slices"),
+        "time": integer(
+            "Time",
+            "Which of several times of the CT to read: time points, phases or acquisitions. "
+            "0 = the first that is whole",
+            min=0,
+        ),
         "spacing": decimals(
             "Spacing",
             "Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",

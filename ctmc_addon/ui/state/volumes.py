@@ -56,6 +56,11 @@ class Loaded:
         """All samples: what surfaces are made from, and what regions and strides count in."""
         return self.file or self.volume
 
+    @property
+    def times(self) -> int:
+        """Volumes at the same place that the series holds."""
+        return next((series.times for series in self.series if series.number == self.series_number), 1)
+
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
         """The settings as they are for `volume`."""
         return settings_of_copy(settings, self.shown_stride)
