@@ -48,31 +48,31 @@ def relax_steps(
     curvature = np.zeros_like(field)  # zero where bricks are not active
     half = np.float32(0.5)
 
-    def laplacian(values: Floats, part: slice) -> Floats:
-        row = np.empty((part.stop - part.start, WIDTH + 2), np.float32)
-        row[:, 1:-1] = values[part]
-        flat = values.reshape(-1)
-        row[:, 0] = flat.take(ends[0][part], mode="clip")
-        row[:, -1] = flat.take(ends[1][part], mode="clip")
-        total = row[:, :-2] + row[:, 2:]
+    def laplacian(values: Floats, part: slice, total: Floats) -> None:
+        here, flat = values[part], values.reshape(-1)
+        # Along x as if every brick went on in the next of the list: rows of 8 take NumPy far longer than one of all.
+        samples = here.reshape(-1)
+        np.add(samples[:-2], samples[2:], out=total.reshape(-1)[1:-1])
+        np.add(flat.take(ends[0][part], mode="clip"), here[:, 1], out=total[:, 0])
+        np.add(here[:, -2], flat.take(ends[1][part], mode="clip"), out=total[:, -1])
         total *= wx
-        pair, second = np.empty_like(total), np.empty_like(total)
+        pair, second = np.empty_like(here), np.empty_like(here)
         for axis, weight in ((0, wy), (2, wz)):
             np.take(values, beside[axis][part], axis=0, out=pair, mode="clip")
             np.take(values, beside[axis + 1][part], axis=0, out=second, mode="clip")
             pair += second
             pair *= weight
             total += pair
-        np.multiply(values[part], half, out=pair)
+        np.multiply(here, half, out=pair)
         total -= pair
-        return total
 
     def bend(part: slice) -> None:
-        curvature[part] = laplacian(ahead, part)
+        laplacian(ahead, part, curvature[part])
 
     def descend(part: slice) -> None:
-        moved = laplacian(curvature, part)
         here, before = ahead[part], field[part]
+        moved = np.empty_like(here)
+        laplacian(curvature, part, moved)
         np.subtract(here, moved, out=moved)
         np.maximum(moved, low[part], out=moved)
         np.minimum(moved, high[part], out=moved)
