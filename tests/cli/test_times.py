@@ -93,17 +93,8 @@ def test_one_time_is_in_memory_at_a_time(ctmc, beating, tmp_path, monkeypatch):
     assert alive == [0, 0, 0]
 
 
-def test_a_blend_shows_one_time_after_the_other(ctmc, beating, tmp_path, scene):
-    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    target = tmp_path / "heart.blend"
-    actions = len(scene.data.actions)
-    done = ctmc("reconstruct", beating, "--time", "all", "--threshold", "1000", "-o", target)
-    assert done.code == 0, done.errors
-    assert len(scene.data.actions) == actions
-    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    with scene.data.libraries.load(str(target)) as (stored, loaded):
-        loaded.scenes = stored.scenes
-    (opened,) = loaded.scenes
+def check_turns(opened):
+    """At each frame the object of its time is shown alone, in viewports and in renders."""
     assert (opened.frame_start, opened.frame_end, opened.frame_current) == (1, 3, 1)
     (collection,) = opened.collection.children
     assert collection.name == "heart"
@@ -118,6 +109,20 @@ def test_a_blend_shows_one_time_after_the_other(ctmc, beating, tmp_path, scene):
             assert shown == [time == frame for time in (1, 2, 3)], (frame, switch)
         seen = [item.object.original for item in graph.object_instances if item.object.type == "MESH"]
         assert seen == [objects[frame - 1]]
+
+
+def test_a_blend_shows_one_time_after_the_other(ctmc, beating, tmp_path, scene):
+    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    target = tmp_path / "heart.blend"
+    actions = len(scene.data.actions)
+    done = ctmc("reconstruct", beating, "--time", "all", "--threshold", "1000", "-o", target)
+    assert done.code == 0, done.errors
+    assert len(scene.data.actions) == actions
+    scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    for path in (target, tmp_path / "saved again.blend"):
+        scene.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        check_turns(scene.context.scene)
+        scene.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved again.blend"))
     scene.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
