@@ -204,14 +204,18 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     stored, reading = scene.ctmc, loaded.reading
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     is_first = not stored.volume_fingerprint
+    is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
+    holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     volumes.keep(loaded, scene)
     stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
     for axis in "xyz":
         setattr(stored, f"flip_{axis}", axis in reading["flip"])
     stored.series = str(reading["series"] or "")
     stored.time = reading["time"] or 0
+    if holds_region:
+        stored.region_for = stored.volume_fingerprint
     if is_another_ct:
-        stored.volume_name = ""
+        stored.volume_name = stored.volume_name if is_another_time else ""
         names = loaded.volume.label_names
         stored.show_labels([(value, names.get(value, ""), color_of(value)) for value, _ in loaded.statistics.labels])
     if is_another_ct:
@@ -222,7 +226,7 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
         scene_session.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")
-    show_in_scene(scene, loaded, is_another_ct)
+    show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):

@@ -61,6 +61,12 @@ class Loaded:
         """Volumes at the same place that the series holds."""
         return next((series.times for series in self.series if series.number == self.series_number), 1)
 
+    def is_another_time_of(self, other: Loaded | None) -> bool:
+        """Whether it is the same series at another time: what was chosen for one then holds for the other."""
+        if other is None or (self.path, self.series_number) != (other.path, other.series_number):
+            return False
+        return self.times > 1 and self.full.size == other.full.size and self.reading["time"] != other.reading["time"]
+
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
         """The settings as they are for `volume`."""
         return settings_of_copy(settings, self.shown_stride)

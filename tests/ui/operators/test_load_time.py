@@ -48,6 +48,25 @@ def test_the_time_of_the_panel_is_read_and_noted(scene, tmp_path):
     assert volumes.loaded(scene).reading["time"] == 2
 
 
+def test_name_and_region_hold_for_the_other_times(scene, tmp_path, monkeypatch):
+    from ctmc_addon.ui.operators import load
+
+    framed = []
+    monkeypatch.setattr(load, "frame_everywhere", framed.append)
+    bpy.ops.ctmc.load(filepath=str(several_times(tmp_path / "heart.nii")))
+    scene.ctmc.volume_name = "left ventricle"
+    scene.ctmc.region_unit, scene.ctmc.region = "voxel", (0, 0, 0, 8, 8, 8)
+    scene.ctmc.use_region = False
+    bpy.ops.ctmc.load(again=True, time=2)
+    scene.ctmc.use_region = True
+    assert tuple(scene.ctmc.region) == (0, 0, 0, 8, 8, 8)
+    assert scene.ctmc.volume_name == "left ventricle"
+    assert len(framed) == 1  # the view stays
+    bpy.ops.ctmc.load(filepath=str(several_times(tmp_path / "other.nii")), time=3)
+    assert scene.ctmc.volume_name == ""
+    assert len(framed) == 2
+
+
 def test_the_time_belongs_to_its_ct_and_stays_in_the_file(scene, tmp_path, ball_file):
     heart = several_times(tmp_path / "heart.nii")
     bpy.ops.ctmc.load(filepath=str(heart), time=3)
