@@ -277,8 +277,11 @@ class VolumeSource(ABC):
             raise ReadError(f"there is no time {time}, as {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
-        note = f"{times} times (time points, phases or acquisitions) at the same places found: time "
-        return line.default_time, [f"{note}{line.default_time} was read; give the time, 1 to {times}, for another"]
+        note = (
+            f"{times} times (time points, phases or acquisitions) at the same places found: time {line.default_time} "
+            f"was read; give the time, 1 to {times}, for another"
+        )
+        return line.default_time, [note]
 
     def read(self, **options: Any) -> Volume:
         """`read_steps` in one go."""

@@ -22,7 +22,7 @@ import bpy
 from ..core import CtmcError, Step, Steps, finish
 from .needs import Needs
 from .state import session
-from .translations import translate
+from .translations import translate, translate_sentence
 
 Conclusion = Callable[[], str]
 """Writes to the scene at the job's last moment and returns the message of success."""
@@ -157,7 +157,7 @@ def harmless(context: bpy.types.Context, event: Any) -> bool:
 
 def sentence_of(error: Exception) -> str:
     """What an error says to the user; Python's own `MemoryError` says nothing."""
-    return translate(NO_MEMORY) if isinstance(error, MemoryError) else str(error)
+    return translate(NO_MEMORY) if isinstance(error, MemoryError) else translate_sentence(str(error))
 
 
 def refuse(operator: Any, scene: int, error: Exception) -> set[str]:

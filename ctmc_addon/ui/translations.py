@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Our strings in German and Simplified Chinese, through `bpy.app.translations`.
 
-The tables are TOML, English on the left. What is not in them is shown in English, as are sentences of errors and
-notes, which carry numbers; `make translations` lists what is missing.
+The tables are TOML, English on the left. What is not in them is shown in English; `make translations` lists what is
+missing. Sentences of errors and notes carry names and numbers: the tables hold them with fields in their place.
 """
 
 from __future__ import annotations
 
+import re
 import tomllib
+from functools import cache, lru_cache
 from pathlib import Path
 
 import bpy
@@ -19,10 +21,47 @@ OURS = "CTMC"
 """Our own context: in it, Blender's words for other things do not stand before ours, as "Schneiden" for a slice."""
 CONTEXTS = ("*", "Operator", OURS)  # buttons of operators are looked up in a context of Blender's
 
+FIELD = re.compile(r"(\{\w+\})")
+LEAST_WORDS = 8
+"""Letters beside the fields, below which a template would be found in any sentence."""
+
 
 def translate(text: str) -> str:
     """The text in the language of Blender's interface."""
     return str(bpy.app.translations.pgettext_iface(text, OURS))
+
+
+def translate_sentence(text: str) -> str:
+    """A sentence of an error or a note, with its names and numbers, in the language of Blender's interface."""
+    return _by_template(text, bpy.app.translations.locale)
+
+
+@lru_cache(256)
+def _by_template(text: str, locale: str) -> str:
+    """The sentence as its template says it; what stands in a field may be words of ours as well."""
+    said = translate(text)
+    if said != text:
+        return said
+    for pattern, template in templates():
+        found = pattern.fullmatch(text)
+        if found:
+            values = {name: _by_template(value, locale) for name, value in found.groupdict().items()}
+            return translate(template).format(**values)
+    return text
+
+
+def _part(text: str) -> str:
+    """A piece of a template as a part of its pattern."""
+    return f"(?P<{text[1:-1]}>.+?)" if FIELD.fullmatch(text) else re.escape(text)
+
+
+@cache
+def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
+    """Every English sentence with fields in it, as a pattern and as it stands, the one with most words first."""
+    texts = {text for name in LOCALES for text in table(name) if FIELD.search(text)}
+    texts = {text for text in texts if len(FIELD.sub("", text)) >= LEAST_WORDS}
+    ordered = sorted(texts, key=lambda text: (-len(FIELD.sub("", text)), text))
+    return tuple((re.compile("".join(map(_part, FIELD.split(text))), re.DOTALL), text) for text in ordered)
 
 
 def table(name: str) -> dict[str, str]:

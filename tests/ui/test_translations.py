@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import ast
 import re
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.core import CtmcError, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.ui import translations
 
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
@@ -44,3 +47,44 @@ def test_blender_knows_our_words_while_we_are_registered(scene):
     assert catalogue["zh_HANS"]["*", "Threshold"] == "阈值"
     assert translations.translate("Threshold") == "Threshold"
     assert translations.translate("Never heard of") == "Never heard of"
+
+
+def skeletons():
+    """Every sentence of the sources as a pattern, in which anything may stand for a value."""
+    from ui.strings_of_ours import nodes
+
+    for node in nodes("core", "readers", "blender", "ui"):
+        if isinstance(node, ast.JoinedStr):
+            parts = [re.escape(p.value) if isinstance(p, ast.Constant) else ".*" for p in node.values]
+            yield "".join(parts)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield re.escape(node.value)
+
+
+def test_every_template_is_a_sentence_of_the_sources():
+    patterns = {p for p in skeletons() if len(p.replace(".*", "")) >= translations.LEAST_WORDS}
+    ours = [re.compile(pattern, re.DOTALL) for pattern in patterns]
+    texts = [text.removesuffix(".") for _, text in translations.templates()]  # which may have been put after it
+    lost = [text for text in texts if not any(pattern.match(text) for pattern in ours)]
+    assert lost == []
+
+
+def in_german(monkeypatch, sentence):
+    table = translations.table("de_DE.toml")
+    monkeypatch.setattr(translations, "translate", lambda text: table.get(text, text))
+    translations._by_template.cache_clear()
+    try:
+        return translations.translate_sentence(sentence)
+    finally:
+        translations._by_template.cache_clear()
+
+
+def test_a_sentence_is_translated_by_its_template_with_its_names_and_numbers(monkeypatch):
+    volume = Volume(np.arange(27, dtype=np.int16).reshape(3, 3, 3), np.eye(4), name="a {b} c")
+    with pytest.raises(CtmcError) as refused:
+        reconstruct(volume, ReconstructionSettings(threshold=99))
+    said = in_german(monkeypatch, str(refused.value))
+    assert said.startswith("Der Schwellwert 99 liegt über dem Höchstwert 26 von diesem Volumen (Bereich 0 bis 26); ")
+    assert said.endswith("bitte einen in diesem Bereich wählen")
+    assert in_german(monkeypatch, "a {b} c is in edit mode; leave it first").startswith("a {b} c ist im")
+    assert in_german(monkeypatch, "Nobody has said this: 4 of 5 mm") == "Nobody has said this: 4 of 5 mm"

@@ -11,13 +11,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-from window.desk import SCAN, Desk
+from window.desk import Desk
 from window.provision import NoWindowError, provide, require_means, used
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "sidebar"
 SHOWN = ROOT / "docs" / "pictures" / "sidebar"
 SUITE = "sid"
+SCAN = 10  # pixels between two looks at what is under the mouse
 VIEW = 560  # pixels of the viewport beside the sidebar
 DISTANCE = 9.0  # of the eye
 MOST_BYTES = 150_000

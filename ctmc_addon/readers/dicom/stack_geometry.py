@@ -205,8 +205,11 @@ def _resampling(
     below = below + (weight > 1 - 1e-6)
     weight = np.where((weight < 1e-6) | (weight > 1 - 1e-6), 0.0, weight)
     even_gap = float(along[-1] - along[0]) / (count - 1)
-    note = f"the gaps between slices are uneven ({text} mm): {len(along)} slices were resampled linearly to {count}, "
-    return below.astype(np.int64), weight, [note + f"{even_gap:.4g} mm apart"]
+    note = (
+        f"the gaps between slices are uneven ({text} mm): {len(along)} slices were resampled linearly to {count}, "
+        f"{even_gap:.4g} mm apart"
+    )
+    return below.astype(np.int64), weight, [note]
 
 
 def named_gaps(gaps: NDArray[np.float64], most: int = 6) -> str:

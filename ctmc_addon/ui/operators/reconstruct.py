@@ -29,6 +29,7 @@ from .. import jobs
 from ..properties.preferences import machine
 from ..state import cost_estimates, session, surfaces, volumes
 from ..state.measurements import measurement_steps
+from ..translations import translate_sentence
 from ..viewport import preview
 from . import placing
 from .placing import FinishedSurface, NewMesh, SurfaceRequest
@@ -41,7 +42,7 @@ def is_possible(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
     cost = session.of(context.scene).cost
     if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
-        operator.poll_message_set(cost.refusal)
+        operator.poll_message_set(translate_sentence(cost.refusal))
         return False
     return True
 

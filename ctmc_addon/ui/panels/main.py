@@ -16,7 +16,7 @@ from ...core.mesh import SMALL
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
 from ..state import measurements, session, surfaces, volumes
-from ..translations import translate
+from ..translations import translate, translate_sentence
 from .figure import OPERATORS
 from .layout import SidePanel, Step, draw_job, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
@@ -207,10 +207,10 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     try:
         settings.to_settings()
     except SettingsError as error:
-        draw_text(layout, context, str(error), "ERROR")
+        draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:
         if scene_session.cost is not None and scene_session.cost.refusal:
-            draw_text(layout, context, scene_session.cost.refusal, "ERROR")
+            draw_text(layout, context, translate_sentence(scene_session.cost.refusal), "ERROR")
     if volumes.is_coarse(context.scene):
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):

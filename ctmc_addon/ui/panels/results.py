@@ -12,7 +12,7 @@ from ...core.mesh import Measures
 from ...reporting.formatting import count
 from ..state import measurements
 from ..state.measurements import Measurement
-from ..translations import translate
+from ..translations import translate, translate_sentence
 from ..viewport import deviation
 from .layout import SubPanel, draw_table, draw_text, prepare
 
@@ -43,7 +43,7 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         for note in provenance.notes:
-            draw_text(layout, context, note, "INFO")
+            draw_text(layout, context, translate_sentence(note), "INFO")
 
 
 def draw_mending(layout: Any, measurement: Measurement | None) -> None:

@@ -11,7 +11,7 @@ from ...reporting.formatting import count, directions, kind_text
 from .. import jobs
 from ..operators.view import AS_IT_IS, SIDES
 from ..state import session, volumes
-from ..translations import translate
+from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_table, draw_text
 
 LOAD = "ctmc.load"
@@ -95,7 +95,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
             "INFO",
         )
     for note in volume.notes:
-        draw_text(layout, context, note, "INFO")
+        draw_text(layout, context, translate_sentence(note), "INFO")
     if loaded.sibling is not None:
         button = layout.operator("ctmc.load", text="Load Its Labels", icon="OUTLINER_OB_GROUP_INSTANCE")
         button.filepath = str(loaded.sibling)

@@ -17,6 +17,7 @@ from ...blender.surface import (
     settings_of,
 )
 from ...core import MeshError, Reconstruction, ReconstructionSettings
+from ..translations import translate_sentence
 from . import session, volumes
 
 
@@ -63,7 +64,7 @@ def can_change(operator: Any, context: bpy.types.Context) -> bool:
     try:
         require_editable(obj)
     except MeshError as error:
-        operator.poll_message_set(str(error))
+        operator.poll_message_set(translate_sentence(str(error)))
         return False
     return True
 
