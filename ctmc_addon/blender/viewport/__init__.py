@@ -3,7 +3,7 @@
 
 from .eye import frame, is_held
 from .legend import draw_legend
-from .overlay import Picture, draw_letters, draw_lines
+from .overlay import Picture, draw_labels, draw_letters, draw_lines
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
 from .strip import Shown, Strip, draw_strip, strip_in
@@ -14,6 +14,7 @@ __all__ = [
     "Shown",
     "Strip",
     "can_draw",
+    "draw_labels",
     "draw_legend",
     "draw_letters",
     "draw_lines",

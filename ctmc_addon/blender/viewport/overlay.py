@@ -114,3 +114,27 @@ def draw_letters(
         blf.position(FONT, at.x - width / 2, at.y - height / 2, 0.0)
         blf.draw(FONT, letter)
     blf.disable(FONT, blf.SHADOW)
+
+
+def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size: float) -> None:
+    """Texts beside places in space, `size` pixels high, over everything.
+
+    Parameters
+    ----------
+    region, view : bpy.types.Region, bpy.types.RegionView3D
+    labels : iterable of (text, (3,))
+    """
+    import blf
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+    from mathutils import Vector
+
+    blf.size(FONT, size)
+    blf.enable(FONT, blf.SHADOW)
+    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
+    blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
+    for text, place in labels:
+        at = location_3d_to_region_2d(region, view, Vector(place))
+        if at is not None:
+            blf.position(FONT, at.x + size / 2, at.y + size / 2, 0.0)
+            blf.draw(FONT, text)
+    blf.disable(FONT, blf.SHADOW)

@@ -5,6 +5,7 @@ from .components import keep_components_steps
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import SMALL, Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
+from .rulers import angle_at, distance_between
 from .subdivision import mean_longest_edge_steps, subdivided_steps
 from .surface_distance import (
     ReferenceSurface,
@@ -23,7 +24,9 @@ __all__ = [
     "Measures",
     "ReferenceSurface",
     "SurfaceDistance",
+    "angle_at",
     "blend",
+    "distance_between",
     "edges_steps",
     "keep_components_steps",
     "mean_longest_edge_steps",

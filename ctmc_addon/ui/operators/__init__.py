@@ -17,6 +17,7 @@ def modules() -> tuple[Any, ...]:
         region,
         results,
         rotation,
+        rulers,
         simplify,
         slice,
         slice_object,
@@ -26,4 +27,4 @@ def modules() -> tuple[Any, ...]:
     )
 
     viewing = (load, view, threshold, histogram, slice, slice_object, volume_object, region)
-    return (*viewing, reconstruct, simplify, components, rotation, results, export, figure, figure_view)
+    return (*viewing, reconstruct, simplify, components, rotation, results, rulers, export, figure, figure_view)

@@ -6,6 +6,6 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Every module that registers, in order; imported only when Blender asks."""
-    from . import figure, main, presets, region, results, rotation, settings, slice, surface, volume_object
+    from . import figure, main, presets, region, results, rotation, rulers, settings, slice, surface, volume_object
 
-    return (presets, surface, main, slice, volume_object, region, settings, rotation, results, figure)
+    return (presets, surface, main, slice, volume_object, region, settings, rotation, results, rulers, figure)

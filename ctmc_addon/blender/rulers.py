@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances and angles between points on surfaces, kept as objects of the scene: a thin wire that says its value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ..core import MeshError
+from ..core.mesh import angle_at, distance_between
+from .surface import placement_of, read_provenance
+
+PROPERTY = "ctmc_ruler"
+"""The object's custom property: kind and value."""
+KINDS: Mapping[str, int] = {"distance": 2, "angle": 3}
+"""How many points each kind has."""
+UNITS: Mapping[str, str] = {"distance": "mm", "angle": "\N{DEGREE SIGN}"}
+WIRE_MM = 0.4  # radius
+COLOR = (1.0, 0.72, 0.05, 1.0)
+BEHIND = 1e-4  # Blender units by which a ray starts again behind a wire
+Point = Sequence[float]
+
+
+def is_ruler(obj: bpy.types.Object | None) -> bool:
+    """Whether an object is a distance or an angle."""
+    return obj is not None and hasattr(obj.get(PROPERTY), "keys") and obj[PROPERTY].get("kind") in KINDS
+
+
+def rulers_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The rulers of a scene, as they were made."""
+    return [obj for obj in scene.objects if is_ruler(obj)]
+
+
+def value_text(kind: str, value: float) -> str:
+    """The value with its unit.
+
+    Examples
+    --------
+    >>> value_text("distance", 12.345), value_text("angle", 90.0)
+    ('12.3 mm', '90.0°')
+    """
+    return f"{value:.1f}{'' if kind == 'angle' else ' '}{UNITS[kind]}"
+
+
+def text_of(ruler: bpy.types.Object) -> str:
+    """What a ruler says."""
+    return value_text(ruler[PROPERTY]["kind"], ruler[PROPERTY]["value"])
+
+
+def place_of(ruler: bpy.types.Object) -> Vector:
+    """Where a ruler says it: the middle of a distance, the corner of an angle; world space."""
+    points = [point.co.to_3d() for point in ruler.data.splines[0].points]
+    local = points[1] if ruler[PROPERTY]["kind"] == "angle" else (points[0] + points[1]) / 2
+    return ruler.matrix_world @ local
+
+
+def patient_mm(obj: bpy.types.Object | None, place: Point, scale: float) -> tuple[float, float, float]:
+    """Where a place in world space is in the patient, RAS+ mm.
+
+    On a surface of ours that is the place on it as it was reconstructed, however the object was moved or made larger.
+    """
+    provenance = read_provenance(obj)
+    if obj is None or provenance is None:
+        x, y, z = (value / scale for value in place)
+        return (x, y, z)
+    local = obj.matrix_world.inverted() @ Vector(place)
+    x, y, z = placement_of(obj).to_mm(np.array([local[:]], np.float32))[0].tolist()
+    return (x, y, z)
+
+
+def measured(points_mm: Sequence[Point]) -> float:
+    """The distance of two points in mm, or the angle at the second of three in degrees.
+
+    Raises
+    ------
+    MeshError
+        If two points that follow each other are the same.
+    """
+    if any(distance_between(a, b) == 0 for a, b in pairwise(points_mm)):
+        raise MeshError("two points are the same; click on points that lie apart")
+    return distance_between(*points_mm) if len(points_mm) == KINDS["distance"] else angle_at(*points_mm)
+
+
+def add_ruler(
+    scene: bpy.types.Scene,
+    kind: str,
+    places: Sequence[Point],
+    name: str,
+    scale: float,
+    points_mm: Sequence[Point] | None = None,
+) -> bpy.types.Object:
+    """Add a distance or an angle to the scene.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    places : sequence of (x, y, z)
+        In world space, Blender units; the corner of an angle is the second.
+    name : str
+        What the object is called, before its value.
+    scale : float
+        Blender units of 1 mm.
+    points_mm : sequence of (x, y, z), optional
+        The same points in the patient; without them `places` by the scale.
+
+    Raises
+    ------
+    MeshError
+        If two points are the same.
+    """
+    value = measured(points_mm or [patient_mm(None, place, scale) for place in places])
+    curve = bpy.data.curves.new(name, "CURVE")
+    curve.dimensions, curve.bevel_depth, curve.use_fill_caps = "3D", WIRE_MM * scale, True
+    origin = np.mean(places, axis=0)
+    spline = curve.splines.new("POLY")
+    spline.points.add(len(places) - 1)
+    for point, place in zip(spline.points, np.asarray(places, np.float64) - origin, strict=True):
+        point.co = (*place.tolist(), 1.0)
+    curve.materials.append(wire_material())
+    obj = bpy.data.objects.new(f"{name} {value_text(kind, value)}", curve)
+    obj.location = origin
+    obj[PROPERTY] = {"kind": kind, "value": value}
+    scene.collection.objects.link(obj)
+    return obj
+
+
+def wire_material() -> bpy.types.Material:
+    """The color of all wires."""
+    material = bpy.data.materials.get("CTMC Ruler")
+    if material is None:
+        material = bpy.data.materials.new("CTMC Ruler")
+        material.diffuse_color = COLOR
+        if bpy.app.version < (5, 0, 0):
+            material.use_nodes = True
+        shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+        shader.inputs["Base Color"].default_value = COLOR
+    return material
+
+
+def hit(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, origin: Vector, direction: Vector
+) -> tuple[bpy.types.Object, Vector] | None:
+    """The first object that a ray meets, but for rulers, and where in world space; None where it meets nothing."""
+    while True:
+        found, place, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
+        if not found:
+            return None
+        if not is_ruler(obj):
+            return obj.original, place
+        origin = place + direction * BEHIND

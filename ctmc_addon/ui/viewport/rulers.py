@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The values of distances and angles beside their wires, and the wire of the one that is being made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...blender.rulers import place_of, rulers_of, text_of
+from ...blender.viewport import draw_labels, draw_lines
+
+COLOR = (1.0, 0.85, 0.35, 1.0)
+LETTERS = 13.0  # pixels
+WIDTH = 2.0
+
+
+@dataclass
+class Pending:
+    """The points that were clicked so far, and the one under the mouse; world space."""
+
+    places: list[Any] = field(default_factory=list)
+    next_place: Any = None
+
+
+pending = Pending()
+_handlers: list[Any] = []
+
+
+def draw_wire() -> None:
+    """Draw the wire that is being made."""
+    places = [*pending.places, *([] if pending.next_place is None else [pending.next_place])]
+    if len(places) < 2:
+        return
+    context = bpy.context
+    size = (context.region.width, context.region.height)
+    pairs = [(number, number + 1) for number in range(len(places) - 1)]
+    draw_lines(np.array([place[:] for place in places]), pairs, COLOR, size, WIDTH)
+
+
+def draw_values() -> None:
+    """Draw the value of each ruler that is seen."""
+    context = bpy.context
+    if context.space_data is None or not context.space_data.overlay.show_overlays:
+        return
+    shown = [(text_of(ruler), place_of(ruler)) for ruler in rulers_of(context.scene) if ruler.visible_get()]
+    if shown:
+        draw_labels(context.region, context.region_data, shown, LETTERS * context.preferences.system.ui_scale)
+
+
+def register() -> None:
+    """Draw in every 3D viewport; a Blender without a window has none."""
+    if bpy.app.background:
+        return
+    add = bpy.types.SpaceView3D.draw_handler_add
+    _handlers.append(add(draw_wire, (), "WINDOW", "POST_VIEW"))
+    _handlers.append(add(draw_values, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister() -> None:
+    """Draw no more."""
+    while _handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    pending.places, pending.next_place = [], None
