@@ -187,7 +187,7 @@ def reconstruct_steps(
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
-    may_stream = _simplifies(settings) and not _drops(settings)
+    may_stream = _simplifies(settings)
     streams = may_stream and isinstance(field, FieldSlabs)
     if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
         streams = streams and not in_memory(field.volume, settings, field.window, memory_limit)

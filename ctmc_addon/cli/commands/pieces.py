@@ -22,8 +22,7 @@ def written_in_pieces(outputs: Outputs, settings: ReconstructionSettings, choice
     """Whether a surface with these settings can be written that is never there as a whole."""
     one_file = len(outputs.surfaces) == 1 and outputs.surfaces[0].suffix.lower() in mesh_files.SUFFIXES
     measured = outputs.report or outputs.figure
-    changed = settings.simplifies or settings.keep_parts or settings.min_part_mm3
-    return one_file and not measured and not changed and all(choice == settings.label for choice in choices)
+    return one_file and not measured and not settings.simplifies and all(choice == settings.label for choice in choices)
 
 
 def written_pieces_steps(

@@ -36,17 +36,41 @@ def owners_steps(
         Signed, below zero for cavities. A cavity with nothing around it, as where the surface is open,
         stays its own.
     """
-    owner = np.arange(len(volumes))
     cavities = np.flatnonzero(volumes < 0)
     if len(cavities) in (0, len(volumes)):
-        return owner
+        return np.arange(len(volumes))
     first = np.flatnonzero(np.diff(np.maximum.accumulate(component), prepend=-1))  # face of every component
     yield PAUSE
-    a, b, c = mesh.vertices[mesh.faces[first[cavities]]].astype(np.float64).transpose(1, 0, 2)  # (cavities, 3) each
-    points = a * WEIGHTS[0] + b * WEIGHTS[1] + c * WEIGHTS[2]
-    ray, face, leaves = yield from _crossings_steps(mesh, points)
-    around, inverse = np.unique(ray * len(volumes) + component[face], return_inverse=True)  # a ray and a component each
-    times = np.bincount(inverse.ravel(), leaves, len(around))
+    points = points_within(mesh.vertices[mesh.faces[first[cavities]]])
+    ray, face, leaves = yield from crossings_steps(mesh, points)
+    return smallest_around(cavities, volumes, ray, component[face], leaves)
+
+
+def points_within(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+    """A point within each triangle, (n, 3), from its corners, (n, 3, 3)."""
+    a, b, c = corners.astype(np.float64).transpose(1, 0, 2)  # (n, 3) each
+    return np.asarray(a * WEIGHTS[0] + b * WEIGHTS[1] + c * WEIGHTS[2])
+
+
+def smallest_around(
+    cavities: NDArray[np.intp],
+    volumes: NDArray[np.float64],
+    ray: NDArray[np.intp],
+    component: NDArray[Any],
+    leaves: NDArray[Any],
+) -> NDArray[np.intp]:
+    """The owners that `owners_steps` returns, from what the rays of the cavities meet.
+
+    Parameters
+    ----------
+    cavities : (rays,) intp
+        Components.
+    volumes : (components,) float64
+    ray, component, leaves : (n,)
+        How many times more each ray leaves a component than it enters it; repeated pairs are added up.
+    """
+    owner = np.arange(len(volumes))
+    around, times = summed_pairs(ray * len(volumes) + component, leaves)
     ray, outer = np.divmod(around[times > 0], len(volumes))
     candidate = (volumes[outer] > 0) & (outer != cavities[ray])
     ray, outer = ray[candidate], outer[candidate]
@@ -55,7 +79,13 @@ def owners_steps(
     return owner
 
 
-def _crossings_steps(
+def summed_pairs(pairs: NDArray[np.int64], leaves: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Every pair of a ray and a component once, in order, and the sum of its `leaves`."""
+    around, inverse = np.unique(pairs, return_inverse=True)
+    return around, np.asarray(np.bincount(inverse.ravel(), leaves, len(around)), np.float64)
+
+
+def crossings_steps(
     mesh: TriangleMesh, points: NDArray[np.float64]
 ) -> Steps[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int8]]]:
     """Which ray from `points` along +x meets which face, and whether it leaves (1) or enters (-1) there."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import MeshError
 from ..progress import PAUSE, Steps
@@ -44,6 +45,20 @@ def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, mi
     yield PAUSE
     volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
     owner = yield from owners_steps(mesh, component, volumes)
+    keep = kept_components(volumes, owner, largest, min_volume)
+    return surface if keep.all() else surface.with_faces(keep[component])
+
+
+def kept_components(
+    volumes: NDArray[np.float64], owner: NDArray[np.intp], largest: int, min_volume: float
+) -> NDArray[np.bool_]:
+    """Which components `keep_components_steps` keeps, (components,), from their signed volumes and owners.
+
+    Raises
+    ------
+    MeshError
+        If nothing would be left.
+    """
     sizes, bodies = np.abs(volumes), owner == np.arange(len(owner))
     keep = sizes >= min_volume
     if not keep[bodies].any():
@@ -53,5 +68,4 @@ def keep_components_steps(surface: Surface, mesh: TriangleMesh, largest: int, mi
         )
     if largest:
         keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[largest:]]] = False
-    keep &= keep[owner]
-    return surface if keep.all() else surface.with_faces(keep[component])
+    return np.asarray(keep & keep[owner])

@@ -6,6 +6,7 @@ Lengths in the vertices' unit. `TriangleMesh.measures` gives the same at once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,11 +133,16 @@ def component_volumes_steps(
         middle = (np.bincount(component, a + b + c, count) / corners_of)[component]
         columns.append((a - middle, b - middle, c - middle))
     yield PAUSE
-    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
-    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)  # (F,)
+    triple = triple_products(columns)
     yield PAUSE
     # bincount adds in the order of the faces: the same bits everywhere.
     return np.bincount(component, triple, count) / 6.0
+
+
+def triple_products(columns: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.float64]:
+    """Six times the signed volume between every face and the origin, (F,), from x, y and z of its corners."""
+    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
+    return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
 def _components_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[int, int]]:

@@ -3,7 +3,7 @@
 
 Read in this order: `choice` (when), `field_slabs` (the values), `parts` (active voxels and vertices of a slab),
 `slab_parts` (parts grouped anew), `slab_tasks` (parts made by workers), `surface` (all of it, with the bytes of a
-volume in memory), `pieces` (where the surface does not fit either).
+volume in memory), `pieces` (where the surface does not fit either), `kept_pieces` (without small components).
 """
 
 from .choice import field_steps, fits_in_memory, in_memory

@@ -31,6 +31,7 @@ from ..volume.thresholding import check_threshold
 from ..volume.volume import Volume
 from .choice import field_steps
 from .field_slabs import FieldSlabs
+from .kept_pieces import KeptPieces, pieces_between_steps
 from .parts import PartMaker
 from .slab_parts import Regrouping, SlabPart, faces_of
 from .slab_tasks import DistributedMaker, SlabWorkers
@@ -52,8 +53,6 @@ class SurfaceFacts:
     slice_steps : int
     wrong_side : int or None
         As in `Reconstruction`.
-    vertices, faces : int
-        Of all pieces.
     """
 
     threshold: float
@@ -61,8 +60,6 @@ class SurfaceFacts:
     window: Box
     slice_steps: int
     wrong_side: int | None
-    vertices: int
-    faces: int
 
 
 class ValuesOfField:
@@ -90,14 +87,15 @@ def surface_pieces_steps(
     normals: bool | None = None,
     any_order: bool = False,
 ) -> SurfacePieces[SurfaceFacts]:
-    """Yield the pieces of a surface, and steps between them; before components are dropped and before simplification.
+    """Yield the pieces of a surface, and steps between them; before simplification.
 
     Parameters
     ----------
     normals : bool, optional
         Whether to give those of the gray values' gradient; by default as the settings ask.
     any_order : bool
-        Whether vertices may stand in another order than in memory, which saves fetching all values twice.
+        Whether vertices may stand in another order than in memory, which saves fetching all values twice. They do not
+        where small components are dropped: which these are depends on sums in the order of the triangles.
     """
     field = yield from field_steps(volume, settings, threads, memory_limit)
     normals = settings.normals == "gradient" if normals is None else normals
@@ -114,33 +112,50 @@ def field_pieces_steps(
     workers: SlabWorkers | None = None,
 ) -> SurfacePieces[SurfaceFacts]:
     """`surface_pieces_steps` of a field whose values have this affine."""
-    stages = Stages({COUNTING: 3, EXTRACTING: 10} if not any_order else {EXTRACTING: 10})
     axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
     threads = worker_count(threads)
 
-    def maker() -> PartMaker:
+    def maker(normals: bool, workers: SlabWorkers | None) -> PartMaker:
         if workers is not None and isinstance(field, FieldSlabs):
             return DistributedMaker(field.again(), normals, settings.topology, workers)
         values = field.again() if isinstance(field, FieldSlabs) else ValuesOfField(field)
         return PartMaker(values, axes, float(field.level), normals, settings.topology, threads, settings.upper)
 
-    regrouping = None
-    if not any_order:
-        regrouping = Regrouping((yield from stages.run(COUNTING, maker().ranges_steps())))
-    extracting = maker()
-    placing = Placing(affine, settings.alpha, normals, regrouping, threads)
-    for steps in extracting.parts_steps():
+    def one_pass(normals: bool) -> SurfacePieces[SurfaceFacts]:
+        placing = Placing(affine, settings.alpha, normals, None if ranges is None else Regrouping(ranges), threads)
+        return _extracted_steps(field, maker(normals, workers), placing, settings.upper)
+
+    drops = settings.keep_parts > 0 or settings.min_part_mm3 > 0
+    ranges: list[tuple[int, int]] | None = None
+    if any_order and not drops:
+        return (yield from one_pass(normals))
+    counting = maker(False, None).ranges_steps()
+    stages = Stages({COUNTING: 3, EXTRACTING: 10})
+    ranges = yield from stages.run(COUNTING, counting)
+    if drops:
+        extracting = KeptPieces(one_pass, settings.keep_parts, settings.min_part_mm3).pieces_steps(normals)
+    else:
+        extracting = one_pass(normals)
+    return (yield from pieces_between_steps(extracting, *stages.shares[EXTRACTING]))
+
+
+def _extracted_steps(
+    field: ScalarField | FieldSlabs, maker: PartMaker, placing: Placing, upper: float | None
+) -> SurfacePieces[SurfaceFacts]:
+    """Yield all pieces once."""
+    stages = Stages({EXTRACTING: 1})
+    for steps in maker.parts_steps():
         parts = yield from stages.run(EXTRACTING, steps)
         yield from placing.add(parts)
     yield from placing.end()
-    fetched = extracting.values
+    fetched = maker.values
     if isinstance(fetched, FieldSlabs):
         fetched.check()
     if not placing.faces:
         if isinstance(fetched, FieldSlabs):
             yield from fetched.check_extracted_steps()
         assert isinstance(field, ScalarField)
-        check_threshold(field.level, _window(field, axes), field.kind, field.place, settings.upper)
+        check_threshold(field.level, _window(field, maker.axes), field.kind, field.place, upper)
         raise MeshError(no_surface_text(field.level))
     return SurfaceFacts(
         threshold=field.threshold,
@@ -148,8 +163,6 @@ def field_pieces_steps(
         window=field.window,
         slice_steps=field.slice_steps,
         wrong_side=fetched.wrong_side if isinstance(fetched, FieldSlabs) else field.wrong_side,
-        vertices=placing.vertices,
-        faces=placing.faces,
     )
 
 
@@ -173,7 +186,7 @@ class Placing:
         self.regrouping = regrouping
         self.waiting: list[SlabPart] = []  # parts without a piece
         self.before: tuple[SlabPart, NDArray[np.int32]] | None = None
-        self.vertices = self.faces = 0
+        self.faces = 0
 
     def add(self, parts: Sequence[SlabPart]) -> Iterator[SurfacePiece]:
         """Take the next parts."""
@@ -199,7 +212,6 @@ class Placing:
         pieces = finish(map_steps(piece, range(count), self.threads))
         self.before, self.waiting = (parts[count - 1], faces[-1]), parts[count:]
         for made in pieces:
-            self.vertices += len(made.vertices)
             self.faces += len(made.faces)
             yield made
 

@@ -74,11 +74,13 @@ def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
     assert (tmp_path / "slabs.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply"])
+@pytest.mark.parametrize(
+    ("suffix", "flags"), [(".stl", []), (".ply", []), (".stl", ["--keep-parts", "1"]), (".ply", ["--min-part", "50"])]
+)
 def test_a_surface_that_does_not_fit_is_written_as_it_is_extracted(
-    ctmc, refused, phantom_folder, tmp_path, monkeypatch, suffix
+    ctmc, refused, phantom_folder, tmp_path, monkeypatch, suffix, flags
 ):
-    words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300"]
+    words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", *flags]
     assert ctmc("reconstruct", *words, "-o", tmp_path / f"held{suffix}").code == 0
 
     def too_large(*_):

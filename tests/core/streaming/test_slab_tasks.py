@@ -73,13 +73,14 @@ def test_the_bytes_are_those_of_one_machine(settings, count, slab_bytes, monkeyp
     assert [start for start, _ in workers.layers] == [0, *ends[:-1]]  # every layer once
 
 
-def test_a_surface_that_is_simplified_as_it_comes_is_that_of_one_machine(monkeypatch):
+@pytest.mark.parametrize("extra", [{}, {"keep_parts": 3}])
+def test_a_surface_that_is_simplified_as_it_comes_is_that_of_one_machine(monkeypatch, extra):
     monkeypatch.setattr(parts, "SLAB_BYTES", 1 << 14)
     monkeypatch.setattr(choice, "SMALL_BYTES", 0)
     monkeypatch.setattr(choice, "SHARE", 0.0)
     monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 3000)
     volume = Volume(waves(), AFFINE)
-    settings = ReconstructionSettings(threshold=50, reduction=0.8)
+    settings = ReconstructionSettings(threshold=50, reduction=0.8, **extra)
     here = finish(reconstruct_steps(SlabVolume.of(volume), settings))
     there = finish(reconstruct_steps(SlabVolume.of(volume), settings, workers=OtherWorkers(volume, 3)))
     assert here.full_faces > 3 * 3000
