@@ -7,10 +7,9 @@ nibabel's affine maps (i, j, k) to RAS+ mm. i is the fastest index in the file, 
 
 from __future__ import annotations
 
-import io
 import logging
 import math
-import re
+import struct
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,6 +28,8 @@ from .volumes.grid import grid_slices
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
+MOST_SCALE = 1e20  # slope or intercept; its product with a value must be a float32
+TABLE_END = b"</LabelTable>"
 SILENT = logging.Logger("silent")  # nibabel's own prints what it mends in a header
 SILENT.addHandler(logging.NullHandler())
 
@@ -43,7 +44,7 @@ class NiftiFile(VolumeSource):
         name = path.name
         self.data_path = data_path or path
         with opened(path) as stream:
-            self.header = read_header(stream, name, data_path is not None)
+            self.header, self.extensions = read_header(stream, name, data_path is not None)
         self.size, times = checked_size(self.header.get_data_shape(), name)
         self.dtype = checked_dtype(self.header, name)
         self.scaling = scaling(self.header, name)
@@ -63,11 +64,11 @@ class NiftiFile(VolumeSource):
         start = int(self.header["vox_offset"])
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name, options.memory_limit)
-        return RawValues(values, affine, notes, "", *label_table(self.header))
+        return RawValues(values, affine, notes, "", *label_table(self.extensions))
 
 
-def read_header(stream: IO[bytes], name: str, pair: bool = False) -> Any:
-    """Header and extensions by nibabel, of either version; of a pair the values begin in another file."""
+def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, list[bytes]]:
+    """Header by nibabel, of either version, and its extensions; of a pair the values begin in another file."""
     nifti1 = needed("nibabel.nifti1", "nibabel", "NIfTI")
     nifti2 = needed("nibabel.nifti2", "nibabel", "NIfTI")
     try:
@@ -83,11 +84,35 @@ def read_header(stream: IO[bytes], name: str, pair: bool = False) -> Any:
             )
         head += stream.read(MOST_HEADER if pair else max(0, int(offset) - len(head)))
         with quiet():
-            header = kind.from_fileobj(io.BytesIO(head if pair else head[: int(offset)]), check=False)
+            header = kind(head[: kind.sizeof_hdr], check=False)
             header.check_fix(SILENT, 40)
     except header_errors() as error:
         raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
-    return header
+    whole = head if pair else head[: int(offset)]
+    return header, extensions(whole, kind.sizeof_hdr, header.endianness, name)
+
+
+def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
+    """Contents of the extensions behind a header of `at` bytes, not by nibabel: it parses each by what it says it is.
+
+    Parameters
+    ----------
+    head : bytes
+        All that is before the values.
+    order : {"<", ">"}
+        Of the bytes of a number.
+    """
+    found: list[bytes] = []
+    more, at = head[at : at + 1] > b"\0", at + 4
+    while more and at + 8 <= len(head):
+        (size,) = struct.unpack_from(f"{order}i", head, at)
+        if size < 8 or at + size > len(head):
+            raise ReadError(
+                f"{name} has a header extension of {size} bytes, and {len(head) - at} bytes are there; export it again"
+            )
+        found.append(head[at + 8 : at + size])
+        at += size
+    return found
 
 
 def header_errors() -> tuple[type[Exception], ...]:
@@ -129,7 +154,10 @@ def scaling(header: Any, name: str) -> tuple[float, float]:
         slope, intercept = header.get_slope_inter()
     except header_errors() as error:
         raise ReadError(f"{name} has a broken scale ({reason(error)}); export it again") from error
-    return (1.0 if slope is None else float(slope)), float(intercept or 0.0)
+    scale = (1.0 if slope is None else float(slope)), float(intercept or 0.0)
+    if max(map(abs, scale)) > MOST_SCALE:
+        raise ReadError(f"{name} has a broken scale ({scale[0]:g} and {scale[1]:g}); export it again")
+    return scale
 
 
 def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
@@ -154,21 +182,21 @@ def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]
     return affine, tuple(notes)
 
 
-def label_table(header: Any) -> tuple[dict[int, str], dict[int, RGB]]:
+def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:
     """Names and colors of labels from a `LabelTable` in one of the header's extensions, as TotalSegmentator writes it.
 
     Colors are shares of 1, as GIFTI and Caret have them.
     """
     names: dict[int, str] = {}
     colors: dict[int, RGB] = {}
-    for extension in header.extensions:
-        content = extension.get_content()
-        text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
-        match = re.search(r"<LabelTable>.*?</LabelTable>", text, re.DOTALL)
-        if not match:
+    for content in extensions:
+        start = content.find(b"<LabelTable>")
+        end = content.find(TABLE_END, max(start, 0))
+        if min(start, end) < 0:
             continue
+        text = content[start : end + len(TABLE_END)].decode("utf-8", "replace")
         try:
-            for label in ElementTree.fromstring(match[0]).iter("Label"):
+            for label in ElementTree.fromstring(text).iter("Label"):
                 number = int(label.attrib["Key"])
                 names[number] = (label.text or "").strip()
                 color = rgb_of_shares([label.attrib.get(channel, "") for channel in ("Red", "Green", "Blue")])

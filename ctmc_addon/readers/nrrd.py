@@ -51,6 +51,8 @@ TYPES = {
     "f8": ("double",),
 }
 _outside: ContextVar[bool] = ContextVar("outside", default=False)
+TEXT_ENCODINGS = ("ascii", "text", "txt")
+LONGEST_WORD = 400  # letters of a number: a double written without exponent has 309
 WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
 TO_MM = {"mm": 1.0, "millimeter": 1.0, "um": 0.001, "µm": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
 
@@ -185,8 +187,15 @@ def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
     code = next((code for code, words in TYPES.items() if word in words), None)
     if code is None:
         raise ReadError(f"{name} has values of type '{word}'; convert it to short or float")
-    endian = str(header.get("endian", "little")).lower()
-    return np.dtype((">" if endian == "big" else "<") + code)
+    dtype = np.dtype(code)
+    endian = str(header.get("endian", "")).strip().lower()
+    text = str(header["encoding"]).lower() in TEXT_ENCODINGS
+    if endian not in ("little", "big") and (endian or (dtype.itemsize > 1 and not text)):
+        raise ReadError(
+            f"{name} has '{endian[:60]}' as endian, so that the order of each value's bytes is unknown; write "
+            "'endian: little' into its header, or big"
+        )
+    return dtype.newbyteorder(">" if endian == "big" else "<")
 
 
 def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]:
@@ -267,7 +276,7 @@ def stored_steps(
             if not stream.readline():
                 break
         start = stream.tell()
-        if encoding in ("ascii", "text", "txt"):
+        if encoding in TEXT_ENCODINGS:
             require_volume_memory(shape, dtype.itemsize, file.name)
             values = np.empty(shape, dtype.newbyteorder("="))
             yield from skip_steps(stream, byte_skip, file.name)
@@ -303,6 +312,9 @@ def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[Non
             raise ReadError(f"{name} is truncated: {end} of {len(values)} values are there; copy it again")
         if end > len(values):
             raise ReadError(f"{name} holds more than the {len(values)} values of its sizes; repair the header")
+        odd = next((word for word in (*words, unfinished_word) if len(word) > LONGEST_WORD or b"_" in word), b"")
+        if odd:  # NumPy makes room for the longest at each, and takes 1_0 for 10
+            raise ReadError(f"{name} has '{odd[:20].decode('ascii', 'replace')}', which is no number; export it again")
         numbers = np.array(words, dtype="S")
         try:
             values[done:end] = numbers.astype(values.dtype)

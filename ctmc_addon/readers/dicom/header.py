@@ -152,7 +152,10 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
     """What pydicom raises on broken files, when it reads them and when it converts a value."""
     own = needed("pydicom.errors", "pydicom", "DICOM")
     library = (own.InvalidDicomError, own.BytesLengthException, struct.error, zlib.error)
-    return (*library, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, RuntimeError)
+    return (
+        *library,
+        *(OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, RuntimeError, ArithmeticError),
+    )
 
 
 @cache
@@ -222,9 +225,12 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         is_image = "Image Storage" in kind and "Segmentation" not in kind
         if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
             return Broken(path, series) if is_image and "Rows" not in dataset else None
-        keyword = next((keyword for keyword in PIXEL_KEYWORDS if keyword in dataset), None)
-        if keyword is None:
+        keywords = [keyword for keyword in PIXEL_KEYWORDS if keyword in dataset]
+        if not keywords:
             return Broken(path, series) if is_image else None
+        if len(keywords) > 1:
+            return Broken(path, series, f"both {keywords[0]} and {keywords[1]}")
+        keyword = keywords[0]
         pixels = pixels_of(dataset, syntax, keyword)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
         return Broken(path, series, damage) if damage else image_file(path, dataset, series, pixels)

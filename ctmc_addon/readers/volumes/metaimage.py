@@ -185,7 +185,7 @@ def placed(fields: Mapping[str, str], name: str) -> tuple[NDArray[np.float64] | 
     if spacing is None and matrix is None:
         return None, ()
     axes = np.eye(count) if matrix is None else np.array(matrix).reshape(count, count)
-    lengths = np.abs(spacing) if spacing is not None else np.ones(count)
+    lengths = np.array(spacing) if spacing is not None else np.ones(count)  # below 0 turns the axis round
     affine = np.eye(4)
     affine[:3, :3] = (axes[:3, :3] * lengths[:3, None]).T
     affine[:3, 3] = (offset or [0.0] * count)[:3]
