@@ -41,6 +41,7 @@ def test_every_time_becomes_a_file_and_an_entry_of_the_report(ctmc, beating, tmp
     assert sorted(path.name for path in out.iterdir()) == [f"{name}.stl" for name in names]
     said = json.loads(report.read_text("utf-8"))
     assert [(surface["time"], surface["name"]) for surface in said["surfaces"]] == list(enumerate(names, 1))
+    assert [surface["stages"][0]["name"] for surface in said["surfaces"]] == ["Reading"] * 3
     for surface, radius in zip(said["surfaces"], RADII, strict=True):
         # Corners and triangles lie within the sphere; what is missing falls with the square of the radius in voxels.
         missing = 1 - surface["volume_mm3"] / (4 / 3 * math.pi * radius**3)

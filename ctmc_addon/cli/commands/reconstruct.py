@@ -121,7 +121,7 @@ def run_times(
 ) -> None:
     """Read and reconstruct every time, write, and print what came out."""
     path, reading = Path(args.input), reading_of(args)
-    stages = Stages({"Reading headers": 1, "Reconstructing": 18, "Writing": 2})
+    stages = Stages({"Reading headers": 1, "Reading and reconstructing": 18, "Writing": 2})
     with own_folder(outputs.folder or Path(args.output).parent), Progress() as progress:
         opening = readers.open_volume_steps(source_of(path, settings.label))
         source = progress.finish(stages.run("Reading headers", opening))
@@ -131,7 +131,7 @@ def run_times(
             return replace(volume, name=args.name or volume.name)
 
         making = times_steps(read_steps, number_of_times(source, args.series), settings, choices, args.threads)
-        surfaces, volume = progress.finish(stages.run("Reconstructing", making))
+        surfaces, volume = progress.finish(stages.run("Reading and reconstructing", making))
         surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
     print(summary_of_several(surfaces, volume, files, stages.seconds))
 

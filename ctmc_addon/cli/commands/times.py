@@ -12,6 +12,7 @@ from ...core import (
     MeshError,
     ReadError,
     ReconstructionSettings,
+    Stage,
     Stages,
     Steps,
     ThresholdError,
@@ -91,7 +92,8 @@ def times_steps(
             continue
         if one.are_several:
             raise UsageError(f"{choices[0]} is the name of several labels; give one label's number")
-        made.append(one)
+        stage = Stage("Reading", stages.seconds["Reading"])
+        made.append(replace(one, results=(replace(one.results[0], stages=(stage, *one.results[0].stages)),)))
         times.append(number + 1)
     if volume is None or not made:
         raise reason or ReadError("there is no time to read; check the file")
