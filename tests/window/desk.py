@@ -51,6 +51,7 @@ class Desk:
         self.log = self.folder / "blender.log"
         self.questions = 0
         self.places: dict[str, int] = {}
+        self.row: int | None = None
         self.display, self.server, self.blender = "", None, None
 
     # Inside the folder ------------------------------------------------------------------------------------------
@@ -185,8 +186,10 @@ bar = view.sidebar
 answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 """)
         x = left + round(at * width)
-        if button in self.places and self.under(x, self.places[button]) == button:
-            return x, self.places[button]
+        for y in (self.places.get(button), self.row):  # where it was, or beside what was found before it
+            if y is not None and self.under(x, y) == button:
+                self.row = y
+                return x, y
         seen: list[str] = []
         self.turn_wheel(left + 12, top + height // 2, up=True, clicks=PAGE * PAGES)
         for _ in range(PAGES):
@@ -201,7 +204,8 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
             self.turn_wheel(left + 12, top + height // 2, up=False, clicks=PAGE)
         assert button in seen, f"{button} is not in the sidebar; there is: {', '.join(sorted(set(seen)))}"
         assert self.under(x, self.places[button]) == button, f"{button} has moved"
-        return x, self.places[button]
+        self.row = self.places[button]
+        return x, self.row
 
     def under(self, x: int, y: int) -> str:
         """Move the mouse, and what the sidebar has under it."""
