@@ -11,7 +11,7 @@ from .objects import (
     refresh_normals,
     require_editable,
     require_updatable,
-    surface_mesh,
+    surface_mesh_steps,
     temporary_surfaces,
     update_reconstruction,
 )
@@ -40,7 +40,7 @@ __all__ = [
     "require_updatable",
     "set_alpha",
     "settings_of",
-    "surface_mesh",
+    "surface_mesh_steps",
     "temporary_surfaces",
     "update_reconstruction",
 ]

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Steps, finish
+from ...core import MeshError, Step, Steps, finish
 from ...core.mesh import edges_steps as topology_edges_steps
 
 Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
@@ -23,10 +23,15 @@ FREE_NORMALS = bpy.app.version >= (4, 5, 0)
 NORMALS = "custom_normal" if FREE_NORMALS else "gradient_normal"
 
 
-def new_mesh(
-    name: str, positions: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges | None = None
-) -> bpy.types.Mesh:
-    """A smooth-shaded mesh.
+def new_mesh(name: str, positions: NDArray[np.float32], faces: NDArray[np.int32]) -> bpy.types.Mesh:
+    """`new_mesh_steps` in one go, the edges found now."""
+    return finish(new_mesh_steps(name, positions, faces, finish(edges_steps(faces, len(positions)))))
+
+
+def new_mesh_steps(
+    name: str, positions: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges
+) -> Steps[bpy.types.Mesh]:
+    """A smooth-shaded mesh, its faces added after a step: millions take Blender long. Left there, it is gone again.
 
     Its edges are ours: Blender would find them in one long go, and in an order that hangs on its number of threads,
     and so would the triangles that Decimate leaves.
@@ -37,23 +42,49 @@ def new_mesh(
     faces : (F, 3) int32
         Counter-clockwise seen from outside.
     edges : (2, E) and (3, F) int32
-        As `core.mesh.edges_steps` gives them; None finds them now.
+        As `core.mesh.edges_steps` gives them.
     """
-    ends, edge_of_corner = finish(edges_steps(faces, len(positions))) if edges is None else edges
+    ends, edge_of_corner = edges
     mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(len(positions))
-    mesh.loops.add(faces.size)
-    mesh.polygons.add(len(faces))
-    mesh.edges.add(ends.shape[1])
-    if len(faces):
-        write_positions(mesh, positions)
-        corners = np.ascontiguousarray(faces, np.int32).ravel()
-        mesh.attributes[".corner_vert"].data.foreach_set("value", corners)
-        mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
-        for attribute, columns in ((".edge_verts", ends), (".corner_edge", edge_of_corner)):
-            mesh.attributes[attribute].data.foreach_set("value", np.ascontiguousarray(columns.T).ravel())
-    mesh.update()
+    uid, complete = mesh.session_uid, False
+    try:
+        mesh.vertices.add(len(positions))
+        mesh.edges.add(ends.shape[1])
+        if len(faces):
+            write_positions(mesh, positions)
+            write_numbers(mesh, ".edge_verts", ends.T)
+            yield Step(0.3, "Adding the surface")  # until here it is a mesh of edges alone, which is a mesh as well
+            mesh = mesh_of(uid)
+            mesh.loops.add(faces.size)
+            mesh.polygons.add(len(faces))
+            write_numbers(mesh, ".corner_vert", faces)
+            write_numbers(mesh, ".corner_edge", edge_of_corner.T)
+            mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+        mesh.update()
+        complete = True
+        return mesh
+    finally:
+        if not complete:
+            bpy.data.batch_remove([one for one in bpy.data.meshes if one.session_uid == uid])
+
+
+def mesh_of(uid: int) -> bpy.types.Mesh:
+    """The mesh of this `session_uid`.
+
+    Raises
+    ------
+    MeshError
+        If it is gone: undo takes it.
+    """
+    mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == uid), None)
+    if mesh is None:
+        raise MeshError("undo has taken the surface while it was made; make it again")
     return mesh
+
+
+def write_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32]) -> None:
+    """Fill one of the mesh's own attributes of numbers or pairs with int32."""
+    mesh.attributes[name].data.foreach_set("value", np.ascontiguousarray(values, np.int32).ravel())
 
 
 def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:

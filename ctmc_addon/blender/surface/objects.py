@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import bpy
 import numpy as np
 
-from ...core import MeshError, Reconstruction, ReconstructionSettings
+from ...core import MeshError, Reconstruction, ReconstructionSettings, Steps, finish
 from ...core.volume import transform_normals
 from ..colors import Color, color_of
 from ..materials import surface_material
@@ -47,7 +47,7 @@ def add_reconstruction(
     color : (red, green, blue) or None
         Linear; None takes the label's own color, else that of its number.
     mesh : Mesh or None
-        What `surface_mesh` has made of it at this scale; None makes it now.
+        What `surface_mesh_steps` has made of it at this scale; None makes it now.
     structure : str
         What the surface is of, for the object's name; empty takes what the volume calls the label.
     fingerprint : str
@@ -59,7 +59,7 @@ def add_reconstruction(
         If the surface has no triangles.
     """
     name = object_name(result, structure or result.label_name)
-    mesh = surface_mesh(result, None, scale) if mesh is None else mesh
+    mesh = finish(surface_mesh_steps(result, None, scale)) if mesh is None else mesh
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
     mesh.materials.append(surface_material(name, color or color_of(result.settings.label, result.label_color)))
@@ -80,7 +80,7 @@ def update_reconstruction(
 ) -> None:
     """Give an object another surface; its transform, materials, modifiers and animation stay.
 
-    The mesh is what `surface_mesh` has made of it for this object; None makes it now.
+    The mesh is what `surface_mesh_steps` has made of it for this object; None makes it now.
 
     The key's value and Decimate's ratio follow the new settings if nobody has moved them since the old
     ones were applied, and stay where a hand or an animation has put them otherwise.
@@ -92,7 +92,7 @@ def update_reconstruction(
     """
     require_updatable(obj)
     before, placement = require_provenance(obj), placement_of(obj)
-    mesh = surface_mesh(result, obj) if mesh is None else mesh
+    mesh = finish(surface_mesh_steps(result, obj)) if mesh is None else mesh
     old, old_keys = obj.data, obj.data.shape_keys
     for material in old.materials:
         mesh.materials.append(material)
@@ -189,12 +189,12 @@ def shortened(text: str, size: int) -> str:
     return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 
-def surface_mesh(
+def surface_mesh_steps(
     result: Reconstruction,
     obj: bpy.types.Object | None = None,
     scale: float = SCALE,
     edges: meshes.Edges | None = None,
-) -> bpy.types.Mesh:
+) -> Steps[bpy.types.Mesh]:
     """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
 
     This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet. Its edges
@@ -219,7 +219,9 @@ def surface_mesh(
     vertices, faces = (
         (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
     )
-    mesh = meshes.new_mesh(name, placement.to_local(vertices), faces, edges)
+    if edges is None:
+        edges = yield from meshes.edges_steps(faces, len(vertices))
+    mesh = yield from meshes.new_mesh_steps(name, placement.to_local(vertices), faces, edges)
     keep_positions_mm(mesh, vertices, surface)
     return mesh
 

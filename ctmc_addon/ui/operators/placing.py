@@ -17,7 +17,7 @@ from ...blender.surface import (
     call,
     edges_steps,
     require_updatable,
-    surface_mesh,
+    surface_mesh_steps,
     update_reconstruction,
 )
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
@@ -75,7 +75,7 @@ class NewMesh:
 
 
 def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
-    """Meshes of finished surfaces, one between two steps; they are gone again if the job is left here.
+    """Meshes of finished surfaces, a part of one between two steps; they are gone again if the job is left here.
 
     Raises
     ------
@@ -88,11 +88,13 @@ def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
         for number, surface in enumerate(surfaces):
             mesh = surface.result.mesh
             finding = edges_steps(mesh.faces, len(mesh.vertices))
-            edges = yield from equal_part(finding, number, len(surfaces))
+            edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
-            block = surface_mesh(surface.result, obj, machine().scale, edges)
+            making = surface_mesh_steps(surface.result, obj, machine().scale, edges)
+            block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
+            obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
         yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
         complete = True

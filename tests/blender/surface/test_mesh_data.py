@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.blender.surface import add_reconstruction, apply_shape_and_modifiers, refresh_normals
 from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.blender.surface.evaluate import evaluated_object
+from ctmc_addon.core import MeshError, finish
 
 
 def evaluated(thing):
@@ -89,3 +90,20 @@ def test_normals_of_the_mesh_are_left_to_blender(scene, ball):
     thing = add_reconstruction(ball(alpha=1.0, normals="mesh"), scene)
     assert not thing.data.has_custom_normals
     assert off_radius(thing).max() < 6.0
+
+
+def test_a_mesh_that_is_left_half_made_is_gone_again_and_one_that_undo_took_is_said():
+    positions, faces = np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)
+    edges = finish(meshes.edges_steps(faces, 3))
+    before = set(bpy.data.meshes)
+    making = meshes.new_mesh_steps("half", positions, faces, edges)
+    next(making)
+    (half,) = set(bpy.data.meshes) - before
+    assert (len(half.edges), len(half.polygons), half.validate()) == (3, 0, False)
+    making.close()
+    assert set(bpy.data.meshes) == before
+    making = meshes.new_mesh_steps("taken", positions, faces, edges)
+    next(making)
+    bpy.data.meshes.remove(bpy.data.meshes["taken"])
+    with pytest.raises(MeshError, match="make it again"):
+        next(making)
