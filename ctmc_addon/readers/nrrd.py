@@ -87,7 +87,8 @@ class NrrdFile(VolumeSource):
             made = yield from layered_steps(layers, self.segments, self.path.name)
             return RawValues(made.values, affine, (*notes, *made.notes), "label", made.names, made.colors)
         values = yield from self._time_steps(options.time - 1)
-        names, colors = names_and_colors(self.segments, [segment.value for segment in self.segments])
+        segments = [segment for segment in self.segments if not segment.layer]
+        names, colors = names_and_colors(segments, [segment.value for segment in segments])
         return RawValues(values, affine, notes, "", names, colors)
 
     def _time_steps(self, time: int) -> Steps[SliceReader]:

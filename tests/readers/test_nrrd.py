@@ -210,6 +210,19 @@ def test_small_segments_in_layers_keep_all_their_voxels(tmp_path):
     np.testing.assert_array_equal(volume.values.T, np.where(array[1], 2, array[0]))
 
 
+def test_masks_of_an_older_slicer_are_segments_by_their_number(tmp_path):
+    array = np.zeros((3, 9, 8, 7), np.uint8)
+    array[0, 1:5, 1:5, 1:5], array[1, 4:7, 4:7, 4:7], array[2, 8, 7, 6] = 1, 1, 1
+    segments = {f"Segment{n}_{key}": f"{word} {n}" for n in range(3) for key, word in (("ID", "S"), ("Name", "part"))}
+    path = saved(tmp_path / "x.seg.nrrd", array, {**LPS, "space directions": FIRST[0], "kinds": FIRST[1], **segments})
+    volume = read_volume(path)
+    np.testing.assert_array_equal(volume.values.T, np.select([array[2] > 0, array[1] > 0, array[0] > 0], [3, 2, 1]))
+    assert volume.label_names == {1: "part 0", 2: "part 1", 3: "part 2"}
+    alone = {"Segment0_ID": "S 0", "Segment0_Name": "part 0"}
+    volume = read_volume(saved(tmp_path / "y.seg.nrrd", array[0], {**LPS, **alone}))
+    assert volume.label_names == {1: "part 0"}
+
+
 def test_a_fourth_dimension_of_vectors_is_refused(tmp_path):
     header = {**LPS, "space directions": FIRST[0], "kinds": ["vector", "domain", "domain", "domain"]}
     with pytest.raises(CtmcError, match=r"sizes \(2, 5, 6, 7\) \(vector domain.*one channel as a file of its own"):

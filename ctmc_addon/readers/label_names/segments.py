@@ -31,13 +31,15 @@ class Segment(NamedTuple):
 
 def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
     """The segments that have a value, in the order of their numbers."""
-    keys = (re.fullmatch(r"Segment(\d{1,9})_LabelValue", key) for key in header)
-    numbers = sorted(int(match[1]) for match in keys if match)
+    keys = (re.fullmatch(r"Segment(\d{1,9})_(?:ID|LabelValue)", key) for key in header)
+    numbers = sorted({int(match[1]) for match in keys if match})
+    is_old = not any(f"Segment{number}_LabelValue" in header for number in numbers)  # before Slicer 4.11: a mask each
     if len(numbers) > MOST_SEGMENTS:
         raise ReadError(f"{name} has {len(numbers)} segments, and at most {MOST_SEGMENTS} are read; save fewer")
     segments = []
     for number in numbers:
-        value, layer = (str(header.get(f"Segment{number}_{key}", "0")).strip() for key in ("LabelValue", "Layer"))
+        fields = {"LabelValue": 1, "Layer": number} if is_old else {"LabelValue": "", "Layer": 0}
+        value, layer = (str(header.get(f"Segment{number}_{key}", own)).strip() for key, own in fields.items())
         if not all(re.fullmatch(r"\d{1,18}", text, re.ASCII) for text in (value, layer)):
             continue
         called = clean_name(header.get(f"Segment{number}_Name", ""), f"Segment {number}")
