@@ -187,6 +187,8 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     notes = (*notes, *layout.notes)
     if first.dataoffset is not None and plain:
         return PageStack(shape, dtype, [], int(first.dataoffset), count, layout, notes)
+    if code_of(keyframe.imagedepth) > 1:
+        raise ReadError(f"{path.name} has several slices in one page (ImageDepth); save it with a page for each slice")
     if len(first.pages) < count:
         raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
     return PageStack(shape, dtype, [first.pages[number] for number in range(count)], None, count, layout, notes)
@@ -233,10 +235,14 @@ def check_segments(tiff: Any, page: Any, path: Path) -> None:
             raise ReadError(
                 f"{path.name} is truncated: {length} bytes of pixels at byte {start} of {size}; copy it again"
             )
-    if code_of(page.keyframe.compression) == 1 and sum(page.databytecounts) < page.keyframe.nbytes:
+    keyframe = page.keyframe
+    if code_of(keyframe.compression) != 1 or keyframe.dtype is None:
+        return
+    bits = min(code_of(keyframe.bitspersample), 8 * keyframe.dtype.itemsize)  # a pixel of black and white has one
+    needed_bytes = keyframe.nbytes * bits // (8 * keyframe.dtype.itemsize)
+    if sum(page.databytecounts) < needed_bytes:
         raise ReadError(
-            f"{path.name} is truncated: {sum(page.databytecounts)} of {page.keyframe.nbytes} bytes of pixels; "
-            "copy it again"
+            f"{path.name} is truncated: {sum(page.databytecounts)} of {needed_bytes} bytes of pixels; copy it again"
         )
 
 

@@ -126,3 +126,16 @@ def test_files_that_ome_names_are_not_opened(tmp_path, name):
     with tifffile.TiffFile(path) as tiff:
         assert (tiff.asarray() != values).any()  # tifffile by itself follows the name
     np.testing.assert_array_equal(read_volume(path).values, values)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_pages_of_one_bit_are_read(tmp_path, compression):
+    values = numbers(5, 20, 27) > 30000
+    tifffile.imwrite(tmp_path / "s.tif", values, photometric="minisblack", compression=compression)
+    np.testing.assert_array_equal(read_volume(tmp_path / "s.tif").values, 255 * values)
+
+
+def test_several_slices_in_one_page_are_refused_in_a_sentence(tmp_path):
+    path = saved(tmp_path / "s.tif", numbers(6, 32, 32), "ZYX", volumetric=True, tile=(2, 16, 16))
+    with pytest.raises(CtmcError, match=r"several slices in one page \(ImageDepth\); save it with a page for each"):
+        read_volume(path)
