@@ -34,6 +34,7 @@ BOOT = (
 MODULE = f"{PACKAGE.name}.{'.'.join(Path(__file__).resolve().parent.relative_to(PACKAGE).parts)}.worker"
 TICK = 0.02  # seconds between two looks whether there is an answer
 START_SECONDS = 60.0
+ENDING_SECONDS = 1.0  # between the end of its output and its own
 PICTURE_SECONDS = 8.0  # that a picture may take; a larger one for each MEGAPIXEL
 MEGAPIXEL = 1 << 20
 MEMORY = 2 << 30  # bytes that the process may address, and for each pixel
@@ -154,8 +155,16 @@ class DecodingProcess:
         except OSError:  # a broken pipe, on Windows
             piece = b""
         if not piece:
-            raise DecoderEnded(how_it_ended(self.process.wait()))
+            raise DecoderEnded(self._end())
         return piece
+
+    def _end(self) -> str:
+        """How the process ended, whose output has; one that goes on without it is ended."""
+        try:
+            return how_it_ended(self.process.wait(ENDING_SECONDS))
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return "it closed its output"
 
     def close(self) -> None:
         """End the process."""

@@ -79,6 +79,7 @@ def test_where_there_can_be_no_process_pixels_are_decoded_here(tmp_path, stack, 
 @pytest.mark.parametrize(
     ("then", "words"),
     [
+        ("import os; os.close(1); os.close(2); time.sleep(600)", "it closed its output"),
         ("sys.stdin.buffer.readline(); os._exit(3)", "exit code 3"),
         ("sys.stdin.buffer.readline(); os.kill(os.getpid(), 11)", "SIGSEGV"),
         ("sys.stdin.buffer.readline(); print('{}', flush=True)", "another picture"),
