@@ -27,11 +27,13 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "out" / "bench" / "bench.json"
 PARTS = {  # name: module, what is measured
     "extraction": "against VTK, scikit-image, PyMCubes; strides; memory",
+    "patient": "bone, skin and masks against VTK and Blender's own mesher",
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
     "small_components": "simplification of surfaces with thousands of small components",
     "bounds": "simplification to a greatest error in millimeters",
     "many_labels": "104 labels at once against the largest alone",
     "reading": "a DICOM folder against SimpleITK",
+    "processes": "a file to an STL file against 3D Slicer's recipe in VTK, whole processes",
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",
 }

@@ -17,11 +17,12 @@ from .reading import dicom_folder
 FRAME = 1 / 60
 OURS = """
 import sys, os, bpy
-from ctmc_addon import readers, scene
+from ctmc_addon import readers
+from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import ReconstructionSettings, reconstruct
 volume = readers.read_volume(sys.argv[1])
 result = reconstruct(volume, ReconstructionSettings(threshold=float(sys.argv[2])))
-thing = scene.add_reconstruction(result, bpy.context.scene)
+thing = add_reconstruction(result, bpy.context.scene)
 print(len(thing.data.polygons), flush=True)
 os._exit(0)  # Blender as a module may hang while Python shuts down
 """

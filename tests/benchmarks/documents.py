@@ -16,10 +16,12 @@ PAGE = ROOT / "docs" / "development" / "performance.md"
 PICTURE = ROOT / "docs" / "pictures" / "growth.png"
 TITLES = {
     "extraction": "Extraction",
+    "patient": "Patients and masks",
     "simplify": "Simplification",
     "small_components": "Simplification with thousands of small components",
     "bounds": "Simplification to an error",
     "reading": "Reading",
+    "processes": "Whole processes",
     "blender": "In Blender",
 }
 

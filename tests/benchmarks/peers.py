@@ -69,6 +69,21 @@ def flying_edges(values: NDArray[Any], threshold: float, normals: bool, threads:
     return call
 
 
+def openvdb(values: NDArray[Any], threshold: float) -> Callable[[], Any] | None:
+    """A call that meshes with OpenVDB of Blender's own packages; None where Blender has no such module.
+
+    The volume is a dense grid whose background is its lowest value, filled before, as in a Volume object of Blender.
+    """
+    from ctmc_addon.blender.volume.vdb import vdb_writer
+
+    module = vdb_writer()
+    if module is None:
+        return None
+    grid = module.FloatGrid(float(values.min()))
+    grid.copyFromArray(np.ascontiguousarray(values.transpose(2, 1, 0), np.float32))
+    return lambda: grid.convertToPolygons(threshold)
+
+
 def scikit_image(values: NDArray[Any], threshold: float) -> Callable[[], Any]:
     """A call that extracts with skimage.measure.marching_cubes; it always makes normals."""
     from skimage.measure import marching_cubes

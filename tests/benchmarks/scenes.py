@@ -22,7 +22,7 @@ LIVER_MM = (0.67, 0.67, 0.58)
 EDGE = 127.5  # gray value of the surface in volumes made from closed forms
 DENSE_THRESHOLD = 142  # HU: vessels, bone, and the noise that reaches as far
 BONE, SKIN = 200, -300  # HU
-REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k")  # folders of 512 x 512 DICOM slices
+REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k", "ircadb01_abdomen")  # folders of 512 x 512 DICOM slices
 
 
 def tumours(seed: int = 0) -> NDArray[np.uint8]:

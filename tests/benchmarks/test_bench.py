@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import documents, growth
+from benchmarks import documents, growth, patient, peers, processes
 from benchmarks.accuracy import PAGE as ACCURACY
+from benchmarks.bench import PARTS
 from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, stage_seconds, timed
 
+from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.progress import Step
 
 
@@ -105,3 +107,39 @@ def test_the_pages_have_the_markers(page, names):
     text = page.read_text(encoding="utf-8")
     for name in names:
         assert documents.replaced(text, name, "new") != text
+
+
+def test_a_whole_process_gives_the_triangles_it_wrote(tmp_path):
+    z, y, x = np.ogrid[-9:10, -9:10, -9:10]
+    values = (64 - z * z - y * y - x * x).astype(np.int16)
+    source = processes.written(tmp_path / "ball.nii", values, np.eye(4))
+    out = tmp_path / "ball.stl"
+    assert processes.reconstruct(source, out, ["--threshold", "0.5"]) == len(marching_cubes(values, 0.5).faces)
+    assert out.stat().st_size == 84 + 50 * len(marching_cubes(values, 0.5).faces)
+
+
+def test_slicers_recipe_closes_a_label_and_decimates_it(tmp_path):
+    pytest.importorskip("vtkmodules", reason="VTK is a peer of the benchmark, not of the tests")
+    label = np.zeros((12, 20, 20), np.uint8)
+    label[:, 4:16, 4:16] = 1  # up to both ends: Slicer closes it there
+    source = processes.written(tmp_path / "label.nii", label, np.eye(4))
+    full = processes.recipe(source, tmp_path / "out.stl", ["--label", "1"])
+    assert full == len(marching_cubes(label, 0.5, close_border=True).faces)
+    assert processes.recipe(source, tmp_path / "out.stl", ["--label", "1", "--decimate", "0.5"]) < 0.6 * full
+
+
+def test_blenders_mesher_places_a_ball_where_it_is():
+    pytest.importorskip("bpy")
+    z, y, x = np.ogrid[-9:10, -9:10, -9:10]
+    values = (8 - np.sqrt(z * z + y * y + x * x)).astype(np.float32)
+    mesher = peers.openvdb(values, 0.5)
+    if mesher is None:
+        pytest.skip("this Blender has no OpenVDB module")
+    points, _triangles, quads = mesher()
+    assert len(quads) > 500
+    np.testing.assert_allclose(np.linalg.norm(points - 9, axis=1), 7.5, atol=0.35)
+
+
+def test_every_part_can_be_loaded_and_has_its_title():
+    assert {patient.__name__, processes.__name__} <= {f"benchmarks.{part}" for part in PARTS}
+    assert set(documents.TITLES) <= set(PARTS)

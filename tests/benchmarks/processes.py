@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a file to an STL file as a whole process: `ctmc reconstruct` against 3D Slicer's recipe in VTK."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctmc_addon.core.phantom.phantom import LIVER
+
+from . import scenes
+from .measuring import Session
+
+SLICER, VTK = "Slicer's recipe in VTK", "VTK: flying edges, normals, STL"
+FOLDERS = [str(Path(__file__).parents[up]) for up in (1, 2)]
+REMOVED = 0.9  # of the triangles, where they are reduced
+
+
+def measure(session: Session) -> None:
+    """All rows of this part: a liver from labels, bone from HU."""
+    made = scenes.made_abdomen()
+    stored = {"phantom": (made.volume.values, made.volume.affine)}
+    for name, volume in scenes.real_ct(session.data, session.also).items():
+        stored[name] = (volume.values, volume.affine)
+    labels = written(session.scratch / "labels.nii", made.labels.values, made.labels.affine)
+    compare(session, "the phantom's liver", labels, ["--label", str(LIVER)])
+    for name, (values, affine) in stored.items():
+        source = written(session.scratch / f"{name}.nii", values, affine)
+        compare(session, f"bone of {name}", source, ["--threshold", str(scenes.BONE)])
+        source.unlink()
+
+
+def written(path: Path, values: NDArray[Any], affine: NDArray[np.float64]) -> Path:
+    """An uncompressed NIfTI, which both read in little time."""
+    import nibabel
+
+    nibabel.save(nibabel.Nifti1Image(values.transpose(2, 1, 0), affine), path)
+    return path
+
+
+def compare(session: Session, work: str, source: Path, inside: list[str]) -> None:
+    """All triangles, and with nine of ten removed."""
+    for removed in (0.0, REMOVED):
+        ours = [*inside, *(["--simplify", str(removed)] if removed else [])]
+        theirs = [*inside, *(["--decimate", str(removed)] if removed else [])]
+        out = session.scratch / "process.stl"
+        peers = {SLICER: (lambda t=theirs, o=out: recipe(source, o, t), None)}
+        if inside[0] == "--threshold" and not removed:
+            peers[VTK] = (lambda t=theirs, o=out: recipe(source, o, [*t, "--bare"]), None)
+        counts = [reconstruct(source, out, ours), *(call() for call, _ in peers.values())]
+        session.compare(
+            f"{work}, NIfTI to STL, whole process" + (f", {removed:.0%} removed" if removed else ""),
+            lambda o=ours, p=out: reconstruct(source, p, o),
+            peers,
+            note=" and ".join(f"{count / 1e3:.0f}k" for count in counts) + " triangles",
+            repeats=max(1, session.repeats // 3),
+        )
+
+
+def reconstruct(source: Path, out: Path, words: list[str]) -> int:
+    """`ctmc reconstruct`; the triangles it wrote."""
+    return run(["ctmc_addon", "reconstruct", str(source), "-o", str(out), *words], out)
+
+
+def recipe(source: Path, out: Path, words: list[str]) -> int:
+    """VTK's process; the triangles it wrote."""
+    return run(["benchmarks.slicer_recipe", str(source), str(out), *words], out)
+
+
+def run(module_and_words: list[str], out: Path) -> int:
+    """Run a module in a fresh Python and look into the STL it made."""
+    out.unlink(missing_ok=True)
+    # This checkout and the benchmark, wherever the process starts.
+    settings = {**os.environ, "PYTHONPATH": os.pathsep.join([*FOLDERS, os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, "-m", *module_and_words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=settings)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return int(np.fromfile(out, "<u4", 1, offset=80)[0])
