@@ -55,7 +55,7 @@ class Bricks:
         """Numbers of the bricks at these places; beyond the border that of the brick at the border."""
         nz, ny, nx = self.shape
         z, y, x = np.clip(z, 0, nz - 1), np.clip(y, 0, ny - 1), np.clip(x, 0, nx - 1)
-        return self.number.ravel()[(z * ny + y) * nx + x].astype(np.intp)
+        return self.number.ravel().take((z * ny + y) * nx + x).astype(np.intp)
 
     def coordinates(self, part: slice = slice(None)) -> tuple[Places, Places, Places]:
         """Slice, row and brick along the row of the bricks in the list."""

@@ -122,8 +122,9 @@ def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.flo
         for step in range(1, steps)[::direction]:
             for part in pieces(len(between[step - 1])):
                 place = between[step - 1][part]
-                here, before = flat[place], flat[place - direction * layer]
-                below, above = flat[place - step * layer] >= 0, flat[place + (steps - step) * layer] >= 0
+                here, before = flat.take(place, axis=0), flat.take(place - direction * layer, axis=0)
+                below = flat.take(place - step * layer, axis=0) >= 0
+                above = flat.take(place + (steps - step) * layer, axis=0) >= 0
                 inward, outward = (below, above) if direction > 0 else (above, below)
                 island = inward & ~outward & (before < 0) & (here >= 0)
                 if island.any():
