@@ -14,8 +14,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     that Ctrl-C is one line while NumPy is still being loaded, too.
     """
     try:
+        from .address_space import reserve_little
         from .interrupts import interrupts_held, sigterm_raised
 
+        reserve_little()
         with sigterm_raised():
             with interrupts_held():
                 from .program import run

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
 
-from ..core import VERSION, CtmcError
+from ..core import VERSION, CtmcError, memory_refusal
 from ..readers import outside_allowed
 from .arguments import Parser, UsageError, with_flags
 from .batch import case as batch_case
@@ -48,6 +48,7 @@ def run(argv: Sequence[str] | None) -> int:
                     undo.enter_context(redirect_stderr(nowhere))
                 if getattr(args, "allow_outside", False):
                     undo.enter_context(outside_allowed())
+                undo.enter_context(memory_refusal("the work", "choose a region, a larger stride or a smaller volume"))
                 args.run(args)
         except UsageError as error:
             args.parser.error(with_flags(str(error)))
@@ -56,9 +57,6 @@ def run(argv: Sequence[str] | None) -> int:
         return stop.code if isinstance(stop.code, int) else 0
     except CtmcError as error:
         print(f"ctmc: {with_flags(' '.join(str(error).split()))}", file=sys.stderr)
-        return 1
-    except MemoryError:
-        print("ctmc: there is not enough memory; choose a region, a larger stride or a smaller volume", file=sys.stderr)
         return 1
     except BrokenPipeError:  # `ctmc info ... | head`: nobody reads on, which is not an error
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -16,6 +16,7 @@ from .errors import (
 from .extraction.marching_cubes import marching_cubes
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import amount, available_bytes
+from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .mesh.triangle_tree import distances
@@ -77,6 +78,7 @@ __all__ = [
     "is_allowed",
     "map_steps",
     "marching_cubes",
+    "memory_refusal",
     "one_line",
     "reconstruct",
     "reconstruct_labels",

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import MemoryLimitError
@@ -17,6 +18,7 @@ VERSION_2_LIMITS: tuple[str, ...] = (
     "memory.max",
     "memory.high",
 )  # beyond the second a process is slowed down until it hardly runs
+NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
 
 
 def available_bytes() -> int | None:
@@ -54,6 +56,28 @@ def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], li
         raise MemoryLimitError(
             f"{what} needs about {amount(needed_bytes)} of memory and {amount(limit)} are available; {advice}"
         )
+
+
+@contextmanager
+def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[None]:
+    """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
+    limit = available_bytes() if limit_bytes is None else limit_bytes
+    try:
+        yield
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and str(error) != NO_THREAD:
+            raise
+        more = f"at least {amount(_asked(error))} more memory" if _asked(error) else "more memory"
+        there = "there is" if limit is None else f"the {amount(limit)} that are available"
+        raise MemoryLimitError(f"{what} needs {more} than {there}; {remedy}") from error
+
+
+def _asked(error: Exception) -> int:
+    """Bytes of the array that NumPy had no memory for; 0 for another error."""
+    if len(error.args) != 2 or not isinstance(error.args[0], tuple):
+        return 0
+    shape, dtype = error.args
+    return math.prod(shape) * int(dtype.itemsize)
 
 
 def amount(number: int) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .errors import MemoryLimitError
 from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
+from .memory import refusal
 from .mesh.components import keep_components_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
@@ -48,6 +49,7 @@ EXTRACTION_STAGES = {
 }
 SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
 OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
+STREAMED_REMEDY = "ask for fewer triangles, or use a larger stride or a region"
 POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
 
 
@@ -324,7 +326,8 @@ def _streamed_steps(
     pieces = field_pieces_steps(field, affine, settings, threads, gradient, any_order=True, workers=workers)
     goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
     reducing = reduce_pieces_steps(pieces, *goals, memory_limit, threads)
-    streamed = yield from stages.run("Simplifying", reducing)
+    with refusal("simplifying the surface as it is extracted", STREAMED_REMEDY, memory_limit):
+        streamed = yield from stages.run("Simplifying", reducing)
     full = _described(volume, settings, streamed.info, streamed.simplification.mesh)
     full = replace(full, full_faces=streamed.full_faces, stages=_seconds_of(stages, EXTRACTION_STAGES))
     return (yield from _finished_steps(stages, full, streamed.simplification, settings))

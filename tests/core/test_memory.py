@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What memory there is: the machine's, the control group's, the process's, whichever is least."""
 
+import numpy as np
 import pytest
 
 from ctmc_addon.core.errors import MemoryLimitError
-from ctmc_addon.core.memory import available_bytes, linux_available, require
+from ctmc_addon.core.memory import NO_THREAD, available_bytes, linux_available, refusal, require
 
 GIB = 2**30
 
@@ -119,3 +120,15 @@ def test_work_beyond_the_limit_is_refused_with_both_numbers():
 def test_memory_below_a_tenth_of_a_gib_is_given_in_mib():
     with pytest.raises(MemoryLimitError, match=r"about 50 MiB of memory and 20 MiB"):
         require(50 << 20, "smoothing", "choose a region", 20 << 20)
+
+
+def test_memory_that_the_system_refuses_is_a_sentence_with_the_bytes_asked_for():
+    with (
+        pytest.raises(MemoryLimitError, match=r"^smoothing needs at least .* GiB more .* the 2\.0 GiB .*; crop$"),
+        refusal("smoothing", "crop", 2 * GIB),
+    ):
+        np.empty(1 << 50, np.float32)
+    with pytest.raises(MemoryLimitError, match="more memory than"), refusal("smoothing", "crop"):
+        raise RuntimeError(NO_THREAD)
+    with pytest.raises(RuntimeError, match=r"^other$"), refusal("smoothing", "crop"):
+        raise RuntimeError("other")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...core import ReconstructionSettings, Steps, Volume
+from ...core import ReconstructionSettings, Steps, Volume, memory_refusal
 from ...core.files import mesh_files
 from ...core.files.piece_files import WrittenPieces, write_pieces_steps
 from ...core.streaming import SurfaceFacts, surface_pieces_steps
@@ -15,6 +15,7 @@ from ..arguments import command_of
 from ..outputs import Outputs
 from ..terminal import dimensions, listing, titled
 
+REMEDY = "use a larger stride or a region"
 NOT_HELD = "The surface does not fit in memory: it was written as it was extracted, and is not measured."
 
 
@@ -32,7 +33,8 @@ def written_pieces_steps(
     path: Path = outputs.surfaces[0]
     normals = settings.normals == "gradient" and path.suffix.lower() == ".ply"
     pieces = surface_pieces_steps(volume, settings, threads, normals=normals)
-    return (yield from write_pieces_steps(path, pieces, outputs.space))
+    with memory_refusal("writing the surface as it is extracted", REMEDY):
+        return (yield from write_pieces_steps(path, pieces, outputs.space))
 
 
 def pieces_summary(

@@ -16,7 +16,7 @@ from ..volume.volume import Volume
 from .field_slabs import FieldSlabs, field_slabs_steps
 
 SMALL_BYTES = 1 << 26  # that are always read into memory
-SHARE = 0.5  # of the memory, that values may take beside the surface
+SHARE = 0.25  # of the memory, that values may take beside the surface
 BITS, SMOOTHED = 0.125, 8.0  # bytes a sample, of comparing and of Gaussian smoothing
 
 

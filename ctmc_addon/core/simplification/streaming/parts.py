@@ -7,7 +7,7 @@ a part is simplified its border stays, so parts that fitted before fit afterward
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -127,15 +127,32 @@ def batches_steps(pieces: SurfacePieces[T], least: int, numbering: Numbering) ->
                 gathered.append(_placed(*before, *following))
             before = following
             if sum(part.face_count for part in gathered) >= least:
-                yield joined(gathered)
+                whole = joined(gathered)
                 gathered = []
+                yield from _cut(whole, least)
     finally:
         pieces.close()
     if before is not None:
         gathered.append(_placed(*before))
     if any(part.face_count for part in gathered):
-        yield joined(gathered)
+        yield from _cut(joined(gathered), least)
     return result
+
+
+def _cut(part: Part, most: int) -> Iterator[Part]:
+    """Bands of a part that is more than twice as large as a batch, as a slab is that has a cap on a whole slice."""
+    if part.face_count <= 2 * most:
+        yield part
+        return
+    vertices = part.mesh.vertices
+    axis = int(np.argmax(vertices.max(axis=0) - vertices.min(axis=0)))
+    along = vertices[part.mesh.faces[:, 0], axis]
+    ends = np.sort(along)[most::most]
+    band = np.searchsorted(ends, along, side="right")
+    for number in range(len(ends) + 1):
+        selected = band == number
+        if selected.any():
+            yield part.with_faces(selected)
 
 
 def _placed(

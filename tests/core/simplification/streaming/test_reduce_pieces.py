@@ -65,6 +65,30 @@ def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, last_face
         assert result.mesh.volume == pytest.approx(mesh.volume, rel=0.02)
 
 
+@pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"max_error": 0.3}])
+def test_a_piece_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypatch):
+    sizes = []
+    reduce_part_steps = reduce_pieces.reduce_part_steps
+
+    def noted(part, *rest):
+        sizes.append(part.face_count)
+        return reduce_part_steps(part, *rest)
+
+    monkeypatch.setattr(reduce_pieces, "reduce_part_steps", noted)
+    mesh = foam(40)
+    result = reduced(mesh, 2, **goal)
+    assert len(mesh.faces) > 5 * 4000
+    assert max(sizes[:4]) < 1.1 * 4000
+    if "reduction" in goal:
+        wanted = round(len(mesh.faces) * 0.1)
+        assert wanted - 1 <= len(result.mesh.faces) <= wanted
+    else:
+        assert surface_distance(result.mesh, mesh).largest <= 0.3
+    assert_sound(result.mesh)
+    assert result.mesh.closed
+    assert result.mesh.euler == mesh.euler + 2 * result.handles_cut
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.25])
 def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
     mesh = foam(noise=noise)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Processes whose address space is limited, as by `ulimit -v`: they finish with the same bytes, or say why not."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core.phantom import foam
+
+ROOT = Path(__file__).resolve().parents[2]
+# The limit is so many bytes beyond what Python takes with all that the command imports.
+LIMITED = """
+import resource, sys
+from ctmc_addon.cli import main, program
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[1]), resource.RLIM_INFINITY))
+sys.exit(main(sys.argv[2:]))
+"""
+pytestmark = [
+    pytest.mark.usefixtures("scene"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not limit the address space"),
+]
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory):
+    """The path of 23 MB whose surface has 2M triangles."""
+    path = tmp_path_factory.mktemp("foam") / "foam.npy"
+    np.save(path, foam(100, 480, 150, 1).slab(0, 100))
+    return path
+
+
+def limited(more_bytes, *words):
+    command = [sys.executable, "-c", LIMITED, str(more_bytes), *(str(word) for word in words)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+
+
+@pytest.mark.parametrize("mebibytes", [1024, 120])
+def test_a_surface_under_a_limit_has_the_bytes_of_one_without(ctmc, volume, tmp_path, mebibytes):
+    words = ["reconstruct", volume, "--threshold", "132", "--threads", "1", "--normals", "mesh", "-o"]
+    assert ctmc(*words, tmp_path / "free.stl").code == 0
+    done = limited(mebibytes << 20, *words, tmp_path / "limited.stl")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert ("written as it was extracted" in done.stdout) == (mebibytes < 1024)
+    assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
+
+
+@pytest.mark.parametrize("flags", [[], ["--simplify", "0.9"]])
+def test_too_little_for_anything_is_a_sentence(volume, tmp_path, flags):
+    done = limited(20 << 20, "reconstruct", volume, "--threshold", "132", *flags, "-o", tmp_path / "no.stl")
+    (said,) = done.stderr.splitlines()
+    assert done.returncode == 1
+    assert said.startswith("ctmc: ")
+    assert "MiB" in said
+    assert "stride" in said
+    assert list(tmp_path.iterdir()) == []
