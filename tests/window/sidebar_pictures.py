@@ -20,6 +20,7 @@ SHOWN = ROOT / "docs" / "pictures" / "sidebar"
 SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
 VIEW = 560  # pixels of the viewport beside the sidebar
+HEADING = 48  # pixels from the top of a heading to the row below it
 DISTANCE = 9.0  # of the eye
 MOST_BYTES = 150_000
 IDLE = "ours('ui.jobs').running() is None"
@@ -101,19 +102,20 @@ def take(desk: Desk) -> None:
     desk.wait(COUNTED)
     rows = rows_of(desk, up=True)
     load, copy = rows["bpy.ops.ctmc.load()"], rows["bpy.ops.ctmc.copy_command()"]
-    keep(desk, "load", load - 45, rows["ctmc.surface_from"] - 1, view=False)
-    keep(desk, "surface", rows["ctmc.surface_from"] - 4, rows["ctmc.smoothing"] + 20)
+    keep(desk, "load", load - 75, rows["ctmc.surface_from"] - HEADING, view=False)
+    keep(desk, "surface", rows["ctmc.surface_from"] - HEADING, rows["ctmc.alpha"] - HEADING - 52)
     desk.ask("bpy.context.scene.ctmc.preview = True")
     desk.wait(f"{QUIET} and {COUNTED}")
-    keep(desk, "preview", rows["ctmc.smoothing"] - 5, copy + 22)
-    desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.reduction = 0.9")
+    keep(desk, "preview", rows["ctmc.alpha"] - HEADING - 52, copy + 22)
+    desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.goal = 'reduction'; s.ratio = 0.1")
     desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
     desk.wait(f"{PROGRESS} > 0.6")
-    keep(desk, "reconstruct", rows["ctmc.simplifier"] - 7, copy + 22, view=False)
+    keep(desk, "reconstruct", rows["ctmc.goal"] - HEADING, copy + 22, view=False)
     desk.ask("del ours('ui.jobs').running().advance")
     desk.wait(IDLE)
-    desk.ask("bpy.context.scene.ctmc_view.show_slice = False; viewport().space.shading.color_type = 'VERTEX'")
-    desk.ask("bpy.ops.ctmc.deviation_map()")
+    desk.ask("bpy.context.scene.ctmc_view.show_slice = False")
+    desk.ask(BEGIN.format(operator="deviation_map"))
+    desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     rows = rows_of(desk, up=False)
     keep(desk, "results", rows["bpy.ops.ctmc.deviation_map()"] - 225, rows["bpy.ops.ctmc.adopt_settings()"] + 22)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
