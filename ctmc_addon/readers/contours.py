@@ -65,8 +65,8 @@ def filled_steps(edges: Edges, columns: int) -> Steps[Filled]:
     >>> from ctmc_addon.core import finish
     >>> square = np.array([[0.5, 0.5], [2.5, 0.5], [2.5, 2.5], [0.5, 2.5]])
     >>> finish(filled_steps(edges_of([square], 9), 9))
-    Filled(top=1, left=0, mask=array([[False,  True,  True],
-           [False,  True,  True]]))
+    Filled(top=1, left=0, mask=array([[False,  True,  True, False],
+           [False,  True,  True, False]]))
     """
     count = edges.crossings
     x = edges.start[:, 0]

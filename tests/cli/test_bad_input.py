@@ -94,8 +94,8 @@ def noise_nrrd(folder, phantom):
     return folder / "noise.nrrd"
 
 
-def four_dimensions(folder, phantom):
-    save_nifti(folder / "film.nii", np.zeros((5, 5, 5, 3), np.int16))
+def five_dimensions(folder, phantom):
+    save_nifti(folder / "film.nii", np.zeros((5, 5, 5, 3, 2), np.int16))
     return folder / "film.nii"
 
 
@@ -115,8 +115,8 @@ def flat_affine(folder, phantom):
 
 def no_images(folder, phantom):
     def without_pixels(dataset):
-        dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.481.3"
-        dataset.Modality = "RTSTRUCT"
+        dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.481.5"
+        dataset.Modality = "RTPLAN"
         del dataset.PixelData, dataset.Rows, dataset.Columns
 
     for number in (1, 2, 3):
@@ -142,7 +142,7 @@ DRAWER = [
     (cut_inside_gzip, ["cut.nii.gz"]),
     (noise_dicom, ["noise.dcm"]),
     (noise_nrrd, ["noise.nrrd"]),
-    (four_dimensions, ["film.nii", "4 dimensions"]),
+    (five_dimensions, ["film.nii", "5 dimensions"]),
     (color_voxels, ["RGB"]),
     (flat_affine, ["singular"]),
     (no_images, ["image"]),

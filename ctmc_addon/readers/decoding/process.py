@@ -68,7 +68,8 @@ class DecodingProcess:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
-        path = [str(PACKAGE.parent), *sys.path]
+        # An empty entry is the folder one happens to be in.
+        path = [str(PACKAGE.parent), *(entry for entry in sys.path if Path(entry).is_absolute())]
         self.ask({"path": path, "module": MODULE, "memory": MEMORY + MEMORY_OF_A_PIXEL * pixels})
 
     def ask(self, request: Mapping[str, Any]) -> None:

@@ -139,6 +139,7 @@ def test_the_process_finds_its_modules_from_any_folder(tmp_path, stack, monkeypa
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "numpy.py").write_text("raise SystemExit(7)")
     monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.setattr(sys, "path", ["", "elsewhere", *sys.path])
     process = finish(decoding.started_steps(100))
     assert process is not None
     process.close()
