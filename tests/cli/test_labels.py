@@ -4,6 +4,7 @@
 import csv
 import json
 import os
+import warnings
 
 import numpy as np
 import pytest
@@ -31,7 +32,9 @@ def labels_file(tmp_path):
     for at, (label, name) in enumerate({**NAMES, 7: "nowhere"}.items()):
         header |= {f"Segment{at}_LabelValue": str(label), f"Segment{at}_Name": name, f"Segment{at}_ID": name}
     path = tmp_path / "organs.nrrd"
-    nrrd.write(str(path), values, header)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pynrrd's own, with the newest Python
+        nrrd.write(str(path), values, header)
     return path
 
 

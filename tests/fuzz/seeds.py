@@ -383,7 +383,7 @@ SEEDS: dict[str, Seed] = {
     "mhd zlib": metaimage("ct.mhd", True),
     "mgz": nibabel_file("MGHImage", "ct.mgz"),
     "mgh": nibabel_file("MGHImage", "ct.mgh"),
-    "analyze": nibabel_file("Spm99AnalyzeImage", "ct.img"),
+    "analyze": nibabel_file("AnalyzeImage", "ct.img"),
     "npy": npy,
     "png": pictures("png"),
     "png 16": pictures("png", "I;16"),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import warnings
 
 import nibabel
 import numpy as np
@@ -56,7 +57,9 @@ def test_nrrd_masks_are_read_too(tmp_path):
 
     for name, mask in zip(("liver", "spleen"), boxes(), strict=True):
         header = {"space": "left-posterior-superior", "space directions": np.eye(3), "space origin": np.zeros(3)}
-        nrrd.write(str(tmp_path / f"{name}.nrrd"), mask.T, header)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pynrrd's own, with the newest Python
+            nrrd.write(str(tmp_path / f"{name}.nrrd"), mask.T, header)
     assert read_volume(tmp_path).label_names == {1: "liver", 2: "spleen"}
 
 

@@ -109,7 +109,7 @@ def test_nifti(tmp_path, kind, end):
 
 @pytest.mark.parametrize("name", ["ct.mgh", "ct.img"])
 def test_mgh_and_analyze(tmp_path, name):
-    image = (nibabel.MGHImage if name == "ct.mgh" else nibabel.Spm99AnalyzeImage)(VALUES.T, np.eye(4))
+    image = (nibabel.MGHImage if name == "ct.mgh" else nibabel.AnalyzeImage)(VALUES.T, np.eye(4))
     nibabel.save(image, tmp_path / name)
     header = tmp_path / ("ct.mgh" if name == "ct.mgh" else "ct.hdr")
     content = header.read_bytes()

@@ -24,8 +24,11 @@ def saved(folder, kind, dtype=np.int16, shape=(5, 6, 7), order="<"):
     header = kind.header_class(endianness=order)
     header.set_data_dtype(dtype)
     image = kind(values, OBLIQUE if "Nifti" in kind.__name__ else PLAIN, header)
-    nibabel.save(image, folder / "ct.img")
-    (folder / "ct.mat").unlink(missing_ok=True)
+    if "Spm" in kind.__name__:  # SPM's own way would write a .mat, by SciPy
+        image.file_map = kind.filespec_to_file_map(str(folder / "ct.img"))
+        nibabel.AnalyzeImage.to_file_map(image)
+    else:
+        nibabel.save(image, folder / "ct.img")
     return values, nibabel.load(folder / "ct.img").affine
 
 
