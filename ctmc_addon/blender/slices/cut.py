@@ -42,7 +42,7 @@ def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], p
         cut = obj.modifiers.new(CUT, "BOOLEAN")
         cut.operation, cut.object = "DIFFERENCE", box
         solvers = cut.bl_rna.properties["solver"].enum_items.keys()
-        cut.solver = next(name for name in ("MANIFOLD", "FLOAT", "FAST") if name in solvers)
+        cut.solver = next(name for name in ("MANIFOLD", "EXACT") if name in solvers)  # the first since 4.5
         cut.material_mode = "TRANSFER"
 
 

@@ -62,6 +62,7 @@ def test_a_volume_object_stands_where_the_patient_has_it(scene, tmp_path, affine
 
 
 @needs_openvdb
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="before Blender 5.0 Volume to Mesh is half a voxel off")
 def test_blenders_surface_of_the_volume_lies_on_ours(scene, tmp_path):
     volume = ball(np.diag([0.7, 0.7, 0.7, 1.0]))
     finish(vdb_steps(volume, tmp_path / "ball.vdb", SCALE))
