@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,12 @@ GRID = "HU"
 SLICES = 16  # copied between two steps
 
 
+@cache
 def vdb_writer() -> Any | None:
-    """OpenVDB's Python module of this Blender; None where it has none."""
+    """OpenVDB's Python module of this Blender; None where it has none.
+
+    Looked for once: the panel asks at every draw.
+    """
     names = ("openvdb", "pyopenvdb")  # since Blender 4.4, and before
     # Blender as a module does not look where its own packages are.
     inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
