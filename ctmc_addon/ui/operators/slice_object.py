@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 from bpy.props import BoolProperty
 
@@ -14,6 +16,14 @@ from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import volumes
 from ..translations import translate
+
+
+def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether objects can be selected, with the reason if not."""
+    if context.mode != "OBJECT":
+        operator.poll_message_set("Leave edit mode first")
+        return False
+    return True
 
 
 class CTMC_OT_add_slice(bpy.types.Operator):
@@ -32,8 +42,8 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
-        return volumes.has_volume(cls, context)
+        """Only with a CT in memory, and in object mode, as it selects."""
+        return in_object_mode(cls, context) and volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Add them, and select them alone."""
@@ -68,6 +78,8 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only with a surface, and a slice or a CT to take one from."""
+        if not in_object_mode(cls, context):
+            return False
         if not any(obj.type == "MESH" and not is_slice(obj) for obj in context.selected_objects):
             cls.poll_message_set("Select surfaces first")
             return False

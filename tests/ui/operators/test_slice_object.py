@@ -43,3 +43,11 @@ def test_selected_surfaces_are_cut_at_the_slice_that_is_shown_and_at_the_active_
 def test_without_a_selected_surface_nothing_is_cut(scene, surface):
     surface.select_set(False)
     assert not bpy.ops.ctmc.cut_at_slice.poll()
+
+
+def test_in_edit_mode_no_slice_is_added_and_nothing_is_cut(scene, surface):
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert not bpy.ops.ctmc.add_slice.poll()
+    assert not bpy.ops.ctmc.cut_at_slice.poll()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.ctmc.cut_at_slice.poll()
