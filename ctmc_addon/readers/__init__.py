@@ -13,7 +13,6 @@ from pathlib import Path
 
 from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_count
 from ..core.volume import Volume
-from . import masks
 from .dicom import series as dicom_series
 from .dicom.header import is_multi_frame, may_be_dicom
 from .dicom.labels.classes import SEGMENTATION, STRUCTURES, label_class
@@ -35,13 +34,14 @@ from .file_formats import (
 )
 from .images import folder as image_folder
 from .images import tiff
-from .nifti import NiftiFile
-from .npy import NpyFile
-from .nrrd import NrrdFile, outside_allowed
+from .labels import masks
 from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, out_of_memory, unreadable
 from .volumes import analyze
 from .volumes.metaimage import MetaImageFile
 from .volumes.mgh import MghFile
+from .volumes.nifti import NiftiFile
+from .volumes.npy import NpyFile
+from .volumes.nrrd import NrrdFile, outside_allowed
 
 __all__ = [
     "KNOWN_SUFFIXES",

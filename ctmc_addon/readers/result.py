@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, one_line, worker_count
 from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
-from .label_names.tables import table_for
+from .labels.names.tables import table_for
 from .value_kind import LABEL, kind_steps, require_volume_memory
 
 Result = TypeVar("Result")

@@ -9,7 +9,7 @@ import pydicom
 import pytest
 import tifffile
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import CtmcError, ReconstructionSettings, reconstruct
 from ctmc_addon.readers import open_volume, read_volume
 
 
@@ -39,6 +39,18 @@ def test_hu_and_corners_of_a_dicom_series(real, pixel_ras, name):
         np.testing.assert_array_equal(plane, pydicom.pixels.apply_rescale(dataset.pixel_array, dataset))
     assert_corners(volume, datasets, pixel_ras, range(len(datasets)))
     assert (volume.kind, volume.notes, volume.values.dtype) == ("HU", (), np.int16)
+
+
+@pytest.mark.parametrize("topology", ["classic", "trilinear"])
+def test_lung_between_two_limits_is_closed_and_manifold_in_real_ct(real, topology):
+    settings = ReconstructionSettings(
+        threshold=-950, upper=-600, close_border=True, topology=topology, region=(60, 120, 4, 300, 360, 24)
+    )
+    mesh = reconstruct(read_volume(real("lidc0314_abdomen30")), settings).mesh
+    assert len(mesh.faces) > 100_000
+    assert mesh.closed
+    assert len(mesh.non_manifold_edges) == 0
+    assert mesh.volume > 0
 
 
 def test_gap_of_the_j2k_series_is_2_mm_though_its_slices_are_3_mm_thick(real):

@@ -15,7 +15,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import PAUSE, ReadError, Steps
+from ...core import NO_THREAD, PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
 from ..optional_imports import needed, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
@@ -210,7 +210,7 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
     try:
         check_segments(tiff, page, path)
         check_unpacked(tiff, page, path)
-        pixels = np.asarray(page.asarray())
+        pixels = np.asarray(unpacked(page))
     except (*DAMAGE, ImportError, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
         if "imagecodecs" not in str(error) and not isinstance(error, ImportError):  # of Zstandard, before Python 3.14
             raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
@@ -225,6 +225,16 @@ def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
     if pixels.dtype == bool:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     return gray(pixels, path.name, JPEG_NOISE if "JPEG" in str(keyframe.compression) else 0)
+
+
+def unpacked(page: Any) -> NDArray[Any]:
+    """The pixels of a page: by tifffile's threads, or by this one where there is no memory for another."""
+    try:
+        return page.asarray()
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+    return page.asarray(maxworkers=1)
 
 
 def check_segments(tiff: Any, page: Any, path: Path) -> None:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ...core import ReadError, Steps
-from ..nifti import NiftiFile, checked_dtype, checked_size, header_errors, scaling
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import scaled_steps
 from .grid import grid_slices
+from .nifti import NiftiFile, checked_dtype, checked_size, header_errors, scaling
 
 HEADER = 348  # bytes
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")

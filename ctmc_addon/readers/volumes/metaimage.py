@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
-from ..nrrd import data_files, open_data_file, words_steps
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..value_kind import require_volume_memory
 from ..zlib_stream import ZlibFile
 from .grid import check_bytes
+from .nrrd import data_files, open_data_file, words_steps
 
 MOST_HEADER = 1 << 20  # bytes, names of data files included
 TYPES = {

@@ -15,7 +15,7 @@ from PIL import Image
 
 from ctmc_addon.core import CtmcError, MemoryLimitError
 from ctmc_addon.readers import read_volume
-from ctmc_addon.readers.npy import NpyFile
+from ctmc_addon.readers.volumes.npy import NpyFile
 
 resource = pytest.importorskip("resource", reason="this system does not tell the peak of memory")
 GIB = 1 << 30

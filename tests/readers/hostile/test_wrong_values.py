@@ -13,7 +13,7 @@ import pytest
 from ctmc_addon.core import ReadError
 from ctmc_addon.readers import read_volume
 from ctmc_addon.readers.dicom.header import Broken, read_header
-from ctmc_addon.readers.nifti import NiftiFile, label_table
+from ctmc_addon.readers.volumes.nifti import NiftiFile, label_table
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Stages, Step, Steps
-from ...label_map import LabelMap
+from ...labels.label_map import LabelMap
 from ...optional_imports import imported_steps, needed, reason
 from ...result import RawValues, ReadOptions, Series, VolumeSource
 from ..header import ImageFile, Slice, pydicom_errors

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Steps
-from ...colors import RGB, rgb_of_cielab
-from ...label_map import MOST_LABELS, clean_name
+from ...labels.colors import RGB, rgb_of_cielab
+from ...labels.label_map import MOST_LABELS, clean_name
 from ..header import UNCOMPRESSED, Called, ImageFile, Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Found
 from .label_file import numbers, opened, reference_of, texts, uid, unsigned, whole

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Stages, Step, Steps
-from ...colors import RGB
-from ...contours import Edges, edges_of, filled_steps
-from ...label_map import LabelMap, clean_name
+from ...labels.colors import RGB
+from ...labels.contours import Edges, edges_of, filled_steps
+from ...labels.label_map import LabelMap, clean_name
 from ...optional_imports import imported_steps
 from ...result import RawValues, ReadOptions, Series, VolumeSource
 from ..header import Slice

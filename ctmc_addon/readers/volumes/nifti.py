@@ -18,13 +18,13 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Steps
-from .colors import RGB, rgb_of_shares
-from .optional_imports import imported_steps, needed, quiet, reason
-from .result import RawValues, ReadOptions, Series, VolumeSource
-from .streams import STREAM_ERRORS, opened
-from .value_kind import scaled_steps
-from .volumes.grid import grid_slices
+from ...core import ReadError, Steps
+from ..labels.colors import RGB, rgb_of_shares
+from ..optional_imports import imported_steps, needed, quiet, reason
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..streams import STREAM_ERRORS, opened
+from ..value_kind import scaled_steps
+from .grid import grid_slices
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..core import PAUSE, ReadError, Steps
-from .optional_imports import quiet
-from .result import RawValues, ReadOptions, Series, VolumeSource
-from .stored_slices import RawSlices, TransposedSlices
+from ...core import PAUSE, ReadError, Steps
+from ..optional_imports import quiet
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.
 HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from ctmc_addon.readers.colors import rgb_of_cielab
+from ctmc_addon.readers.labels.colors import rgb_of_cielab
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import CtmcError
-from ctmc_addon.readers.label_map import LabelMap
+from ctmc_addon.readers.labels.label_map import LabelMap
 
 NAMES = {1: "body", 2: "liver", 3: "tumor"}
 

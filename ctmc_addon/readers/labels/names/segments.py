@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps
-from ...core.volume import SliceReader
+from ....core import ReadError, Step, Steps
+from ....core.volume import SliceReader
 from ..colors import RGB, rgb_of_shares
 from ..label_map import LabelMap, clean_name
 

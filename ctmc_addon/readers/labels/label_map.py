@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError
+from ...core import ReadError
+from ..value_kind import require_volume_memory
 from .colors import RGB
-from .value_kind import require_volume_memory
 
 MOST_LABELS = 65535
 LONGEST_NAME = 64  # characters, as in DICOM's short texts

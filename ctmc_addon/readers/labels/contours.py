@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Step, Steps
+from ...core import Step, Steps
 
 ON_CONTOUR = 1e-3  # pixels: positions are written to about 0.001 mm
 CROSSINGS = 1 << 20  # of edges with rows, worked on at once; about 0.1 s

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import finish
-from ctmc_addon.readers.contours import edges_of, filled_steps
+from ctmc_addon.readers.labels.contours import edges_of, filled_steps
 
 
 def filled(contours, shape):

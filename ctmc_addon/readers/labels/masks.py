@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import CtmcError, ReadError, Stages, Step, Steps
-from ..core.volume import SliceReader, ValuesInMemory
-from .dicom.series import DicomSource, FolderContent
-from .dicom.stored import StoredPixels
-from .file_formats import natural_key, segmentation_sibling, stem, suffix
+from ...core import CtmcError, ReadError, Stages, Step, Steps
+from ...core.volume import SliceReader, ValuesInMemory
+from ..dicom.series import DicomSource, FolderContent
+from ..dicom.stored import StoredPixels
+from ..file_formats import natural_key, segmentation_sibling, stem, suffix
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
-from .result import RawValues, ReadOptions, Series, VolumeSource
-from .value_kind import NotAMask, two_values
 
 FEWEST = 2  # masks that make a folder of them
 MASK_SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgh", ".mgz")

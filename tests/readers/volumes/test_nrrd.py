@@ -264,7 +264,7 @@ def test_the_series_of_a_file_is_its_size(tmp_path):
 
 @pytest.mark.parametrize("chunk", [1, 2, 7, 1000])
 def test_numbers_in_words_are_the_same_however_they_are_cut(tmp_path, monkeypatch, chunk):
-    monkeypatch.setattr("ctmc_addon.readers.nrrd.WORDS_CHUNK", chunk)
+    monkeypatch.setattr("ctmc_addon.readers.volumes.nrrd.WORDS_CHUNK", chunk)
     path = saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "encoding": "ASCII"})
     np.testing.assert_array_equal(read_volume(path).values, numbers().transpose(2, 1, 0))
 

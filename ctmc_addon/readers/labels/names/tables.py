@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from ...file_formats import natural_key, stem
 from ..colors import RGB
-from ..file_formats import natural_key, stem
 from ..label_map import clean_name
 from .total_segmentator import NAMES, is_total_segmentator
 

@@ -18,14 +18,14 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError, Step, Steps, equal_part
-from ..core.volume import SliceReader, ValuesInMemory
-from .label_names.segments import layered_steps, names_and_colors, segments_of
-from .optional_imports import needed, quiet, reason
-from .result import RawValues, ReadOptions, Series, VolumeSource
-from .stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
-from .streams import skip_steps, unpacked
-from .value_kind import require_volume_memory
+from ...core import ReadError, Step, Steps, equal_part
+from ...core.volume import SliceReader, ValuesInMemory
+from ..labels.names.segments import layered_steps, names_and_colors, segments_of
+from ..optional_imports import needed, quiet, reason
+from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
+from ..streams import skip_steps, unpacked
+from ..value_kind import require_volume_memory
 
 MOST_HEADER = 2**24  # bytes
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
