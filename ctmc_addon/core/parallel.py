@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from .errors import SettingsError
+from .memory import NO_THREAD
 from .progress import Step, Steps
 
 Item = TypeVar("Item")
@@ -43,7 +44,7 @@ def map_steps(
     batch = -(-len(items) // batches)
     pool = ThreadPoolExecutor(min(threads, len(items))) if min(threads, len(items)) > 1 else None
     try:
-        for result in pool.map(work, items) if pool else map(work, items):
+        for result in _pooled(pool, work, items) if pool else map(work, items):
             done.append(result)
             if len(done) % batch == 0 or len(done) == len(items):
                 yield Step(len(done) / len(items), message)
@@ -51,6 +52,17 @@ def map_steps(
         if pool:
             pool.shutdown(cancel_futures=True)
     return done
+
+
+def _pooled(pool: ThreadPoolExecutor, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """What `pool.map` returns, or this thread's results where there is no memory for the stack of another."""
+    try:
+        return pool.map(work, items)
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+    pool.shutdown(cancel_futures=True)
+    return map(work, items)
 
 
 def side_by_side_steps(

@@ -8,6 +8,7 @@ import pytest
 
 from ctmc_addon.core import Step, finish
 from ctmc_addon.core.errors import SettingsError
+from ctmc_addon.core.memory import NO_THREAD
 from ctmc_addon.core.parallel import map_steps, side_by_side_steps, worker_count
 
 
@@ -98,3 +99,18 @@ def test_an_error_of_a_work_side_by_side_ends_the_others():
 
     with pytest.raises(ValueError, match="broken"):
         finish(side_by_side_steps([lambda n=n: failing_steps(n) for n in range(3)], [1] * 3, 3))
+
+
+def test_work_is_done_by_this_thread_where_no_other_can_be_started(monkeypatch):
+    started = threading.Thread.start
+    room = [1]  # threads for which there is memory
+
+    def start(thread):
+        if not room:
+            raise RuntimeError(NO_THREAD)
+        room.pop()
+        started(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    assert finish(map_steps(lambda number: number * number, range(40), threads=4)) == [n * n for n in range(40)]
+    assert room == []

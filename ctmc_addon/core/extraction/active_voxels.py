@@ -21,6 +21,7 @@ a search, the numbers of its vertices, stands at its slot (see faces.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,19 @@ class Slab:
     @property
     def face_count(self) -> int:
         """Number of triangles."""
-        return int((self.tables.triangle_count.take(self.configuration) * self.is_cell).sum(dtype=np.int64))
+        return sum((kind + 1) // 2 * voxels for kind, voxels in enumerate(self.voxels_of_kind.tolist()))
+
+    @cached_property
+    def corner_list_kind(self) -> NDArray[np.uint8]:
+        """(n,) the kind of every voxel's list of corners, as `CornerLists` has it; 0 for ghost cells."""
+        kind = self.tables.corners.corner_list_kind.take(self.configuration)
+        kind *= self.is_cell
+        return kind
+
+    @cached_property
+    def voxels_of_kind(self) -> NDArray[np.intp]:
+        """How many voxels have lists of each kind."""
+        return np.bincount(self.corner_list_kind)
 
     def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
         """Sample numbers along x, y and z of the lowest corners of voxels."""
@@ -116,6 +129,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     if high == grid.z.count:
         ghost_bits[np.searchsorted(word_index, (high - low - 1) * layer) :] = ALL_INSIDE
 
+    row_end = np.flatnonzero(last_sample_bits)
     corners = []  # the bits of the voxels' eight corners: a word has those of 64 voxels
     for step in (0, words, layer, layer + words):
         word = slab_words.take(word_index + step)
@@ -123,7 +137,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         # The corners one further along x: the word's bits moved down, and the next word's lowest bit on top. Beyond
         # a row's last sample comes that sample again.
         following <<= np.uint64(WORD - 1)
-        following[last_sample_bits != 0] = 0
+        following[row_end] = 0
         following |= word >> np.uint64(1)
         following |= word & last_sample_bits
         corners += [word, following]

@@ -144,12 +144,10 @@ class TriangleTables:
             fan = as_fan(triangles)
             lists.append(fan or [edge for triangle in triangles for edge in triangle])
             kinds.append(2 * count - bool(fan))
-        sizes = np.array([len(edges) for edges in lists], np.intp)
-        return CornerLists(
-            corner_list_kind=np.array(kinds, np.uint8),
-            first=np.cumsum(sizes) - sizes,
-            edges=np.array([edge for edges in lists for edge in edges], np.intp),
-        )
+        edges = np.zeros((max(map(len, lists)), len(lists)), np.intp)
+        for configuration, corners in enumerate(lists):
+            edges[: len(corners), configuration] = corners
+        return CornerLists(np.array(kinds, np.uint8), edges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +162,11 @@ class CornerLists:
     corner_list_kind : (configurations,) uint8
         0 for no triangles, `2 n - 1` for n that make a fan, `2 n` for n others; see `columns`. Example: 3 for two
         triangles that make a fan, 4 for two that do not.
-    first : (configurations,) intp
-        Where a configuration's list begins in `edges`.
-    edges : (n,) intp
+    edges : (longest list, configurations) intp
+        Every configuration's list down a column, 0 below its end.
     """
 
     corner_list_kind: NDArray[np.uint8]
-    first: NDArray[np.intp]
     edges: NDArray[np.intp]
 
     @staticmethod

@@ -28,7 +28,7 @@ from .active_voxels import BYTE, Slab
 from .case_table import EDGES, CornerLists
 
 MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
-VOXELS_AT_ONCE = 1 << 14  # whose corners are looked up at once, for the same reason
+VOXELS_AT_ONCE = 1 << 13  # whose corners are looked up at once, for the same reason
 
 
 def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
@@ -55,21 +55,20 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     neighbor_of_corner = np.array(neighbor_of_edge, np.intp)[corners.edges]
     offset_of_corner = np.array(offset_of_edge, np.int32)[corners.edges]
 
-    corner_list_kind = corners.corner_list_kind.take(slab.configuration)  # (voxels,), 3 for a fan of two triangles
-    corner_list_kind *= slab.is_cell
-    by_kind = np.argsort(corner_list_kind, kind="stable")
-    ends = np.cumsum(np.bincount(corner_list_kind)).tolist()
+    by_kind = np.argsort(slab.corner_list_kind, kind="stable")
+    ends = np.cumsum(slab.voxels_of_kind).tolist()
     start = 0
     for kind, (begin, end) in enumerate(pairwise(ends), 1):
         corner_count, columns = CornerLists.columns(kind)
         for first in range(begin, end, VOXELS_AT_ONCE):
             voxel = by_kind[first : min(first + VOXELS_AT_ONCE, end)]
-            corner = corners.first.take(slab.configuration.take(voxel)) + np.arange(corner_count)[:, None]
-            neighbor_index = neighbor_of_corner.take(corner)  # (corner_count, voxels), into flat `slots`
+            configuration = slab.configuration.take(voxel).astype(np.intp)
+            # All (corner_count, voxels): into flat `slots`, then into flat `vertex_of`.
+            neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1)
             neighbor_index += voxel
-            vertex_flat_index = slots.take(neighbor_index)  # (corner_count, voxels), into flat `vertex_of`
-            vertex_flat_index += offset_of_corner.take(corner)
-            vertices = vertex_of.take(vertex_flat_index, mode="clip")  # (corner_count, voxels)
+            vertex_flat_index = slots.take(neighbor_index)
+            vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1)
+            vertices = vertex_of.take(vertex_flat_index, mode="clip")
             block = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
             start += len(columns) // 3 * len(voxel)
             for column, source in enumerate(columns):
@@ -100,9 +99,9 @@ def _slots_of_neighbors(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
         for step, ranks in zip((bytes_in_row, bytes_in_layer, bytes_in_layer + bytes_in_row), first_slot, strict=True):
             ranks[begin:end] = rank_of.take(local + step, mode="clip")
     first_slot *= BYTE
-    rank, place_in_byte = slab.slot >> 3, (slab.slot & 7).astype(np.int32)
     slots = np.empty((4, len(slab.slot)), np.int32)
     slots[0] = slab.slot
+    rank, place_in_byte = slab.slot >> 3, slots[0] & 7
     for neighbor, first in zip(slots[1:], first_slot, strict=True):
         np.take(first, rank, out=neighbor, mode="clip")
         neighbor += place_in_byte

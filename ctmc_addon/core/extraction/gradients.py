@@ -12,7 +12,7 @@ to 6 with the crossing at 4.4, the gradient is that of the values at columns 4 a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -86,11 +86,33 @@ class Sampler:
                 rise[border] = self.gather(here + high) - self.gather(here + low)
         return rise
 
+    def edge_differences(
+        self,
+        flat: NDArray[np.intp],
+        axis: int,
+        ends: tuple[NDArray[Any], NDArray[Any]],
+        first: NDArray[np.intp],
+        last: NDArray[np.intp],
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The same along an axis at the low and the high ends of edges along it, whose values are known.
+
+        `first` and `last` are the edges that begin in the volume's first plane, and that end in its last one.
+        """
+        low, high = ends
+        step = self.steps[axis]
+        below = high - self.gather(flat, -step)
+        above = self.gather(flat, 2 * step) - low
+        for rise, border in ((below, first), (above, last)):
+            rise *= 0.5
+            rise[border] = high[border] - low[border]
+        return below, above
+
 
 def fill_normals(
     sampler: Sampler,
-    index: Sequence[NDArray[np.intp]],
+    places: Callable[[int, int], NDArray[np.intp]],
     flat: NDArray[np.intp],
+    ends: tuple[NDArray[Any], NDArray[Any]],
     axis: int,
     share: NDArray[Any],
     out: NDArray[np.float32],
@@ -99,10 +121,12 @@ def fill_normals(
 
     Parameters
     ----------
-    index : three (n,) intp
-        Column, row and slice of the values just below the points.
+    places : callable
+        Given an axis and an index, the points whose values just below have that column, row or slice.
     flat : (n,) intp
-        The sampler's flat index of them.
+        The sampler's flat index of the values just below the points.
+    ends : two (n,) float
+        The values just below and just above the points, in the sampler's working type.
     axis : int
         0, 1, 2 for points between values along x, y, z.
     share : (n,) float
@@ -111,39 +135,36 @@ def fill_normals(
         Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """
     gradient = []
-    for along in range(3):
-        size = sampler.size[along]
-        first, last = _places(index[along], 0), _places(index[along], size - 1)
-        below = sampler.difference(flat, along, first, last)
+    for along, size in enumerate(sampler.size):
         if along == axis:
-            first, last = NOWHERE, _places(index[along], size - 2)
-        change = sampler.difference(flat, along, first, last, sampler.steps[axis])
+            below, change = sampler.edge_differences(flat, axis, ends, places(axis, 0), places(axis, size - 2))
+        else:
+            first, last = places(along, 0), places(along, size - 1)
+            below = sampler.difference(flat, along, first, last)
+            change = sampler.difference(flat, along, first, last, sampler.steps[axis])
         change -= below
         change *= share
         below += change
         gradient.append(below)
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
-    unknown = ~np.isfinite(length)  # a NaN or infinite voxel beside it
-    length[(length == 0) | unknown] = 1.0
+    length[length == 0] = 1.0
+    unknown = ~np.isfinite(length) if sampler.may_be_nan else NOWHERE  # a NaN or infinite voxel beside it
+    length[unknown] = 1.0
     scale = -1.0 / length
     for along in range(3):
         np.multiply(gradient[along], scale, out=out[:, along], casting="same_kind")
-    if unknown.any():
-        out[unknown] = 0.0
-
-
-def _places(index: NDArray[np.intp], value: int) -> NDArray[np.intp]:
-    """Where `index` has a value."""
-    here = index == value
-    return np.flatnonzero(here) if here.any() else NOWHERE
+    out[unknown] = 0.0
 
 
 def complete_normals_steps(
     normals: NDArray[np.float32], positions: NDArray[np.float32], faces: NDArray[np.int32]
 ) -> Steps[None]:
     """Give the mesh's own normal to every vertex that has no gradient or that lies on a cap."""
-    missing = normals[:, 0] == 0
-    missing[missing] = (normals[missing] == 0).all(axis=1)
-    if missing.any():
+    zero = np.flatnonzero(normals[:, 0] == 0)
+    zero = zero[normals[zero, 1] == 0]
+    zero = zero[normals[zero, 2] == 0]
+    if zero.size:
+        missing = np.zeros(len(normals), bool)
+        missing[zero] = True
         touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])
         normals[missing] = (yield from vertex_normals_steps(positions, faces[touched]))[missing]

@@ -37,11 +37,10 @@ AMBIGUOUS = (
 """(256, 6) whether a face's corners are inside and outside in turn."""
 
 FIRST_INSIDE, FIRST_OUTSIDE = (
-    np.ascontiguousarray((AMBIGUOUS & (INSIDE[:, FACE_CORNERS[:, 0]] == side)).T) for side in (True, False)
+    np.packbits(AMBIGUOUS & (INSIDE[:, FACE_CORNERS[:, 0]] == side), axis=1, bitorder="little")[:, 0]
+    for side in (True, False)
 )
-"""(6, 256) of these the faces whose first corner is inside, and outside."""
-
-FACE_BITS = np.array([1 << face for face in range(6)], np.uint8)[:, None]
+"""(256,) a bit for each of these faces whose first corner is inside, and outside."""
 
 SIDE = np.ascontiguousarray(np.where(INSIDE, 1.0, -1.0).T)
 """(8, 256) 1 for inside corners, -1 for outside ones."""
@@ -151,50 +150,50 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         decided = case.astype(np.intp) << 6 | _connected_faces(difference, case)
         configuration = trilinear_tables().configuration_of[:, 0].take(decided).astype(np.intp)
-        lifted = difference + TIE * magnitude.max(axis=0)
-        voxel, z = _turns(lifted)
-        possible = trilinear_tables().may_tunnel.take(decided.take(voxel))
-        voxel, z = voxel[possible], z[possible]
-        tunnel = _tunnel(lifted.take(voxel, axis=1), z, decided.take(voxel))
-    configuration[voxel] = trilinear_tables().configuration_of[decided.take(voxel), tunnel]
+        voxel = np.flatnonzero(trilinear_tables().may_tunnel.take(decided))
+        decided = decided.take(voxel)
+        lifted = difference.take(voxel, axis=1) + TIE * magnitude.take(voxel, axis=1).max(axis=0)
+        tunnel = _tunnel(lifted, decided)
+    configuration[voxel] = trilinear_tables().configuration_of[decided, tunnel]
     return configuration
 
 
 def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """A bit for each ambiguous face whose inside corners are connected."""
-    a, b, c, d = FACE_CORNERS.T
-    first, second = difference[a] * difference[c], difference[b] * difference[d]  # of the two diagonals, (6, n)
-    connected = (first >= second) & FIRST_INSIDE.take(case, axis=1)
-    connected |= (second >= first) & FIRST_OUTSIDE.take(case, axis=1)
-    return np.bitwise_or.reduce(connected * FACE_BITS, axis=0)
+    first_connected, second_connected = np.zeros((2, len(case)), np.uint8)  # along the first diagonal, the second
+    for face, (a, b, c, d) in enumerate(FACES):
+        first, second = difference[a] * difference[c], difference[b] * difference[d]
+        first_connected |= (first >= second).view(np.uint8) << np.uint8(face)
+        second_connected |= (second >= first).view(np.uint8) << np.uint8(face)
+    first_connected &= FIRST_INSIDE.take(case)
+    second_connected &= FIRST_OUTSIDE.take(case)
+    return first_connected | second_connected
 
 
-def _turns(difference: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Voxels in which the quadratic turns, and where: only there can a tunnel be."""
+def _tunnel(difference: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
+    """1 + the number of the tunnel in `TUNNELS`, 0 where there is none."""
+    tunnel = np.zeros(len(decided), np.intp)
     low, high = difference[list(LOW_FACE_CORNERS)], difference[[corner | 4 for corner in LOW_FACE_CORNERS]]
     # With a, b, c, d around a slice, a c - b d is positive where a and c are connected: start + slope z + bend z z.
     start = low[0] * low[2] - low[1] * low[3]
     slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
     bend = (high[0] * high[2] - high[1] * high[3]) - start - slope
-    z = -slope / (2 * bend)
-    voxel = np.flatnonzero((z > 0) & (z < 1))
-    return voxel, z[voxel]
-
-
-def _tunnel(difference: NDArray[np.float64], z: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
-    """1 + the number of the tunnel in `TUNNELS`, 0 where there is none at the height z where the quadratic turns."""
-    low, high = difference[list(LOW_FACE_CORNERS)], difference[[corner | 4 for corner in LOW_FACE_CORNERS]]
+    z = -slope / (2 * bend)  # where it turns: only there can a tunnel be
     at = low + (high - low) * z  # (4, n)
     side = at >= 0
+    ambiguous = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1]) & (z > 0) & (z < 1)
+    voxel = np.flatnonzero(ambiguous)
+    z, low, high, at, side = z[voxel], low[:, voxel], high[:, voxel], at[:, voxel], side[:, voxel]
+    decided = decided[voxel]
     turned = at[0] * at[2] - at[1] * at[3]
     connected_here = np.where(side[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
     connected_below, connected_above = _connected_around(z, low, high, side, decided)
-    tunnel = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1])
-    tunnel &= (connected_below == connected_above) & (connected_here != connected_below)
     # A corner of each connected edge: the end that is on the edge's side.
     end = (INSIDE.T[list(LOW_FACE_CORNERS)].take(decided >> 6, axis=1) != side).astype(np.intp)
     first, second = 2 * end[0] + end[2], 4 + 2 * end[1] + end[3]
-    return np.where(tunnel, 1 + np.where(turned > 0, first, second), 0)
+    is_tunnel = (connected_below == connected_above) & (connected_here != connected_below)
+    tunnel[voxel] = np.where(is_tunnel, 1 + np.where(turned > 0, first, second), 0)
+    return tunnel
 
 
 def _connected_around(

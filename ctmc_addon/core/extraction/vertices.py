@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from ..errors import VolumeError
 from ..mesh.triangle_mesh import blend
-from .active_voxels import Slab
+from .active_voxels import BYTE, Slab
 from .case_table import NEAREST
 from .classify import highest_inside
 from .gradients import NOWHERE, Sampler, fill_normals
-from .grid import Grid
+from .grid import Axis, Grid
 
-EDGES_AT_ONCE = 1 << 13  # filled in together: their arrays stay in the cache
+EDGES_AT_ONCE = 1 << 14  # filled in together: their arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,23 +55,31 @@ class ByteSamples(NamedTuple):
     """The first samples of the bytes of a slab; along y and z all samples of a byte are at the same place."""
 
     sample: tuple[NDArray[np.intp], ...]  # three (m,): number along x, y, z
-    value_index: tuple[NDArray[np.intp], ...]  # two (m,): along y, z
-    position: tuple[NDArray[np.float32], ...]  # two (m,)
+    position: tuple[NDArray[np.float32], ...]  # two (m,): along y, z
     flat: NDArray[np.intp]  # (m,), the sampler's, at column 0
+    reach: tuple[tuple[int, int], ...]  # lowest and highest index of the values at both ends of edges, along x, y, z
 
 
 def fill_edge_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, out: VertexArrays) -> None:
     """Fill in a slab's vertices on edges, all of `out`."""
-    sample = slab.byte_samples()
-    y, z = index = (grid.y.index.take(sample[1]), grid.z.index.take(sample[2]))
-    position = (grid.y.position.take(sample[1]), grid.z.position.take(sample[2]))
-    first = ByteSamples(sample, index, position, sampler.flat_index(np.zeros(1, np.intp), y, z))
+    if not len(slab.byte):
+        return
+    x, y, z = sample = slab.byte_samples()
+    position = (grid.y.position.take(y), grid.z.position.take(z))
+    flat = sampler.flat_index(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z))
+    reach = (_reach(grid.x, x, BYTE), _reach(grid.y, y, 1), _reach(grid.z, z, 1))
+    first = ByteSamples(sample, position, flat, reach)
     begin = 0
     for axis, owners in enumerate(slab.edge_owners):
         for start in range(0, len(owners), EDGES_AT_ONCE):
             slot = slab.slot.take(owners[start : start + EDGES_AT_ONCE])
             _fill_edges(grid, sampler, threshold, axis, first, slot, out.part(begin, begin + len(slot)))
             begin += len(slot)
+
+
+def _reach(along: Axis, sample: NDArray[np.intp], further: int) -> tuple[int, int]:
+    """Lowest and highest index of the values from some samples to `further` samples behind them."""
+    return int(along.index[sample.min()]), int(along.index[min(int(sample.max()) + further, along.count - 1)])
 
 
 def _fill_edges(
@@ -84,54 +92,66 @@ def _fill_edges(
     out: VertexArrays,
 ) -> None:
     """Fill in the vertices on edges along x, y or z whose owners are at `slot`, all of `out`."""
-    along = (grid.x, grid.y, grid.z)[axis]
+    axes = (grid.x, grid.y, grid.z)
+    along, step = axes[axis], sampler.steps[axis]
     rank = slot >> 3
     x = first.sample[0].take(rank)
     x += slot & 7
-    sample = first.sample[axis].take(rank) if axis else x
     flat = first.flat.take(rank)
     flat += (grid.x.index * sampler.steps[0]).take(x)
     position = [grid.x.position.take(x), *(of_byte.take(rank) for of_byte in first.position)]
     unit = along.stride == 1 and not along.closed  # the edges lie between neighboring values
 
+    def sample(axis: int) -> NDArray[np.intp]:
+        return first.sample[axis].take(rank) if axis else x
+
     low = sampler.gather(flat)
     if unit:
-        high = sampler.gather(flat, sampler.steps[axis])
+        high = sampler.gather(flat, step)
     else:
-        high = sampler.gather(flat + (np.diff(along.index, append=0) * sampler.steps[axis]).take(sample))
+        high = sampler.gather(flat + (np.diff(along.index, append=0) * step).take(sample(axis)))
     above = NOWHERE  # the edges with an end above the upper limit, which are crossed there
     level: Any = threshold
     if grid.upper is not None:
         above = np.flatnonzero(np.maximum(low, high) > float(highest_inside(grid.upper, grid.values.dtype)))
         level = np.full(len(slot), threshold, low.dtype)
         level[above] = grid.upper
-    rise = np.subtract(high, low, out=high)
+    rise = high - low
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
         raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
     on_cap = rise == 0
     rise[on_cap] = 1.0
-    t = np.subtract(level, low, out=low)
+    t = level - low
     t /= rise
     t[on_cap] = 0.5
     np.clip(t, NEAREST, 1 - NEAREST, out=t)
 
     begin = position[axis]
-    side = np.float32(1) if unit else np.diff(along.position, append=np.float32(0)).take(sample)
+    side = np.float32(1) if unit else np.diff(along.position, append=np.float32(0)).take(sample(axis))
     middle = begin + np.float32(0.5) * side
     linear = (begin + t * side).astype(np.float32)
     for alpha, points in zip(out.alphas, out.positions, strict=True):
         position[axis] = linear if alpha is None else blend(middle, linear, alpha)
         for column, coordinate in enumerate(position):
             points[:, column] = coordinate
-    if out.normals is not None:
-        index = [grid.x.index.take(x), *(of_byte.take(rank) for of_byte in first.value_index)]
-        if not unit:
-            # From the enlarged voxel's corner to the value just below the point.
-            below = np.minimum(linear.astype(np.intp), sampler.size[axis] - 2)
-            flat += (below - index[axis]) * sampler.steps[axis]
-            index[axis] = below
-        share = (linear - index[axis]).astype(sampler.working_type)
-        fill_normals(sampler, index, flat, axis, share, out.normals)
+    if out.normals is None:
+        return
+    below: NDArray[Any] = begin  # index of the value just below each point
+    if not unit:  # not the one at the enlarged voxel's corner
+        below = np.minimum(linear.astype(np.intp), sampler.size[axis] - 2)
+        flat += (below - along.index.take(sample(axis))) * step
+        low, high = sampler.gather(flat), sampler.gather(flat, step)
+
+    def places(axis_: int, index: int) -> NDArray[np.intp]:
+        """The points just above values of this index along an axis; few slabs have any at the volume's border."""
+        lowest, highest = first.reach[axis_]
+        if not lowest <= index <= highest:
+            return NOWHERE
+        return np.flatnonzero((below if axis_ == axis else axes[axis_].index.take(sample(axis_))) == index)
+
+    share = (linear - below).astype(sampler.working_type)
+    fill_normals(sampler, places, flat, (low, high), axis, share, out.normals)
+    out.normals[on_cap] = 0.0
+    if above.size:
         out.normals[above] *= -1.0  # values rise outwards there
-        out.normals[on_cap] = 0.0

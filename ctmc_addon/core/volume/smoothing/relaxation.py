@@ -58,8 +58,8 @@ def relax_steps(
         total *= wx
         pair, second = np.empty_like(here), np.empty_like(here)
         for axis, weight in ((0, wy), (2, wz)):
-            np.take(values, beside[axis][part], axis=0, out=pair, mode="clip")
-            np.take(values, beside[axis + 1][part], axis=0, out=second, mode="clip")
+            values.take(beside[axis][part], axis=0, out=pair, mode="clip")
+            values.take(beside[axis + 1][part], axis=0, out=second, mode="clip")
             pair += second
             pair *= weight
             total += pair

@@ -57,20 +57,28 @@ def signed_distance_steps(
         own = flat[place]
         before = np.where(x > 0, flat[np.maximum(place - 1, 0)], (own >> 7) * np.uint8(255))
         after = np.where(x < wide - 1, flat[np.minimum(place + 1, flat.size - 1)], (own & 1) * np.uint8(255))
-        bits = np.unpackbits(np.stack([before, own, after], axis=1), axis=1)  # (n, 24)
-        here = bits[:, WIDTH : 2 * WIDTH]
+        # Samples first: a shift along x is then a shift of whole rows, which NumPy compares in one run.
+        bits = np.unpackbits(np.stack([before, own, after]), axis=0)  # (24, n)
+        here = bits[WIDTH : 2 * WIDTH]
         squares_x = np.full(here.shape, farthest, np.float32)
         for step in range(reach[0], 0, -1):
-            left, right = bits[:, WIDTH - step : 2 * WIDTH - step], bits[:, WIDTH + step : 2 * WIDTH + step]
+            left, right = bits[WIDTH - step : 2 * WIDTH - step], bits[WIDTH + step : 2 * WIDTH + step]
             np.copyto(squares_x, min(steps_x[step], farthest), where=(left != here) | (right != here))
-        squares[part] = np.where(here, squares_x, -squares_x)
+        squares[part] = np.where(here, squares_x, -squares_x).T
 
     parts = pieces(len(bricks.place))
     spread(pool, along_row, parts)
     yield Step(0.3)
 
+    # Beyond the border the brick at the border: with a margin of them, a step is a number to add.
+    _, more_y, more_z = reach
+    around = np.pad(bricks.number, ((more_z, more_z), (more_y, more_y), (0, 0)), mode="edge")
+    pitch = (around.shape[1] * wide, wide)
+    flat_around = around.ravel()
+
     def across(axis: int, nearer: Floats, part: slice) -> None:
         z, y, x = bricks.coordinates(part)
+        place = (z + more_z) * pitch[0] + (y + more_y) * pitch[1] + x
         side = np.where(squares[part] > 0, np.float32(1), np.float32(-1))
         best = np.abs(squares[part])
         for step in range(1, reach[2 - axis] + 1):
@@ -78,8 +86,7 @@ def signed_distance_steps(
             if extra >= farthest:
                 break
             for moved in (-step, step):
-                there = bricks.at(z + moved, y, x) if axis == 0 else bricks.at(z, y + moved, x)
-                through = np.take(squares, there, axis=0)
+                through = squares.take(flat_around.take(place + moved * pitch[axis]), axis=0)
                 through *= side
                 np.maximum(through, np.float32(0), out=through)
                 through += extra

@@ -152,10 +152,11 @@ def _measured_steps(surface: Surface, sides: tuple[float, float, float]) -> Step
     """Enclosed volume and area, mm3 and mm2, of a closed surface in index space."""
     points, faces = surface.linear, surface.faces
     middle = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
+    coordinates = (points - middle).T.copy()  # (3, V) float64
     volume, area = 0, 0
     for part in pieces(len(faces), FACES_AT_ONCE):
-        corners = [points.take(faces[part, corner], axis=0) - middle for corner in range(3)]  # (n, 3) float64 each
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (corner.T for corner in corners)
+        corners = (faces[part, corner].astype(np.intp) for corner in range(3))
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = ([along.take(of) for along in coordinates] for of in corners)
         along_z = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         along_x = (by - ay) * (cz - az) - (cy - ay) * (bz - az)
         along_y = (bz - az) * (cx - ax) - (cz - az) * (bx - ax)
