@@ -10,10 +10,11 @@ A window shall draw and answer between two steps, so on millions of triangles th
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Generator, Iterator, Mapping
+from typing import Generic, NamedTuple, TypeVar
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 
 
 class Step(NamedTuple):
@@ -46,6 +47,31 @@ def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
             return result
         if report is not None:
             report(step)
+
+
+class WithResult(Generic[Item, T]):
+    """A generator to loop over once, and in `result` what it returned; a loop that is left closes it.
+
+    Examples
+    --------
+    >>> def letters():
+    ...     yield "a"
+    ...     return 42
+    >>> source = WithResult(letters())
+    >>> [letter for letter in source], source.result
+    (['a'], 42)
+    """
+
+    result: T
+
+    def __init__(self, generator: Generator[Item, None, T]) -> None:
+        self._generator = generator
+
+    def __iter__(self) -> Iterator[Item]:
+        try:
+            self.result = yield from self._generator
+        finally:
+            self._generator.close()
 
 
 class Stages:

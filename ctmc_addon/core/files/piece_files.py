@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, OutputError
+from ..mesh.completed_pieces import completed_pieces_steps
 from ..mesh.face_normals import face_vectors
-from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
-from ..progress import PAUSE, Step, Steps
+from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
+from ..progress import PAUSE, Step, Steps, WithResult, finish
+from ..streaming.piece_measures import PieceMeasures
 from .atomic_write import whole_file
 from .mesh_files import (
     SUFFIXES,
@@ -39,10 +41,11 @@ MOST_FACETS = np.iinfo(np.uint32).max  # of an STL
 
 @dataclass(frozen=True)
 class WrittenPieces(Generic[T]):
-    """How large the surface is that was written, and what the maker of its pieces returned."""
+    """How large the surface is that was written, its measures, and what the maker of its pieces returned."""
 
     vertices: int
     faces: int
+    measured: PieceMeasures
     info: T
 
 
@@ -81,26 +84,43 @@ def write_pieces_steps(
 def _stl_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
     """The number of facets stands before them, so it is written last."""
     write_stl_head(file, 0)
-    completing = _Completing(pieces, space)
-    while (mesh := (yield from completing.next_steps())) is not None:
+    source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
+    vertices = faces = 0
+    for item in source:
+        if isinstance(item, Step):
+            yield _while_writing(item)
+            continue
+        finish(measured.add_steps(item))
+        mesh = item.mesh.in_space(space)
+        vertices += item.own
+        faces += len(mesh.faces)
+        _require_countable(faces, faces, MOST_FACETS)
         for part in parts_of(len(mesh.faces)):
             write_stl_facets(file, mesh.vertices[mesh.faces[part]])
             yield PAUSE
-    written = completing.written(MOST_FACETS)
+    _require_triangles(faces)
     file.seek(0)
-    write_stl_head(file, written.faces)
-    return written
+    write_stl_head(file, faces)
+    return WrittenPieces(vertices, faces, measured, source.result)
 
 
 def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
     """All vertices stand before all faces and their numbers before both, so both wait in files without a name."""
     folder = Path(file.name).parent
-    with tempfile.TemporaryFile(dir=folder) as vertices, tempfile.TemporaryFile(dir=folder) as faces:
-        completing = _Completing(pieces, space)
+    with tempfile.TemporaryFile(dir=folder) as of_vertices, tempfile.TemporaryFile(dir=folder) as of_faces:
+        source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
         sums = np.zeros((0, 3))
-        first = 0
-        while (mesh := (yield from completing.next_steps())) is not None:
-            own, normals = completing.own, mesh.normals
+        vertices = faces = 0
+        for item in source:
+            if isinstance(item, Step):
+                yield _while_writing(item)
+                continue
+            finish(measured.add_steps(item))
+            mesh, own = item.mesh.in_space(space), item.own
+            vertices += own
+            faces += len(mesh.faces)
+            _require_countable(faces, max(vertices, faces), MOST_NUMBERED)
+            normals = mesh.normals
             if normals is None:
                 sums = yield from _normal_sums_steps(mesh, sums)
                 length = np.sqrt(sums[:, 0] ** 2 + sums[:, 1] ** 2 + sums[:, 2] ** 2)
@@ -108,22 +128,36 @@ def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
                 normals = (sums / length[:, None]).astype(np.float32)
                 sums = sums[own:]
             for part in parts_of(own):
-                write_ply_vertices(vertices, mesh.vertices[:own][part], normals[:own][part])
+                write_ply_vertices(of_vertices, mesh.vertices[:own][part], normals[:own][part])
             for part in parts_of(len(mesh.faces)):
-                write_ply_faces(faces, mesh.faces[part] + np.int32(first))
+                write_ply_faces(of_faces, mesh.faces[part] + np.int32(item.first))
                 yield PAUSE
-            first += own
-            if first > MOST_NUMBERED:
-                break
-        written = completing.written(MOST_NUMBERED)
-        write_ply_head(file, written.vertices, written.faces)
-        total = vertices.tell() + faces.tell()
-        for spooled in (vertices, faces):
+        _require_triangles(faces)
+        write_ply_head(file, vertices, faces)
+        total = of_vertices.tell() + of_faces.tell()
+        for spooled in (of_vertices, of_faces):
             spooled.seek(0)
             while block := spooled.read(COPIED):
                 file.write(block)
                 yield Step(WRITING_SHARE + (1.0 - WRITING_SHARE) * min(1.0, file.tell() / total), "Writing the file")
-        return written
+        return WrittenPieces(vertices, faces, measured, source.result)
+
+
+def _while_writing(step: Step) -> Step:
+    return Step(WRITING_SHARE * step.fraction, step.message)
+
+
+def _require_triangles(faces: int) -> None:
+    if not faces:
+        raise MeshError("there is no surface to write: no piece has a triangle")
+
+
+def _require_countable(faces: int, count: int, most: int) -> None:
+    if count > most:
+        raise MeshError(
+            f"a surface of more than {faces} triangles is larger than the file can count; simplify, "
+            "or use a larger stride"
+        )
 
 
 def _normal_sums_steps(mesh: TriangleMesh, sums: NDArray[np.float64]) -> Steps[NDArray[np.float64]]:
@@ -140,58 +174,6 @@ def _normal_sums_steps(mesh: TriangleMesh, sums: NDArray[np.float64]) -> Steps[N
         out[:, axis] = np.bincount(corners, added, len(out))
         yield PAUSE
     return out
-
-
-class _Completing(Generic[T]):
-    """Gives each piece as a mesh with those vertices of the next that it needs, in the axes of the file."""
-
-    def __init__(self, pieces: SurfacePieces[T], space: str) -> None:
-        self.pieces, self.space = pieces, space
-        self.held: SurfacePiece | None = None
-        self.own = 0  # vertices of the mesh last given that are its piece's own
-        self.vertices = self.faces = 0
-        self.ended: list[T] = []
-
-    def next_steps(self) -> Steps[TriangleMesh | None]:
-        """The next piece; None after the last."""
-        while not self.ended:
-            try:
-                item = next(self.pieces)
-            except StopIteration as end:
-                self.ended.append(end.value)
-                break
-            if isinstance(item, Step):
-                yield Step(WRITING_SHARE * item.fraction, item.message)
-                continue
-            held, self.held = self.held, item
-            if held is not None:
-                return self._completed(held, item)
-        held, self.held = self.held, None
-        return None if held is None else self._completed(held, None)
-
-    def _completed(self, piece: SurfacePiece, following: SurfacePiece | None) -> TriangleMesh:
-        self.own = len(piece.vertices)
-        self.vertices += self.own
-        self.faces += len(piece.faces)
-        vertices, normals = piece.vertices, piece.normals
-        top = int(piece.faces.max(initial=-1)) + 1 - self.own
-        if top > 0:
-            if following is None or top > len(following.vertices):
-                raise MeshError("a piece of a surface has triangles beyond the next piece; give the pieces in order")
-            vertices = np.concatenate([vertices, following.vertices[:top]])
-            if normals is not None and following.normals is not None:
-                normals = np.concatenate([normals, following.normals[:top]])
-        return TriangleMesh(vertices, piece.faces, normals).in_space(self.space)
-
-    def written(self, most: int) -> WrittenPieces[T]:
-        """The size of the whole."""
-        if not self.faces:
-            raise MeshError("there is no surface to write: no piece has a triangle")
-        if max(self.vertices, self.faces) > most:
-            raise MeshError(
-                f"{self.faces} triangles are more than the file can count; simplify, or use a larger stride"
-            )
-        return WrittenPieces(self.vertices, self.faces, self.ended[0])
 
 
 WRITERS: dict[str, Callable[[BinaryIO, SurfacePieces[T], str], Steps[WrittenPieces[T]]]] = dict(

@@ -2,18 +2,18 @@
 """The triangles of a surface, and what can be measured on them."""
 
 from .components import keep_components_steps
-from .face_normals import vertex_normals, vertex_normals_steps
-from .measures import SMALL, Measures, measures_steps
-from .quality import SAMPLES, SEED, roughness, triangle_shapes
-from .rulers import angle_at, distance_between
-from .subdivision import mean_longest_edge_steps, subdivided_steps
-from .surface_distance import (
+from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
+from .distance.surface_distance import (
     ReferenceSurface,
     SurfaceDistance,
     surface_distance,
     surface_distance_steps,
     vertex_distances_steps,
 )
+from .face_normals import vertex_normals, vertex_normals_steps
+from .measures import SMALL, Measures, measures_steps
+from .quality import SAMPLES, SEED, roughness, triangle_shapes
+from .rulers import angle_at, distance_between
 from .topology import edges_steps
 from .triangle_mesh import blend
 

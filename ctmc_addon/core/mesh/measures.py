@@ -41,6 +41,8 @@ class Measures:
         Number of connected components.
     small_components : int
         How many of them enclose less than `SMALL`, cavities among them; 0 where there are fewer than `MANY` components.
+    vertices : int
+        In use or not.
     borders : int
         Connected lines of edges with one face: of a surface from a volume, where the volume or region cuts it.
     """
@@ -53,6 +55,7 @@ class Measures:
     components: int
     small_components: int = 0
     borders: int = 0
+    vertices: int = 0
 
     @property
     def enclosed_volume(self) -> float | None:
@@ -97,16 +100,26 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
     area, volume = yield from stages.run(sizes, _sizes_steps(vertices, faces))
     counting = edge_counts_steps(faces, len(vertices))
     ends, count, upwards = yield from stages.run(edges, counting)
-    borders = yield from _borders_steps(ends[:, count == 1], len(vertices))
+    borders = yield from borders_steps(ends[:, count == 1], len(vertices))
     closed = len(faces) > 0 and bool((count == 2).all() and (upwards == 1).all())
     used = np.zeros(len(vertices), bool)
     used[faces] = True
     total, small = yield from stages.run(components, _components_steps(vertices, faces))
     volume = volume if closed else float("nan")
-    return Measures(len(faces), area, volume, closed, int(used.sum()) - len(count) + len(faces), total, small, borders)
+    return Measures(
+        len(faces),
+        area,
+        volume,
+        closed,
+        int(used.sum()) - len(count) + len(faces),
+        total,
+        small,
+        borders,
+        len(vertices),
+    )
 
 
-def _borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
+def borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
     """Number of connected lines that the edges between (2, E) vertices form."""
     if not ends.shape[1]:
         return 0

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.triangle_tree import squared_distances
+from ..mesh.distance.triangle_tree import squared_distances
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapses import Collapses

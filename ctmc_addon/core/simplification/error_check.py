@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.distance.triangle_tree import TriangleTree, squared_distances
 from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
-from ..mesh.triangle_tree import TriangleTree, squared_distances
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 

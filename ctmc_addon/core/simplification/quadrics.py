@@ -54,7 +54,7 @@ def vertex_quadrics_steps(positions: Floats, faces: NDArray[np.int32]) -> Steps[
     return quadrics
 
 
-def face_quadrics(positions: Floats, faces: NDArray[np.int32]) -> Floats:
+def face_quadrics(positions: Floats, faces: NDArray[np.int32] | NDArray[np.int64]) -> Floats:
     """What faces (3, f) add to the quadric of each of their corners, (6, f)."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
     normal = cross(b - a, c - a)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.triangle_tree import CODE_BITS, morton_codes
+from ..mesh.distance.triangle_tree import CODE_BITS, morton_codes
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 

@@ -3,21 +3,25 @@
 
 Read in this order: `choice` (when), `field_slabs` (the values), `parts` (active voxels and vertices of a slab),
 `slab_parts` (parts grouped anew), `slab_tasks` (parts made by workers), `surface` (all of it, with the bytes of a
-volume in memory), `pieces` (where the surface does not fit either), `kept_pieces` (without small components).
+volume in memory), `pieces` (where the surface does not fit either), `kept_pieces` (without small components),
+`piece_measures` (area, volume and the like).
 """
 
 from .choice import field_steps, fits_in_memory, in_memory
 from .field_slabs import FieldSlabs
-from .pieces import SurfaceFacts, field_pieces_steps, surface_pieces_steps
+from .piece_measures import PieceMeasures
+from .pieces import SurfaceFacts, counted_faces_steps, field_pieces_steps, surface_pieces_steps
 from .slab_tasks import SlabResult, SlabTask, SlabWorkers, slab_result_steps
 from .surface import slab_surface_steps
 
 __all__ = [
     "FieldSlabs",
+    "PieceMeasures",
     "SlabResult",
     "SlabTask",
     "SlabWorkers",
     "SurfaceFacts",
+    "counted_faces_steps",
     "field_pieces_steps",
     "field_steps",
     "fits_in_memory",

@@ -15,7 +15,7 @@ from ..volume.slabs import SlabVolume
 from ..volume.volume import Volume
 from .field_slabs import FieldSlabs, field_slabs_steps
 
-SMALL_BYTES = 1 << 26  # that are always read into memory
+SMALL_BYTES = 1 << 26  # that are read into memory even under a stride, where they fit
 SHARE = 0.25  # of the memory, that values may take beside the surface
 BITS, SMOOTHED = 0.125, 8.0  # bytes a sample, of comparing and of Gaussian smoothing
 
@@ -59,9 +59,7 @@ def field_steps(
 def in_memory(volume: SlabVolume, settings: ReconstructionSettings, window: Box, memory_limit: int | None) -> bool:
     """Return whether the values of a window are read into memory."""
     needed = bytes_in_memory(volume, settings, window)
-    if needed <= SMALL_BYTES:
-        return True
-    return max(settings.stride) == 1 and fits_in_memory(needed, memory_limit)
+    return (max(settings.stride) == 1 or needed <= SMALL_BYTES) and fits_in_memory(needed, memory_limit)
 
 
 def fits_in_memory(value_bytes: int, memory_limit: int | None = None) -> bool:

@@ -9,18 +9,20 @@ the passes a few numbers of every component are kept, and no pieces.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.cavities import crossings_steps, points_within, smallest_around, summed_pairs
+from ..mesh.completed_pieces import CompletedPiece, completed_pieces_steps
 from ..mesh.components import kept_components
 from ..mesh.measures import triple_products
 from ..mesh.topology import component_numbers_steps
 from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
-from ..progress import Step, Steps, equal_part, finish
+from ..progress import Step, Steps, WithResult, equal_part, finish
+from .piece_links import PieceLinks
 
 T = TypeVar("T")
 
@@ -77,56 +79,35 @@ class KeptPieces(Generic[T]):
         share = number / PASSES, (number + 1) / PASSES
         return (yield from pieces_between_steps(self.one_pass(normals), *share, TITLES[number]))
 
-    def _pieces_steps(self, number: int) -> Iterator[Step | SurfacePiece]:
-        """The pieces of a pass that comes before the last, with a piece without triangles after them."""
-        yield from self._pass_steps(number)
-        yield SurfacePiece(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
+    def _completed_steps(self, number: int, normals: bool = False) -> Generator[Step | CompletedPiece, None, T]:
+        """The pieces of a pass as meshes."""
+        return (yield from completed_pieces_steps(self._pass_steps(number, normals)))
 
     def _link_steps(self) -> Steps[None]:
         """See which components of pieces are one across the seams."""
-        first, links = [0], []
-        above = np.empty(0, np.int64)  # components of the piece before, at the first vertices of this one; -1 for none
-        for item in self._pieces_steps(LINKING):
+        links = PieceLinks()
+        for item in self._completed_steps(LINKING):
             if isinstance(item, Step):
                 yield item
-                continue
-            own, total = _vertex_counts(item)
-            numbers = finish(component_numbers_steps(item.faces, total))
-            at_vertex = np.full(max(total, len(above)), -1, np.int64)
-            at_vertex[item.faces] = (numbers + np.int64(first[-1]))[:, None]
-            here = at_vertex[: len(above)]
-            both = (above >= 0) & (here >= 0)
-            if both.any():
-                links.append(np.unique(np.stack([above[both], here[both]], axis=1), axis=0))
-            above = at_vertex[own:total]
-            first.append(first[-1] + int(numbers.max(initial=-1)) + 1)
-        self.first = first
-        nodes = np.arange(first[-1], dtype=np.int32)
-        joined = np.concatenate([np.empty((0, 2), np.int64), *links]).astype(np.int32)
-        as_faces = np.concatenate([np.stack([nodes] * 3, axis=1), joined[:, [0, 1, 1]]])
-        numbering = component_numbers_steps(as_faces, len(nodes))
-        component = yield from equal_part(numbering, WEIGHING, PASSES)
-        self.component = component[: len(nodes)]
+            else:
+                finish(links.add_steps(item))
+        self.first = links.first
+        self.component = yield from equal_part(links.joined_steps(), WEIGHING, PASSES)
 
     def _meshes_steps(self, number: int) -> Iterator[Step | tuple[TriangleMesh, NDArray[np.int32]]]:
-        """The triangles of every piece with all their corners, and the component of each, (f,)."""
-        held: SurfacePiece | None = None
-        piece = -1
-        for item in self._pieces_steps(number):
+        """The triangles of every piece that has any, with all their corners, and the component of each, (f,)."""
+        piece = 0
+        for item in self._completed_steps(number):
             if isinstance(item, Step):
                 yield item
                 continue
-            before, held = held, item
-            if before is not None and len(before.faces):
-                own, total = _vertex_counts(before)
-                vertices = np.concatenate([before.vertices, item.vertices[: total - own]])
-                component = self._components(before, piece)
-                yield TriangleMesh(vertices, before.faces), component
+            if len(item.mesh.faces):
+                yield item.mesh, self._components(item.mesh, piece)
             piece += 1
 
-    def _components(self, piece: SurfacePiece, number: int) -> NDArray[np.int32]:
+    def _components(self, mesh: TriangleMesh, number: int) -> NDArray[np.int32]:
         """The component of the surface that every triangle of a piece is in, (f,)."""
-        within = finish(component_numbers_steps(piece.faces, _vertex_counts(piece)[1]))
+        within = finish(component_numbers_steps(mesh.faces, len(mesh.vertices)))
         return self.component[self.first[number] : self.first[number + 1]][within]
 
     def _middles_steps(self) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -199,55 +180,33 @@ class KeptPieces(Generic[T]):
 
     def _kept_steps(self, keep: NDArray[np.bool_], normals: bool) -> SurfacePieces[T]:
         """The pieces without the triangles of other components, and without the vertices that are then unused."""
-        held: tuple[SurfacePiece, NDArray[np.int32], NDArray[np.bool_]] | None = None
+        held: tuple[CompletedPiece, NDArray[np.int32], NDArray[np.bool_]] | None = None
         number = 0
-        passing = self._pass_steps(KEEPING, normals)
-        try:
-            while True:
-                try:
-                    item = next(passing)
-                except StopIteration as end:
-                    result: T = end.value
-                    break
-                if isinstance(item, Step):
-                    yield item
-                    continue
-                component = self._components(item, number)
-                number += 1
-                kept = item.faces[keep[component]]
-                own, total = _vertex_counts(item)
-                used = np.zeros(total, bool)
-                used[kept] = True
-                if held is not None:
-                    seam = held[2][len(held[0].vertices) :]
-                    used[: len(seam)] |= seam
-                    yield _without_unused(*held, used[:own])
-                held = item, kept, used
-        finally:
-            passing.close()
+        source = WithResult(self._completed_steps(KEEPING, normals))
+        for item in source:
+            if isinstance(item, Step):
+                yield item
+                continue
+            kept = item.mesh.faces[keep[self._components(item.mesh, number)]]
+            number += 1
+            used = np.zeros(len(item.mesh.vertices), bool)
+            used[kept] = True
+            if held is not None:
+                seam = held[2][held[0].own :]
+                used[: len(seam)] |= seam
+                yield _without_unused(*held, used[: item.own])
+            held = item, kept, used
         if held is not None:
             yield _without_unused(*held, np.empty(0, bool))
-        return result
+        return source.result
 
 
 def pieces_between_steps(pieces: SurfacePieces[T], low: float, high: float, title: str = "") -> SurfacePieces[T]:
     """The same pieces, whose steps go from `low` to `high` of a larger work."""
-    try:
-        while True:
-            try:
-                item = next(pieces)
-            except StopIteration as end:
-                result: T = end.value
-                return result
-            yield Step(low + (high - low) * item.fraction, title or item.message) if isinstance(item, Step) else item
-    finally:
-        pieces.close()
-
-
-def _vertex_counts(piece: SurfacePiece) -> tuple[int, int]:
-    """How many vertices a piece has, and together with those of the next that its triangles need."""
-    own = len(piece.vertices)
-    return own, max(own, int(piece.faces.max(initial=-1)) + 1)
+    source = WithResult(pieces)
+    for item in source:
+        yield Step(low + (high - low) * item.fraction, title or item.message) if isinstance(item, Step) else item
+    return source.result
 
 
 def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any]) -> NDArray[np.float64]:
@@ -257,12 +216,10 @@ def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any])
 
 
 def _without_unused(
-    piece: SurfacePiece, faces: NDArray[np.int32], used: NDArray[np.bool_], used_next: NDArray[np.bool_]
+    piece: CompletedPiece, faces: NDArray[np.int32], used: NDArray[np.bool_], used_next: NDArray[np.bool_]
 ) -> SurfacePiece:
     """A piece with some of its triangles, whose numbers also pass over the unused vertices of the next."""
-    own = len(piece.vertices)
-    used_own = used[:own]
-    count = int(np.count_nonzero(used_own))
-    number = np.concatenate([np.cumsum(used_own) - 1, count + np.cumsum(used_next) - 1]).astype(np.int32)
-    normals = None if piece.normals is None else piece.normals[used_own]
-    return SurfacePiece(piece.vertices[used_own], number[faces], normals)
+    used_own = np.flatnonzero(used[: piece.own])
+    number = np.concatenate([np.cumsum(used[: piece.own]) - 1, len(used_own) + np.cumsum(used_next) - 1])
+    normals = None if piece.mesh.normals is None else piece.mesh.normals[used_own]
+    return SurfacePiece(piece.mesh.vertices[used_own], number.astype(np.int32)[faces], normals)

@@ -17,14 +17,16 @@ from ..extraction.grid import WORD, Axis, Grid
 from ..extraction.marching_cubes import fill_vertices
 from ..extraction.scan import MIXED_ROWS, SCAN_STAGES, mixed_words, scan_steps, slab_ranges
 from ..extraction.vertices import VertexArrays
+from ..memory import require_or_killed
 from ..parallel import map_steps
 from ..progress import Stages, Step, Steps, equal_part
 from .slab_parts import SlabPart
 
 SLAB_BYTES = 1 << 23  # of values fetched at once, or those of one layer of samples
+WORK_BYTES, WORK_FACTOR = 32 << 20, 4  # of memory while a slab is extracted: these and so many times its values
 KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
 ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
-PLACING = "Placing vertices"
+PLACING, COUNTING = "Placing vertices", "Counting triangles"
 STAGES = SCAN_STAGES | {PLACING: 4.0}
 
 
@@ -83,9 +85,9 @@ class PartMaker:
         self._kept_numbers = np.empty(0, np.intp)
         self._kept = np.empty((0, *self.values.shape[1:]), self.values.dtype)
         x, _, z = self.axes
-        slices_of_layer = z.stride if self.normals or not self.values.skips_slices else 1
         slice_bytes = int(np.prod(self.values.shape[1:], dtype=np.int64)) * self.values.dtype.itemsize
-        self.height = max(1, SLAB_BYTES // (slices_of_layer * slice_bytes))
+        # The same with and without normals: simplification of a part at a time depends on where parts end.
+        self.height = max(1, SLAB_BYTES // (z.stride * slice_bytes))
         self.words = -(-x.count // WORD)
 
     def ranges(self) -> list[tuple[int, int]]:
@@ -117,6 +119,17 @@ class PartMaker:
         self.normals, self.mixed = normals, mixed
         return self.ranges()
 
+    def face_count_steps(self) -> Steps[int]:
+        """Triangles of all layers, without making them."""
+        faces, layers = 0, self.axes[2].count
+        self.normals = False  # which would fetch more slices
+        for low in range(0, layers, self.height):
+            yield Step(low / layers, COUNTING)
+            grid = yield from self._grid_steps(low, min(low + self.height, layers))
+            slabs, _ = yield from scan_steps(Stages(SCAN_STAGES), grid, self.level, self.threads, self.topology)
+            faces += sum(slab.face_count for slab in slabs)
+        return faces
+
     def layers_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
         """The parts of the sample layers `low` to `high`, and what `ranges` asks of them at the end of `mixed`."""
         grid = yield from self._grid_steps(low, high)
@@ -135,7 +148,10 @@ class PartMaker:
 
     def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
         """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""
+        layer_bytes = int(np.prod(self.values.shape[1:], dtype=np.int64)) * self.values.dtype.itemsize
         x, y, z = self.axes
+        at_work = WORK_BYTES + WORK_FACTOR * (high - low) * z.stride * layer_bytes
+        require_or_killed(at_work, "extracting a slab of this volume", "choose a region, or give it more memory")
         part, slices = z.part(low, min(high + 1, z.count)), self.values.shape[0]
         continues = high < z.count
         if self.normals or z.stride == 1 or not self.values.skips_slices:

@@ -139,6 +139,17 @@ def field_pieces_steps(
     return (yield from pieces_between_steps(extracting, *stages.shares[EXTRACTING]))
 
 
+def counted_faces_steps(
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None = None
+) -> Steps[int]:
+    """Triangles of a surface before simplification, counted slab by slab."""
+    field = yield from field_steps(volume, settings, threads)
+    axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
+    values = field if isinstance(field, FieldSlabs) else ValuesOfField(field)
+    maker = PartMaker(values, axes, float(field.level), False, settings.topology, worker_count(threads), settings.upper)
+    return (yield from maker.face_count_steps())
+
+
 def _extracted_steps(
     field: ScalarField | FieldSlabs, maker: PartMaker, placing: Placing, upper: float | None
 ) -> SurfacePieces[SurfaceFacts]:

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from core.streaming.test_surface import AFFINE, REGION, fetched, waves
 
-from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
+from ctmc_addon.core.pipeline import reconstruct_steps
+from ctmc_addon.core.simplification.streaming import reduce_pieces
 from ctmc_addon.core.streaming import surface_pieces_steps
 from ctmc_addon.core.volume import SlabVolume
 
@@ -86,3 +88,16 @@ def test_pieces_in_any_order_have_the_same_triangles(fetched):
         for points, corners in ((vertices, faces), (mesh.vertices, mesh.faces))
     )
     assert ours == theirs
+
+
+@pytest.mark.parametrize("stride", [(1, 1, 1), (2, 1, 3)])
+def test_a_surface_simplified_while_it_is_extracted_is_the_same_without_normals(fetched, monkeypatch, stride):
+    fetched(5 * 2 * 21 * 70)
+    monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 1500)
+    settings = ReconstructionSettings(threshold=120.0, stride=stride, reduction=0.9, close_border=True)
+    volume = SlabVolume.of(Volume(waves(), AFFINE))
+    full, bare = (finish(reconstruct_steps(volume, settings, 2, normals=normals)).mesh for normals in (True, False))
+    assert full.normals is not None
+    assert bare.normals is None
+    assert full.vertices.tobytes() == bare.vertices.tobytes()
+    assert full.faces.tobytes() == bare.faces.tobytes()

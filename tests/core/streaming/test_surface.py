@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A volume that is fetched slab by slab gives the surface of the volume in memory, byte for byte."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core import CtmcError, ReconstructionSettings, Volume, reconstruct
+from ctmc_addon.core import CtmcError, MemoryLimitError, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.extraction import scan
-from ctmc_addon.core.streaming import choice, parts
+from ctmc_addon.core.phantom import foam
+from ctmc_addon.core.streaming import choice, parts, surface_pieces_steps
 from ctmc_addon.core.volume import SlabVolume
 from ctmc_addon.readers import read_volume
 
@@ -204,3 +206,12 @@ class Counting(type(SlabVolume.of(Volume(np.zeros((2, 2, 2)), np.eye(4))).reader
     def read(self, slices, rows, columns):
         self.slices += slices
         return super().read(slices, rows, columns)
+
+
+def test_a_slab_is_refused_before_the_system_kills_the_process(monkeypatch):
+    monkeypatch.setattr("ctmc_addon.core.memory.linux_available", lambda *_, **__: 20 << 20)
+    monkeypatch.setattr(sys, "platform", "linux")
+    volume = foam(12, 20, 8, 1)
+    steps = surface_pieces_steps(volume, ReconstructionSettings(threshold=132.0), memory_limit=1 << 10)
+    with pytest.raises(MemoryLimitError, match=r"extracting a slab .* 32 MiB of memory and 20 MiB are available"):
+        list(steps)

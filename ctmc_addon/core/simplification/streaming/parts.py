@@ -8,19 +8,20 @@ a part is simplified its border stays, so parts that fitted before fit afterward
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError
-from ...mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
+from ...mesh.completed_pieces import completed_pieces_steps
+from ...mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ...mesh.vectors import cross, dot
-from ...progress import Step
+from ...progress import Step, WithResult
 
 NEW = -1  # number of a vertex that has none yet
-RINGS = 3  # of triangles beside a seam are simplified again without it
+BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
+RINGS = 2  # of triangles beside a seam are simplified again without it
 
 T = TypeVar("T")
 Indices = NDArray[np.int64]
@@ -48,16 +49,20 @@ class Part:
         """The part of the selected faces, (F,) bool."""
         if selected.all():
             return self
-        used, faces = compacted(self.mesh.faces[selected], len(self.numbers))
+        return Part(replace(self.mesh, faces=self.mesh.faces[selected]), self.numbers).with_used_vertices()
+
+    def with_used_vertices(self) -> Part:
+        """The part without the vertices that no face has."""
+        used, faces = compacted(self.mesh.faces, len(self.numbers))
         normals = None if self.mesh.normals is None else self.mesh.normals[used]
         return Part(TriangleMesh(self.mesh.vertices[used], faces, normals), self.numbers[used])
 
 
 class Numbering:
-    """Hands out numbers of vertices."""
+    """Hands out numbers of vertices that no piece has."""
 
     def __init__(self) -> None:
-        self.next = 0
+        self.next = BEYOND_PIECES
 
     def take(self, count: int) -> Indices:
         """So many new numbers."""
@@ -105,38 +110,23 @@ def joined(parts: Sequence[Part]) -> Part:
     return Part(TriangleMesh(vertices, faces, normals), numbers[first])
 
 
-def batches_steps(pieces: SurfacePieces[T], least: int, numbering: Numbering) -> Generator[Step | Part, None, T]:
-    """Gather pieces to parts of at least so many triangles, where there are so many.
-
-    A piece's triangles can only be placed when the next has come, whose vertices they share.
-    """
+def batches_steps(pieces: SurfacePieces[T], least: int) -> Generator[Step | Part, None, T]:
+    """Gather pieces to parts of at least so many triangles, where there are so many."""
     gathered: list[Part] = []
-    before: tuple[SurfacePiece, Indices] | None = None
-    try:
-        while True:
-            try:
-                item = next(pieces)
-            except StopIteration as end:
-                result: T = end.value
-                break
-            if isinstance(item, Step):
-                yield item
-                continue
-            following = item, numbering.take(len(item.vertices))
-            if before is not None:
-                gathered.append(_placed(*before, *following))
-            before = following
-            if sum(part.face_count for part in gathered) >= least:
-                whole = joined(gathered)
-                gathered = []
-                yield from _cut(whole, least)
-    finally:
-        pieces.close()
-    if before is not None:
-        gathered.append(_placed(*before))
+    source = WithResult(completed_pieces_steps(pieces))
+    for item in source:
+        if isinstance(item, Step):
+            yield item
+            continue
+        numbers = np.arange(item.first, item.first + len(item.mesh.vertices))
+        gathered.append(Part(item.mesh, numbers).with_used_vertices())
+        if sum(part.face_count for part in gathered) >= least:
+            whole = joined(gathered)
+            gathered = []
+            yield from _cut(whole, least)
     if any(part.face_count for part in gathered):
         yield from _cut(joined(gathered), least)
-    return result
+    return source.result
 
 
 def _cut(part: Part, most: int) -> Iterator[Part]:
@@ -153,23 +143,6 @@ def _cut(part: Part, most: int) -> Iterator[Part]:
         selected = band == number
         if selected.any():
             yield part.with_faces(selected)
-
-
-def _placed(
-    piece: SurfacePiece, numbers: Indices, following: SurfacePiece | None = None, more: Indices | None = None
-) -> Part:
-    """A piece with those vertices of the next that it has triangles at."""
-    vertices, normals = piece.vertices, piece.normals
-    top = int(piece.faces.max(initial=-1)) + 1 - len(vertices)
-    if top > 0:
-        if following is None or more is None or top > len(more):
-            raise MeshError("a piece of a surface has triangles beyond the next piece; give the pieces in order")
-        vertices = np.concatenate([vertices, following.vertices[:top]])
-        numbers = np.concatenate([numbers, more[:top]])
-        if normals is not None and following.normals is not None:
-            normals = np.concatenate([normals, following.normals[:top]])
-    used, faces = compacted(piece.faces, len(numbers))
-    return Part(TriangleMesh(vertices[used], faces, None if normals is None else normals[used]), numbers[used])
 
 
 def shared(first: Part, second: Part) -> Indices:

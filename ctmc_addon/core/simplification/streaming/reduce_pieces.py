@@ -21,10 +21,10 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ...errors import MeshError
-from ...memory import available_bytes, require
+from ...memory import available_bytes, require, require_or_killed
 from ...mesh.triangle_mesh import SurfacePieces
 from ...parallel import worker_count
-from ...progress import Step, Steps, equal_part
+from ...progress import Step, Steps, WithResult, equal_part
 from ..component_removal import RemovedComponents
 from ..edge_collapse import CollapsingMesh
 from ..simplify import (
@@ -41,13 +41,14 @@ from .workers import Task, Workers, working
 
 T = TypeVar("T")
 
-BATCH_FACES, BOUNDED_BATCH_FACES = 1 << 19, 1 << 18  # triangles that are simplified together
+BATCH_FACES, BOUNDED_BATCH_FACES = 1 << 20, 1 << 18  # triangles that are simplified together
 LAST_FACES, BOUNDED_LAST_FACES = 3 << 19, 3 << 18  # in the last pass, at most
 SPARE = 2.0  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 CLUSTERED = 4.0  # times as many triangles as wanted: worth clustering first
-LEAST_GAIN = 0.8  # of the triangles may be left by a round of clustering that is worth another
+LEFT_BY_CLUSTERS = 2.0  # times as many triangles as wanted: edges collapse from there on
 BATCHES_SHARE = 0.8  # of the time
+REMEDY = "choose a region or a larger stride, or give it more memory"
 
 
 @dataclass(frozen=True)
@@ -121,20 +122,12 @@ def reduce_pieces_steps(
     threads = _fitting_threads(worker_count(threads), memory_needed(batch_faces, max_error), memory_limit)
     with working(threads) as workers:
         collected = _Collected(goal, workers)
-        source = batches_steps(pieces, batch_faces, collected.numbering)
-        try:
-            while True:
-                try:
-                    item = next(source)
-                except StopIteration as end:
-                    info: T = end.value
-                    break
-                if isinstance(item, Step):
-                    yield Step(BATCHES_SHARE * item.fraction, item.message)
-                else:
-                    yield from collected.add_steps(item)
-        finally:
-            source.close()
+        source = WithResult(batches_steps(pieces, batch_faces))
+        for item in source:
+            if isinstance(item, Step):
+                yield Step(BATCHES_SHARE * item.fraction, item.message)
+            else:
+                yield from collected.add_steps(item)
         yield from collected.end_steps()
     if not collected.full_faces:
         raise MeshError("there is no surface to simplify: no piece has a triangle")
@@ -143,7 +136,7 @@ def reduce_pieces_steps(
     mesh = joined(collected.parts).mesh
     simplification = Simplification(mesh, collected.removed, collected.handles_cut)
     yield Step(1.0, simplification.message(target))
-    return StreamedSimplification(simplification, collected.full_faces, info)
+    return StreamedSimplification(simplification, collected.full_faces, source.result)
 
 
 def _fitting_threads(threads: int, batch_bytes: int, memory_limit: int | None) -> int:
@@ -207,6 +200,8 @@ class _Collected:
         """Give a batch to the workers, no more than they can work at."""
         while len(self.at_work) >= self.workers.threads:
             yield from self._take_steps()
+        needed = memory_needed(batch.face_count, self.goal.max_error)
+        require_or_killed(needed, f"simplifying {batch.face_count} triangles at once", REMEDY)
         if self.goal.max_error is None:
             # Of a number of triangles every batch may have as many as if all were like those so far.
             wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
@@ -258,11 +253,8 @@ def reduce_part_steps(
     target = round(wanted) + at_border
     if target >= part.face_count:
         return Reduced(part, density, RemovedComponents(), 0)
-    if max_error is None and not whole:
-        before = 0
-        while part.face_count > CLUSTERED * target and part.face_count < LEAST_GAIN * (before or np.inf):
-            before = part.face_count
-            part = yield from clustered_steps(part)
+    if max_error is None and not whole and part.face_count - at_border > CLUSTERED * wanted:
+        part = yield from clustered_steps(part, round(LEFT_BY_CLUSTERS * wanted) + at_border)
     collapsing = CollapsingMesh(part.mesh, max_error, SAFETY_FACTOR, part=not whole)
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:

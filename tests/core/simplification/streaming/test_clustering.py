@@ -11,8 +11,9 @@ from ctmc_addon.core.simplification.streaming.clustering import clustered_steps
 from ctmc_addon.core.simplification.streaming.parts import Part
 
 
-def clustered(mesh):
-    return finish(clustered_steps(Part(mesh, np.arange(len(mesh.vertices)))))
+def clustered(mesh, share=0.0):
+    part = Part(mesh, np.arange(len(mesh.vertices)))
+    return finish(clustered_steps(part, round(share * len(mesh.faces))))
 
 
 def noise(close_border, seed=0):
@@ -25,20 +26,24 @@ def noise(close_border, seed=0):
 @pytest.mark.parametrize(
     "mesh", [icosphere(5), torus(120, 60), joined(icosphere(4), icosphere(3, 0.3)), noise(True), noise(True, 1)]
 )
-def test_components_and_handles_are_those_of_the_mesh(mesh):
-    result = clustered(mesh).mesh
+@pytest.mark.parametrize("share", [0.5, 0.0])  # some clusters of one round, and as many rounds as there are
+def test_components_and_handles_are_those_of_the_mesh(mesh, share):
+    result = clustered(mesh, share).mesh
     assert_sound(result)
     assert result.closed
     assert not len(result.non_manifold_edges)
     assert (result.euler, result.components) == (mesh.euler, mesh.components)
 
 
-def test_about_a_third_of_a_smooth_surface_is_left_and_it_hardly_moves():
+@pytest.mark.parametrize(("share", "largest", "mean"), [(0.37, 0.03, 0.008), (0.2, 0.06, 0.02), (0.1, 0.12, 0.04)])
+def test_a_smooth_surface_hardly_moves_and_has_no_fewer_triangles_than_asked(share, largest, mean):
     mesh = icosphere(5, 10.0)  # edges of 0.35
-    result = clustered(mesh).mesh
-    assert 0.2 * len(mesh.faces) < len(result.faces) < 0.45 * len(mesh.faces)
-    assert surface_distance(result, mesh).largest < 0.05
-    assert result.volume == pytest.approx(mesh.volume, rel=0.002)
+    result = clustered(mesh, share).mesh
+    assert share * len(mesh.faces) <= len(result.faces) < 1.15 * share * len(mesh.faces)
+    away = surface_distance(result, mesh)
+    assert away.largest < largest
+    assert away.mean < mean
+    assert result.volume == pytest.approx(mesh.volume, rel=0.01 * largest / 0.03)
 
 
 def test_the_smallest_components_stay():
@@ -49,6 +54,7 @@ def test_the_smallest_components_stay():
 def test_a_border_and_its_numbers_stay():
     mesh = noise(False)
     part = clustered(mesh)
+    assert len(part.mesh.faces) < 0.95 * len(mesh.faces)
     border = np.unique(mesh.boundary_edges)
     assert np.isin(border, part.numbers).all()
     place = np.searchsorted(part.numbers, border)
@@ -59,6 +65,6 @@ def test_a_border_and_its_numbers_stay():
 
 def test_normals_stay_of_length_one():
     mesh = icosphere(4)
-    result = clustered(as_mesh(mesh.vertices, mesh.faces, mesh.vertices)).mesh
+    result = clustered(as_mesh(mesh.vertices, mesh.faces, mesh.vertices), 0.2).mesh
     assert np.allclose((result.normals**2).sum(axis=1), 1, atol=1e-5)
     assert np.allclose(result.normals, result.vertices, atol=0.05)

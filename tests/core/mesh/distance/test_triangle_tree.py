@@ -6,7 +6,7 @@ import pytest
 
 from ctmc_addon.core import TriangleMesh, distances
 from ctmc_addon.core.errors import MeshError
-from ctmc_addon.core.mesh.triangle_tree import BLOCK, BRANCH, TriangleTree
+from ctmc_addon.core.mesh.distance.triangle_tree import BLOCK, BRANCH, TriangleTree
 
 
 def soup(count, seed):

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import TriangleMesh, finish, marching_cubes
-from ctmc_addon.core.mesh.subdivision import cut_in_four_steps, mean_longest_edge_steps, subdivided_steps
+from ctmc_addon.core.mesh.distance.subdivision import cut_in_four_steps, mean_longest_edge_steps, subdivided_steps
 
 OCTAHEDRON = TriangleMesh(
     np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32),

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..progress import PAUSE, Steps
-from .topology import FACES_PER_STEP, edges_steps
-from .triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Steps
+from ..topology import FACES_PER_STEP, edges_steps
+from ..triangle_mesh import TriangleMesh
 
 MOST_FACES = 400_000
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import PAUSE, Stages, Steps, equal_part, finish
-from .quality import surface_samples_steps
-from .triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Stages, Steps, equal_part, finish
+from ..quality import surface_samples_steps
+from ..triangle_mesh import TriangleMesh
 from .triangle_tree import TriangleTree
 
 STAGES = {"Preparing to measure distances": 1, "Measuring distances": 3}

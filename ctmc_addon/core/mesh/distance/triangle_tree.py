@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError
-from ..parallel import map_steps, worker_count
-from ..progress import PAUSE, Steps, finish
-from .topology import FACES_PER_STEP
-from .triangle_mesh import TriangleMesh
-from .vectors import cross, dot
+from ...errors import MeshError
+from ...parallel import map_steps, worker_count
+from ...progress import PAUSE, Steps, finish
+from ..topology import FACES_PER_STEP
+from ..triangle_mesh import TriangleMesh
+from ..vectors import cross, dot
 
 Doubles = NDArray[np.float64]
 Places = NDArray[np.int64]
