@@ -12,10 +12,11 @@ from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdo
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from ..core import CtmcError, Reconstruction, Steps
+from ..core import CtmcError, MemoryLimitError, Reconstruction, Steps, address_space_available, amount
 from .interrupts import interrupts_held
 
 T = TypeVar("T")
+BLENDER_BYTES = 1250 << 20  # of address space, from 4.2 to 5.2
 
 
 def has_blender() -> bool:
@@ -28,6 +29,12 @@ def has_blender() -> bool:
 
 def require_blender(purpose: str) -> None:
     """Load Blender, or raise a `CtmcError` that says what to install for this purpose."""
+    there = None if "bpy" in sys.modules else address_space_available()
+    if there is not None and there < BLENDER_BYTES:  # it would crash
+        raise MemoryLimitError(
+            f"{purpose} needs Blender, which alone takes about {amount(BLENDER_BYTES)} of address space, and "
+            f"{amount(there)} are available; raise the limit (STL and PLY files need no Blender)"
+        )
     with interrupts_held():
         try:
             import bpy  # noqa: F401

@@ -10,12 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..core import OutputError, Stage, Step, Steps
+from ..core import OutputError, Stage, Step, Steps, require_memory
 from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from .blender_host import blender_at_work, objects_of
 from .file_names import file_names
 from .surfaces import Surfaces
+
+# Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and to write it.
+OBJECT_BYTES, FIGURE_BYTES = 240, 600
+WRITTEN_BYTES = {".obj": 1100, ".glb": 700}
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,12 @@ class Outputs:
         beside = [path for path in (self.figure, self.report) if path is not None]
         return [*self.surfaces_in(surfaces), *beside]
 
+    @property
+    def hold_normals(self) -> bool:
+        """Whether any file shows the normals of vertices: STL has those of its facets alone."""
+        suffixes = {path.suffix.lower() for path in self.surfaces} | ({self.suffix} if self.folder else set())
+        return self.figure is not None or not suffixes <= {".stl"}
+
     def blender_needed_for(self, simplifier: str) -> str:
         """What Blender is needed for, empty if for nothing."""
         if simplifier == "decimate":
@@ -67,6 +77,20 @@ class Outputs:
         own = [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
         suffixes = [suffix for suffix in own if suffix not in mesh_files.SUFFIXES]
         return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
+
+    def triangle_bytes(self, simplifier: str) -> int:
+        """Bytes that Blender takes for each triangle; 0 where it is not needed."""
+        if not self.blender_needed_for(simplifier):
+            return 0
+        suffixes = [self.suffix, *(path.suffix.lower() for path in self.surfaces)]
+        figure = FIGURE_BYTES if self.figure else 0
+        return max(OBJECT_BYTES, figure, *(WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes))
+
+    def require_memory(self, surfaces: Surfaces) -> None:
+        """Raise `MemoryLimitError` where Blender would find no memory, which it does not survive."""
+        faces = sum(len(result.mesh.faces) for result in surfaces.results)
+        needed = faces * self.triangle_bytes(surfaces.results[0].settings.simplifier)
+        require_memory(needed, f"writing {faces} triangles by Blender", "simplify the surface, or write .stl or .ply")
 
 
 def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
@@ -93,6 +117,7 @@ def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
 
 def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces, list[Path]]]:
     """Write every output, all or none; return the surfaces as they were written, and the files."""
+    outputs.require_memory(surfaces)
     paths = outputs.paths(surfaces)
     with whole_files(paths) as places:
         if outputs.blender_needed_for(surfaces.results[0].settings.simplifier):

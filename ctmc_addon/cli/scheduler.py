@@ -60,5 +60,10 @@ class Scheduler:
 
     @property
     def workers(self) -> int:
-        """Workers that the scheduler knows now."""
-        return len(self.client.nthreads())
+        """Workers that the scheduler knows now; raises `CtmcError` if it is gone."""
+        try:
+            return len(self.client.nthreads())
+        except (OSError, TimeoutError) as error:
+            raise CtmcError(
+                f"the scheduler {self.address} does not answer any more; start again when it runs"
+            ) from error

@@ -83,8 +83,11 @@ def surfaces_steps(
     choices: Sequence[int | str],
     threads: int | None = None,
     workers: SlabWorkers | None = None,
+    normals: bool = True,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
+
+    `workers` and `normals` are those of `reconstruct_steps`, for a single surface.
 
     Raises
     ------
@@ -100,7 +103,7 @@ def surfaces_steps(
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
     if not several:
-        result = yield from stages.run(making, reconstruct_steps(volume, settings, threads, workers=workers))
+        result = yield from stages.run(making, reconstruct_steps(volume, settings, threads, None, workers, normals))
         return Surfaces(volume.name, (result,))
     wanted = None if ALL in choices else labels
     made = yield from stages.run(making, reconstruct_labels_steps(volume, settings, wanted, threads))

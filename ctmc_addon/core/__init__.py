@@ -14,16 +14,18 @@ from .errors import (
     one_line,
 )
 from .extraction.marching_cubes import marching_cubes
+from .fitting import advised_steps
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
-from .memory import amount, available_bytes
+from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
+from .mesh.distance.triangle_tree import distances
 from .mesh.triangle_mesh import Surface, TriangleMesh
-from .mesh.triangle_tree import distances
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .pipeline import (
     Reconstruction,
     Stage,
+    described_pieces_steps,
     full_steps,
     reconstruct,
     reconstruct_steps,
@@ -41,6 +43,7 @@ __all__ = [
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
+    "NO_THREAD",
     "PAUSE",
     "VERSION",
     "CostEstimate",
@@ -66,15 +69,19 @@ __all__ = [
     "ThresholdError",
     "TriangleMesh",
     "Volume",
+    "address_space_available",
+    "advised_steps",
     "amount",
     "available_bytes",
     "cost_estimate_steps",
     "described",
+    "described_pieces_steps",
     "distances",
     "each_label_steps",
     "equal_part",
     "finish",
     "full_steps",
+    "give_back",
     "is_allowed",
     "map_steps",
     "marching_cubes",

@@ -30,7 +30,7 @@ def available_bytes() -> int | None:
     return _half_of_physical()
 
 
-def linux_available(root: Path) -> int | None:
+def linux_available(root: Path, address_space: bool = True) -> int | None:
     """Return the least of what the machine has left, what the control groups allow and what the process may address.
 
     In a container or a batch system's job (SLURM) the control group's limit is below the machine's memory.
@@ -39,8 +39,11 @@ def linux_available(root: Path) -> int | None:
     ----------
     root : Path
         Folder that holds `proc` and `sys`.
+    address_space : bool
+        Whether to look at the last of the three.
     """
-    limits = [_meminfo_available(root), *_cgroups_available(root), _address_space_available(root)]
+    limits = [_meminfo_available(root), *_cgroups_available(root)]
+    limits += [address_space_available(root)] if address_space else []
     known = [limit for limit in limits if limit is not None]
     return max(0, min(known)) if known else _half_of_physical()
 
@@ -58,6 +61,15 @@ def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], li
         )
 
 
+def require_or_killed(needed_bytes: int, what: str, remedy: str) -> None:
+    """`require` before memory is taken that nobody refuses: beyond what is there, Linux kills the process instead.
+
+    A limit of the address space is left out: it refuses, and what was asked for is often less than was expected.
+    """
+    if sys.platform.startswith("linux"):
+        require(needed_bytes, what, remedy, linux_available(Path("/"), address_space=False))
+
+
 @contextmanager
 def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[None]:
     """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
@@ -72,6 +84,12 @@ def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[
         raise MemoryLimitError(f"{what} needs {more} than {there}; {remedy}") from error
 
 
+def give_back() -> None:
+    """Give what was freed back to the system, where the C library keeps it and it counts as used."""
+    with suppress(OSError, AttributeError):  # not on Windows, and in glibc alone
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def _asked(error: Exception) -> int:
     """Bytes of the array that NumPy had no memory for; 0 for another error."""
     if len(error.args) != 2 or not isinstance(error.args[0], tuple):
@@ -81,8 +99,8 @@ def _asked(error: Exception) -> int:
 
 
 def amount(number: int) -> str:
-    """Return bytes in GiB, below 0.1 GiB in MiB."""
-    return f"{number / 2**30:.1f} GiB" if number >= 0.1 * 2**30 else f"{number / 2**20:.3g} MiB"
+    """Return bytes in GiB, below 1 GiB in MiB."""
+    return f"{number / 2**30:.1f} GiB" if number >= 2**30 else f"{number / 2**20:.3g} MiB"
 
 
 def _meminfo_available(root: Path) -> int | None:
@@ -125,9 +143,11 @@ def _reclaimable(stat: Path, name: str) -> int:
     return next((_second_number(line) or 0 for line in _lines(stat) if line.startswith(f"{name} ")), 0)
 
 
-def _address_space_available(root: Path) -> int | None:
+def address_space_available(root: Path = Path("/")) -> int | None:
     """What `ulimit -v` leaves to this process; None without such a limit."""
-    import resource  # not on Windows
+    if sys.platform == "win32":
+        return None
+    import resource
 
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     pages = _lines(root / "proc/self/statm")

@@ -18,6 +18,7 @@ from .memory import refusal
 from .mesh.components import keep_components_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
+from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
 from .settings import ReconstructionSettings
@@ -26,6 +27,7 @@ from .simplification.simplify import Simplification, simplification_steps
 from .simplification.streaming.reduce_pieces import reduce_pieces_steps
 from .streaming import (
     FieldSlabs,
+    PieceMeasures,
     SlabWorkers,
     SurfaceFacts,
     field_pieces_steps,
@@ -95,6 +97,8 @@ class Reconstruction:
         What the volume calls the label; empty where it has no name.
     label_color : (red, green, blue) int or None
         sRGB from 0 to 255, where the volume has one for the label.
+    measured : Measures or None
+        Of a surface that was written piece by piece; its mesh is empty.
     """
 
     mesh: TriangleMesh
@@ -112,23 +116,29 @@ class Reconstruction:
     wrong_side: int | None = None
     label_name: str = ""
     label_color: tuple[int, int, int] | None = None
+    measured: Measures | None = None
+
+    @property
+    def measures(self) -> Measures:
+        """Of the mesh, or of the pieces that were written."""
+        return self.measured or self.mesh.measures
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
-        mesh = self.mesh
+        measures = self.measures
         return {
             "name": self.name,
             "version": VERSION,
             "label": self.settings.label,
             "label_name": self.label_name,
-            "faces": len(mesh.faces),
-            "vertices": len(mesh.vertices),
+            "faces": measures.faces,
+            "vertices": measures.vertices,
             "full_faces": self.full_faces,
-            "volume_mm3": mesh.enclosed_volume,
-            "area_mm2": mesh.area,
-            "closed": mesh.closed,
-            "euler": mesh.euler,
-            "parts": mesh.components,
+            "volume_mm3": measures.enclosed_volume,
+            "area_mm2": measures.area,
+            "closed": measures.closed,
+            "euler": measures.euler,
+            "parts": measures.components,
             "removed_components": self.removed_components,
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
@@ -138,7 +148,7 @@ class Reconstruction:
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
-            "notes": [*self.notes, *(() if mesh.closed else (OPEN_NOTE,))],
+            "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
         }
 
 
@@ -182,10 +192,11 @@ def reconstruct_steps(
     threads: int | None = None,
     memory_limit: int | None = None,
     workers: SlabWorkers | None = None,
+    normals: bool = True,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels.
 
-    `workers` extract slabs of a volume that is read slab by slab, with the same bytes.
+    `workers` extract slabs of a volume that is fetched, with the same bytes. Without `normals` streaming makes none.
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
@@ -201,7 +212,7 @@ def reconstruct_steps(
             if not may_stream:
                 raise
     # The surface is simplified while it is extracted: the values, or the whole surface beside them, do not fit.
-    return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers))
+    return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers, normals))
 
 
 def full_steps(
@@ -318,12 +329,12 @@ def _streamed_steps(
     settings: ReconstructionSettings,
     threads: int | None,
     memory_limit: int | None,
-    workers: SlabWorkers | None = None,
+    workers: SlabWorkers | None,
+    normals: bool,
 ) -> Steps[Reconstruction]:
     """Simplify a surface while it is extracted, so that it is never held as a whole."""
-    gradient = settings.normals == "gradient"
-    affine = field.affine(volume)
-    pieces = field_pieces_steps(field, affine, settings, threads, gradient, any_order=True, workers=workers)
+    gradient = normals and settings.normals == "gradient"
+    pieces = field_pieces_steps(field, field.affine(volume), settings, threads, gradient, True, workers)
     goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
     reducing = reduce_pieces_steps(pieces, *goals, memory_limit, threads)
     with refusal("simplifying the surface as it is extracted", STREAMED_REMEDY, memory_limit):
@@ -356,6 +367,17 @@ def _described(
         label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
         label_color=None if settings.label is None else volume.label_colors.get(settings.label),
     )
+
+
+def described_pieces_steps(
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, facts: SurfaceFacts, pieces: PieceMeasures
+) -> Steps[Reconstruction]:
+    """What is known of a surface that was written piece by piece."""
+    nothing = np.empty((0, 3), np.int32)
+    described = _described(volume, settings, facts, TriangleMesh(pieces.sample, nothing))
+    measured = yield from pieces.measures_steps()
+    mesh = TriangleMesh(np.empty((0, 3), np.float32), nothing)
+    return replace(described, mesh=mesh, full_faces=measured.faces, measured=measured)
 
 
 def _voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:

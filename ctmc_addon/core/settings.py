@@ -158,7 +158,7 @@ class ReconstructionSettings:
     smoothing_mm: float | None = setting(
         None,
         "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it a Gaussian has 1 mm",
-        label="Gaussian Width",
+        label="Sigma",
         unit="mm",
         low=0.0,
         high=50.0,

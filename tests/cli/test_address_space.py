@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Processes whose address space is limited, as by `ulimit -v`: they finish with the same bytes, or say why not."""
 
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,6 +48,34 @@ def test_a_surface_under_a_limit_has_the_bytes_of_one_without(ctmc, volume, tmp_
     assert (done.returncode, done.stderr) == (0, "")
     assert ("written as it was extracted" in done.stdout) == (mebibytes < 1024)
     assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
+
+
+def test_tiles_are_unpacked_without_a_thread_for_which_there_is_no_memory(ctmc, tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    values = foam(100, 480, 150, 1).slab(0, 100)
+    tifffile.imwrite(tmp_path / "tiled.tif", values, photometric="minisblack", metadata=None, tile=(64, 64))
+    words = ["reconstruct", tmp_path / "tiled.tif", "--threshold", "132", "--stride", "4", "4", "4", "-o"]
+    assert ctmc(*words, tmp_path / "free.stl").code == 0
+    done = limited(60 << 20, *words, tmp_path / "limited.stl")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
+
+
+def test_a_surface_that_is_written_as_it_is_extracted_has_its_report(volume, tmp_path):
+    words = ["reconstruct", volume, "--threshold", "132", "--threads", "1", "-o", tmp_path / "a.stl"]
+    done = limited(160 << 20, *words, "--report", tmp_path / "a.json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "written as it was extracted" in done.stdout
+    report = json.loads((tmp_path / "a.json").read_text("utf-8"))
+    assert (tmp_path / "a.stl").stat().st_size == 84 + 50 * report["faces"]
+    assert report["area_mm2"] > 0
+    assert report["files"] == ["a.stl", "a.json"]
+
+
+def test_blender_is_not_loaded_where_it_would_crash(volume, tmp_path):
+    done = limited(900 << 20, "reconstruct", volume, "--threshold", "132", "-o", tmp_path / "a.obj")
+    assert done.returncode == 1
+    assert re.fullmatch(r"ctmc: writing .obj needs Blender, .* (899|900) MiB are available; .*\n", done.stderr)
 
 
 @pytest.mark.parametrize("flags", [[], ["--simplify", "0.9"]])

@@ -108,6 +108,7 @@ def test_the_address_space_of_the_process_is_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda _: (3 * GIB, 3 * GIB))
     root = written(tmp_path, {"proc/self/statm": f"{GIB // page} 5 5 5\n"})
     assert linux_available(root) == 2 * GIB
+    assert linux_available(root, address_space=False) == 8 * GIB
 
 
 def test_work_beyond_the_limit_is_refused_with_both_numbers():
@@ -117,9 +118,9 @@ def test_work_beyond_the_limit_is_refused_with_both_numbers():
     assert (available_bytes() or 1) > 0
 
 
-def test_memory_below_a_tenth_of_a_gib_is_given_in_mib():
-    with pytest.raises(MemoryLimitError, match=r"about 50 MiB of memory and 20 MiB"):
-        require(50 << 20, "smoothing", "choose a region", 20 << 20)
+def test_memory_below_a_gib_is_given_in_mib():
+    with pytest.raises(MemoryLimitError, match=r"about 640 MiB of memory and 20 MiB"):
+        require(640 << 20, "smoothing", "choose a region", 20 << 20)
 
 
 def test_memory_that_the_system_refuses_is_a_sentence_with_the_bytes_asked_for():

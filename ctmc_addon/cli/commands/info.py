@@ -4,21 +4,25 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ... import readers
-from ...core import Stages, Volume, finish
+from ...core import ReconstructionSettings, Stages, Step, Steps, Volume
 from ...core.files.atomic_write import json_text
-from ...core.volume import label_extents_steps, slabs_of, value_range
+from ...core.volume import SlabVolume, label_extents_steps, slabs_of
 from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
+from .reconstruct import needed_steps
 
 MOST_LABELS = 150
-READING = {"Reading headers": 1, "Reading values": 4}
+STAGES = {"Reading headers": 1, "Reading values": 4, "Looking at the values": 2, "Counting the labels": 2}
 
 
 def add_parser(commands: Any) -> None:
@@ -35,20 +39,45 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read the volume and print what it is."""
-    stages = Stages(READING)
+    stages = Stages(STAGES)
     with Progress() as progress:
         source = progress.finish(stages.run("Reading headers", readers.open_volume_steps(args.input)))
-        volume = progress.finish(stages.run("Reading values", source.read_steps(**reading_of(args))))
-    facts = facts_of(replace(volume, name=args.name or volume.name), source)
-    print(json_text(facts) if args.json else text_of(facts), end="" if args.json else "\n")
+        reading = needed_steps(source, Path(args.input), reading_of(args), ReconstructionSettings(), several=True)
+        volume = progress.finish(stages.run("Reading values", reading))
+        volume = replace(volume, name=args.name or volume.name)
+        values = progress.finish(stages.run("Looking at the values", value_facts_steps(volume)))
+        labels = progress.finish(stages.run("Counting the labels", labels_steps(volume)))
+    facts = facts_of(volume, source, values, labels)
+    print(json_text(facts) if args.json else text_of(facts, source.series), end="" if args.json else "\n")
 
 
-def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
+class ValueFacts(NamedTuple):
+    """Lowest and highest finite value, infinite where there is none, and how many are not finite."""
+
+    low: float
+    high: float
+    not_finite: int
+
+
+def value_facts_steps(volume: Volume | SlabVolume) -> Steps[ValueFacts]:
+    """Look at all values once."""
+    values = volume.values if isinstance(volume, Volume) else volume
+    low, high, broken, done = math.inf, -math.inf, 0, 0
+    for slab in slabs_of(values):
+        yield Step(done / values.shape[0], "Looking at the values")
+        done += len(slab)
+        finite = slab[np.isfinite(slab)] if slab.dtype.kind == "f" else slab
+        broken += slab.size - finite.size
+        if finite.size:
+            low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+    return ValueFacts(low, high, broken)
+
+
+def facts_of(
+    volume: Volume | SlabVolume, source: readers.VolumeSource, values: ValueFacts, labels: list[dict[str, Any]]
+) -> dict[str, Any]:
     """What is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
-    finite = np.isfinite(extremes := value_range(volume.values)).all()
-    broken = 0
-    if volume.values.dtype.kind == "f":
-        broken = sum(int(slab.size - np.isfinite(slab).sum()) for slab in slabs_of(volume.values))
+    finite = values.low <= values.high
     sibling = readers.segmentation_sibling(source.path)
     return {
         "name": volume.name,
@@ -57,24 +86,29 @@ def facts_of(volume: Volume, source: readers.VolumeSource) -> dict[str, Any]:
         "spacing_mm": list(volume.spacing),
         "orientation": volume.orientation,
         "affine": volume.affine.tolist(),
-        "dtype": str(volume.values.dtype),
+        "dtype": str(volume.dtype if isinstance(volume, SlabVolume) else volume.values.dtype),
         "kind": volume.kind,
-        "low": float(extremes[0]) if finite else None,
-        "high": float(extremes[1]) if finite else None,
-        "not_finite": broken,
-        "series": [{"text": series.screen_text, "uid": series.uid, "times": series.times} for series in source.series],
-        "labels": labels_of(volume),
+        "low": values.low if finite else None,
+        "high": values.high if finite else None,
+        "not_finite": values.not_finite,
+        # Without the operator's words, which may hold a name: this may become a file.
+        "series": [
+            {"text": series.text, "spacing_mm": series.spacing_mm, "uid": series.uid, "times": series.times}
+            for series in source.series
+        ],
+        "labels": labels,
         "label_file": None if sibling is None else sibling.name,
         "notes": list(volume.notes),
     }
 
 
-def labels_of(volume: Volume) -> list[dict[str, Any]]:
+def labels_steps(volume: Volume | SlabVolume) -> Steps[list[dict[str, Any]]]:
     """Every label with its value, its name and sRGB color if it has them, and its voxels."""
     if volume.kind != "label":
         return []
-    counts = {value: extent.voxels for value, extent in finish(label_extents_steps(volume)).items()}
-    counts[0] = volume.values.size - sum(counts.values())
+    extents = yield from label_extents_steps(volume)
+    counts = {value: extent.voxels for value, extent in extents.items()}
+    counts[0] = math.prod(volume.size) - sum(counts.values())
     return [
         {
             "value": value,
@@ -87,8 +121,8 @@ def labels_of(volume: Volume) -> list[dict[str, Any]]:
     ]
 
 
-def text_of(facts: dict[str, Any]) -> str:
-    """The facts for a person."""
+def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
+    """The facts for a person, and the series as the scanner's operator called them."""
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
     values += f", {kind_text(facts['kind'])}{'s' if facts['kind'] != 'HU' else ''}"
@@ -112,8 +146,8 @@ def text_of(facts: dict[str, Any]) -> str:
         ("dtype", facts["dtype"]),
         ("values", values),
     ]
-    if len(facts["series"]) > 1 or any(item["uid"] or item["times"] > 1 for item in facts["series"]):
-        texts = [f"{item['text']}{', UID ' + item['uid'] if item['uid'] else ''}" for item in facts["series"]]
+    if len(series) > 1 or any(item.uid or item.times > 1 for item in series):
+        texts = [f"{item.screen_text}{', UID ' + item.uid if item.uid else ''}" for item in series]
         lines += titled("series", texts)
     lines += titled("labels", labels)
     if facts["label_file"]:

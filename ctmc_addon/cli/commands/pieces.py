@@ -3,52 +3,56 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from ...core import ReconstructionSettings, Steps, Volume, memory_refusal
+from ...core import (
+    Reconstruction,
+    ReconstructionSettings,
+    Stage,
+    Steps,
+    Volume,
+    described_pieces_steps,
+    memory_refusal,
+)
 from ...core.files import mesh_files
-from ...core.files.piece_files import WrittenPieces, write_pieces_steps
-from ...core.streaming import SurfaceFacts, surface_pieces_steps
+from ...core.files.atomic_write import whole_files, write_json
+from ...core.files.piece_files import write_pieces_steps
+from ...core.streaming import surface_pieces_steps
 from ...core.volume import SlabVolume
-from ..arguments import command_of
 from ..outputs import Outputs
-from ..terminal import dimensions, listing, titled
 
 REMEDY = "use a larger stride or a region"
-NOT_HELD = "The surface does not fit in memory: it was written as it was extracted, and is not measured."
+NOT_HELD = "The surface does not fit in memory: it was written as it was extracted."
 
 
 def written_in_pieces(outputs: Outputs, settings: ReconstructionSettings, choices: Sequence[int | str]) -> bool:
     """Whether a surface with these settings can be written that is never there as a whole."""
     one_file = len(outputs.surfaces) == 1 and outputs.surfaces[0].suffix.lower() in mesh_files.SUFFIXES
-    measured = outputs.report or outputs.figure
-    return one_file and not measured and not settings.simplifies and all(choice == settings.label for choice in choices)
+    return one_file and not outputs.figure and not settings.simplifies and is_only_choice(settings, choices)
+
+
+def is_only_choice(settings: ReconstructionSettings, choices: Sequence[int | str]) -> bool:
+    """Whether the settings are those of the one surface that is asked for."""
+    return all(choice == settings.label for choice in choices)
 
 
 def written_pieces_steps(
     volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None, outputs: Outputs
-) -> Steps[WrittenPieces[SurfaceFacts]]:
-    """Write the surface."""
-    path: Path = outputs.surfaces[0]
+) -> Steps[tuple[Reconstruction, list[Path]]]:
+    """Write the surface and its report, both or neither."""
+    path, start = outputs.surfaces[0], time.perf_counter()
+    paths = [path] if outputs.report is None else [path, outputs.report]
     normals = settings.normals == "gradient" and path.suffix.lower() == ".ply"
     pieces = surface_pieces_steps(volume, settings, threads, normals=normals)
-    with memory_refusal("writing the surface as it is extracted", REMEDY):
-        return (yield from write_pieces_steps(path, pieces, outputs.space))
-
-
-def pieces_summary(
-    written: WrittenPieces[SurfaceFacts],
-    volume: Volume | SlabVolume,
-    settings: ReconstructionSettings,
-    outputs: Outputs,
-) -> str:
-    """Counts and notes; there are no measures."""
-    head = f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
-    facts = [
-        ("triangles", f"{written.faces}"),
-        ("threshold", f"{written.info.threshold:.6g}"),
-        *titled("note", [*volume.notes, *written.info.notes, NOT_HELD]),
-        ("written", outputs.surfaces[0].name),
-    ]
-    return f"{head}\nsettings: {command_of(settings) or 'the defaults'}\n\n{listing(facts)}"
+    with whole_files(paths) as places:
+        with memory_refusal("writing the surface as it is extracted", REMEDY):
+            written = yield from write_pieces_steps(places[path], pieces, outputs.space)
+            result = yield from described_pieces_steps(volume, settings, written.info, written.measured)
+        stages = (Stage("Extracting and writing", time.perf_counter() - start),)
+        result = replace(result, stages=stages, notes=(*result.notes, NOT_HELD))
+        if outputs.report is not None:
+            write_json(places[outputs.report], result.report() | {"files": [path.name for path in paths]})
+    return result, paths

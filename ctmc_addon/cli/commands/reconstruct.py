@@ -11,7 +11,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ... import readers
-from ...core import MemoryLimitError, Reconstruction, ReconstructionSettings, Stage, Stages, Steps, Volume
+from ...core import (
+    MemoryLimitError,
+    Reconstruction,
+    ReconstructionSettings,
+    Stage,
+    Stages,
+    Step,
+    Steps,
+    Volume,
+    advised_steps,
+    give_back,
+)
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
@@ -23,7 +34,7 @@ from ..blender_host import require_blender
 from ..outputs import Outputs, surface_output, written_steps
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
-from .pieces import pieces_summary, written_in_pieces, written_pieces_steps
+from .pieces import is_only_choice, written_in_pieces, written_pieces_steps
 from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
 
@@ -93,27 +104,45 @@ def run(args: argparse.Namespace) -> None:
         Progress() as progress,
         workers_of(args.scheduler, source, reading_of(args)) as workers,
     ):
-        volume = progress.finish(stages.run("Reading", fetched_steps(args, settings, choices)))
-        making = surfaces_steps(volume, settings, choices, args.threads, workers)
+        volume = progress.finish(
+            stages.run("Reading", fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler)))
+        )
+        making = measured_steps(
+            surfaces_steps(volume, settings, choices, args.threads, workers, outputs.hold_normals), outputs
+        )
+        in_pieces_too = written_in_pieces(outputs, settings, choices)
+        if not in_pieces_too and is_only_choice(settings, choices):
+            making = advised_steps(making, volume, settings, outputs.triangle_bytes(settings.simplifier), args.threads)
         surfaces: Surfaces | None = None
         try:
             surfaces = progress.finish(stages.run("Reconstructing", making))
         except (MemoryLimitError, MemoryError):
-            if not written_in_pieces(outputs, settings, choices):
+            if not in_pieces_too:
                 raise
         if surfaces is None:
+            give_back()
             in_pieces = written_pieces_steps(volume, settings, args.threads, outputs)
-            written = progress.finish(stages.run("Writing", in_pieces))
-            print(pieces_summary(written, volume, settings, outputs))
+            result, files = progress.finish(stages.run("Writing", in_pieces))
+            print(summary(result, volume, files))
             return
-        reading = Stage("Reading", stages.seconds["Reading"])
-        results = tuple(replace(result, stages=(reading, *result.stages)) for result in surfaces.results)
+        stage = Stage("Reading", stages.seconds["Reading"])
+        results = tuple(replace(result, stages=(stage, *result.stages)) for result in surfaces.results)
         writing = written_steps(replace(surfaces, results=results), outputs)
         surfaces, files = progress.finish(stages.run("Writing", writing))
     if surfaces.are_several:
         print(summary_of_several(surfaces, volume, files, stages.seconds))
     else:
         print(summary(surfaces.results[0], volume, files))
+
+
+def measured_steps(making: Steps[Surfaces], outputs: Outputs) -> Steps[Surfaces]:
+    """Surfaces whose measures are known and whose files find memory, before anything is written."""
+    surfaces = yield from making
+    for result in surfaces.results:
+        yield Step(1.0, "Measuring the surface")
+        result.mesh.measures  # noqa: B018  (kept by the mesh)
+    outputs.require_memory(surfaces)
+    return surfaces
 
 
 def run_times(
@@ -136,29 +165,23 @@ def run_times(
     print(summary_of_several(surfaces, volume, files, stages.seconds))
 
 
-def volume_steps(path: str | Path, reading: Mapping[str, Any], label: int | None) -> Steps[Volume]:
-    """Read a volume; of a LiTS volume whose label is asked for, its segmentation, which a note says."""
-    path = Path(path)
-    stages = Stages({"Reading headers": 1, "Reading values": 4})
-    source = yield from stages.run("Reading headers", readers.open_volume_steps(source_of(path, label)))
-    return (yield from stages.run("Reading values", values_steps(source, path, reading, label)))
-
-
-def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
-    """Read INPUT as the flags say."""
-    volume = yield from volume_steps(args.input, reading_of(args), settings.label)
-    return replace(volume, name=args.name or volume.name)
+def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume | SlabVolume]:
+    """Read INPUT as the flags say; where it does not fit, values are fetched later."""
+    return (yield from fetched_steps(args, settings, several=True))
 
 
 def fetched_steps(
-    args: argparse.Namespace, settings: ReconstructionSettings, choices: Sequence[int | str]
+    args: argparse.Namespace, settings: ReconstructionSettings, several: bool, by_workers: bool = False
 ) -> Steps[Volume | SlabVolume]:
-    """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later."""
+    """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later.
+
+    `several` and `by_workers` are those of `needed_steps`.
+    """
     path = Path(args.input)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     opening = readers.open_volume_steps(source_of(path, settings.label))
     source = yield from stages.run("Reading headers", opening)
-    needed = needed_steps(source, path, reading_of(args), settings, may_be_several(choices), bool(args.scheduler))
+    needed = needed_steps(source, path, reading_of(args), settings, several, by_workers)
     volume = yield from stages.run("Reading values", needed)
     return replace(volume, name=args.name or volume.name)
 
@@ -173,10 +196,11 @@ def needed_steps(
 ) -> Steps[Volume | SlabVolume]:
     """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later.
 
-    For `several` labels any part of it is wanted; `by_workers` it is always fetched.
+    For `several` surfaces any part of it is wanted; `by_workers` it is always fetched.
     """
-    if not by_workers and reads_whole(source, reading, settings, several):
-        return (yield from values_steps(source, path, reading, settings.label))
+    whole = not by_workers and reads_whole(source, reading, settings, several)
+    if whole:
+        return checked((yield from source.read_steps(**reading)), source, path, settings.label)
     return checked((yield from source.slabs_steps(**reading)), source, path, settings.label)
 
 
@@ -190,13 +214,6 @@ def reads_whole(
     if series is None:
         return True
     return fits_in_memory(math.prod(series.shape) * series.voxel_bytes)
-
-
-def values_steps(
-    source: readers.VolumeSource, path: Path, reading: Mapping[str, Any], label: int | None
-) -> Steps[Volume]:
-    """Read what was opened for `path`."""
-    return checked((yield from source.read_steps(**reading)), source, path, label)
 
 
 def checked(volume: AnyVolume, source: readers.VolumeSource, path: Path, label: int | None) -> AnyVolume:
@@ -216,7 +233,7 @@ def source_of(path: Path, label: int | None) -> Path:
 
 def small_components_lines(result: Reconstruction) -> list[str]:
     """Return how many components are small and which flag removes them; empty where they are few or were removed."""
-    measures = result.mesh.measures
+    measures = result.measures
     if not measures.has_many_small_components or result.settings.min_part_mm3 >= SMALL:
         return []
     counts = f"{count(measures.small_components)} of {count(measures.components)} components"

@@ -10,18 +10,21 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, finish
+from ...core import CtmcError, ReadError, finish
 from ...core.streaming import SlabResult, SlabTask, slab_result_steps
 from ..scheduler import PATIENCE, Scheduler
 
 TICK = 0.05  # seconds between two looks at the futures
 AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
+LOST = "the scheduler {} lost a slab; start again when it runs"
+LONGEST_ALONE = 60.0  # seconds without any worker
 RETRIES = 2  # of a task that failed for another reason than what the file holds
 
 
@@ -67,20 +70,37 @@ class ClusterWorkers:
                         done_by_worker, pickle.dumps(tasks[begun]), pure=False, retries=RETRIES
                     )
                     begun += 1
-                while futures[number].status == "pending":
+                for _ in self._waiting(futures[number]):
                     yield None
-                    time.sleep(TICK)
                 yield self._result(futures.pop(number))
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise CtmcError(LOST.format(self.cluster.address)) from error
         finally:
             if futures:
-                client.cancel(list(futures.values()), force=True)
+                with suppress(OSError, TimeoutError):  # of a scheduler that is gone
+                    client.cancel(list(futures.values()), force=True)
+
+    def _waiting(self, future: Any) -> Iterator[None]:
+        """Wait for a result, as long as there is a worker."""
+        looked = seen = time.monotonic()
+        while future.status == "pending":
+            yield None
+            time.sleep(TICK)
+            if time.monotonic() - looked > 1.0:
+                looked = time.monotonic()
+                seen = looked if self.count else seen
+                if looked - seen > LONGEST_ALONE:
+                    raise CtmcError(
+                        f"the scheduler {self.cluster.address} has had no worker for {LONGEST_ALONE:.0f} s; "
+                        f"see why they ended, start one with `dask worker {self.cluster.address}`, and run this again"
+                    )
 
     def _result(self, future: Any) -> SlabResult:
         if future.status == "finished":
             result: SlabResult = future.result(timeout=None)
             return result
         if future.status != "error":
-            raise CtmcError(f"the scheduler {self.cluster.address} lost a slab; start again when it runs")
+            raise CtmcError(LOST.format(self.cluster.address))
         error = future.exception(timeout=PATIENCE)
         if isinstance(error, CtmcError):
             raise error
@@ -109,5 +129,8 @@ def workers_of(address: str | None, path: Path, reading: Mapping[str, Any]) -> I
 def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
     """Do a task, on a worker; the file is opened anew, as it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
-    volume = finish(readers.open_volume(path).slabs_steps(**reading))
+    try:
+        volume = finish(readers.open_volume(path).slabs_steps(**reading))
+    except ReadError as error:
+        raise ReadError(f"a worker says: {error}; INPUT must lie where all workers see it under its path") from error
     return finish(slab_result_steps(volume, task))

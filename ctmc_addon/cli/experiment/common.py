@@ -17,9 +17,12 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ...core.volume import SlabVolume
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import dimensions
 from .table import plain, unique
+
+FETCHED = "The volume does not fit in memory: its file was read again for every surface, which times include."
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +73,7 @@ def require_builtin(settings: ReconstructionSettings) -> None:
 
 
 def facts_of(
-    volume: Volume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
 ) -> list[tuple[str, str]]:
     """Input, settings and notes."""
     spacing = [round(gap, 4) for gap in volume.spacing]
@@ -78,6 +81,8 @@ def facts_of(
         ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
         ("settings", f"{command_of(settings) or 'the defaults'} (surface at {threshold:.6g})"),
     ]
+    if isinstance(volume, SlabVolume):
+        notes = [*notes, FETCHED]
     return facts + [("note", note) for note in unique(notes)]
 
 
@@ -100,7 +105,7 @@ def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> 
 
 
 def variants_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], threads: int | None
+    volume: Volume | SlabVolume, variants: Sequence[ReconstructionSettings], threads: int | None
 ) -> Steps[list[Reconstruction]]:
     """A surface for each of the settings."""
     results = []

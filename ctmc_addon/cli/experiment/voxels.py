@@ -22,6 +22,7 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import SurfaceDistance
+from ...core.volume import SlabVolume
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked
 from ..commands.reconstruct import input_steps
@@ -100,7 +101,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
 
 
 def timed_runs_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], repeats: int, threads: int | None
+    volume: Volume | SlabVolume, variants: Sequence[ReconstructionSettings], repeats: int, threads: int | None
 ) -> Steps[list[list[tuple[float, float]]]]:
     """What `timed_run` says of each of the settings, `repeats` times in turn."""
     runs: list[list[tuple[float, float]]] = [[] for _ in variants]
@@ -113,7 +114,9 @@ def timed_runs_steps(
     return runs
 
 
-def timed_run(volume: Volume, settings: ReconstructionSettings, threads: int | None = None) -> tuple[float, float]:
+def timed_run(
+    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None = None
+) -> tuple[float, float]:
     """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
     preparing: list[float] = []
     seconds: list[float] = []

@@ -38,11 +38,13 @@ from .region import (
     volume_box,
     with_moved_face,
 )
+from .reslice import resliced, value_at
 from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice, fitting_stride
 from .slices import (
     PLANES,
     SliceIndex,
     default_window,
+    position_through,
     slice_at,
     slice_corners,
     slice_position_text,
@@ -53,7 +55,7 @@ from .slices import (
 )
 from .statistics import VolumeStatistics, histogram_picture, slabs_of, value_range, volume_statistics_steps
 from .thresholding import otsu, quick_threshold, used_threshold_steps
-from .tissues import TISSUES, surface_name
+from .tissues import TISSUES, surface_name, tissue_name
 from .volume import Placed, Volume
 
 __all__ = [
@@ -87,6 +89,7 @@ __all__ = [
     "moved_limit",
     "moved_region",
     "otsu",
+    "position_through",
     "quick_threshold",
     "region_axes",
     "region_box",
@@ -94,6 +97,7 @@ __all__ = [
     "region_limits",
     "region_shift",
     "require_labels",
+    "resliced",
     "round_ticks",
     "rounded_to",
     "settings_of_copy",
@@ -109,10 +113,12 @@ __all__ = [
     "stepped_position",
     "surface_name",
     "tissue_bands",
+    "tissue_name",
     "transform_faces",
     "transform_normals",
     "transform_points",
     "used_threshold_steps",
+    "value_at",
     "value_range",
     "volume_box",
     "volume_statistics_steps",

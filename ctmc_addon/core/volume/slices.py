@@ -66,6 +66,19 @@ def slice_through(volume: Volume, plane: str, point_mm: Sequence[float]) -> Slic
     return replace(section, index=int(min(max(round(float(at)), 0), section.count - 1)))
 
 
+def position_through(volume: Volume, plane: str, point_mm: Sequence[float]) -> float:
+    """Return the position, 0 to 1, of the slice that `slice_through` finds.
+
+    Examples
+    --------
+    >>> stack = Volume(np.zeros((11, 4, 4)), np.diag([1.0, 1.0, -2.0, 1.0]))  # slices run towards the feet
+    >>> position_through(stack, "axial", (0.0, 0.0, -4.1))
+    0.8
+    """
+    section, lowest = slice_through(volume, plane, point_mm), slice_at(volume, plane, 0.0)
+    return abs(section.index - lowest.index) / max(section.count - 1, 1)
+
+
 def stepped_position(volume: Volume, plane: str, position: float, by: int) -> float:
     """Return the position, 0 to 1, that is `by` slices farther to the right, front or head, as far as there are any.
 

@@ -209,26 +209,33 @@ def fingerprint(volume: Volume, histogram: Histogram | None) -> str:
     return digest.hexdigest()[:12]
 
 
-BACKGROUND, BELOW, ABOVE, LINE = (0.10, 0.10, 0.11), (0.36, 0.36, 0.38), (0.86, 0.55, 0.24), (1.0, 1.0, 1.0)
+BACKGROUND, OUTSIDE, INSIDE, LINE = (0.10, 0.10, 0.11), (0.36, 0.36, 0.38), (0.86, 0.55, 0.24), (1.0, 1.0, 1.0)
 
 
 def histogram_picture(
-    statistics: VolumeStatistics, threshold: float | None, width: int, height: int
+    statistics: VolumeStatistics, limits: tuple[float | None, float | None], width: int, height: int
 ) -> NDArray[np.float32]:
-    """Return the histogram as a picture, (height, width, 4) float32 from the bottom up, the threshold as a line.
+    """Return the histogram as a picture, (height, width, 4) float32 from the bottom up, the limits as lines.
 
-    Bars at or above the threshold, inside the surface, have a color.
+    Bars from the threshold to the upper limit, inside the surface, have a color. Without a threshold none has.
     """
     heights = np.ceil(statistics.bar_heights(width) * (height - 2))
     filled = np.arange(height)[:, None] < heights  # (height, width)
     span = (statistics.high - statistics.low) or 1.0
-    share = 1.0 if threshold is None else (threshold - statistics.low) / span
-    column = int(np.clip(share * width, 0, width - 1)) if np.isfinite(share) else width - 1
-    above = np.arange(width) >= column
+    shares = [None if value is None else (value - statistics.low) / span for value in limits]
+    first, last = (
+        None if share is None or not np.isfinite(share) else int(np.clip(share * width, 0, width - 1))
+        for share in shares
+    )
+    columns = np.arange(width)
+    inside = (
+        np.zeros(width, bool) if first is None else (columns >= first) & (columns <= (width if last is None else last))
+    )
     out = np.empty((height, width, 4), np.float32)
     out[..., :3], out[..., 3] = BACKGROUND, 1.0
-    out[..., :3][filled & ~above] = BELOW
-    if threshold is not None:
-        out[..., :3][filled & above] = ABOVE
-        out[:, column, :3] = LINE
+    out[..., :3][filled & ~inside] = OUTSIDE
+    out[..., :3][filled & inside] = INSIDE
+    for column in (first, last):
+        if first is not None and column is not None:
+            out[:, column, :3] = LINE
     return out

@@ -30,10 +30,29 @@ TISSUES = {
 }
 
 
-def surface_name(kind: str, threshold: float, upper: float | None = None) -> str:
-    """Return what a surface is called: after the tissue that it is of, where values are HU.
+def tissue_name(kind: str, threshold: float, upper: float | None = None) -> str:
+    """Return the tissue that a surface is of, where values are HU; else "Surface".
 
     That is the tissue that begins below the threshold, or the one that both limits lie in.
+
+    Examples
+    --------
+    >>> tissue_name("HU", 226.0), tissue_name("HU", -950.0, -600.0), tissue_name("gray value", 120.0)
+    ('Bone', 'Lung', 'Surface')
+    """
+    if kind != "HU":
+        return "Surface"
+    below = [tissue for tissue in TISSUES.values() if tissue.upper is None and tissue.threshold <= threshold]
+    around = [
+        tissue
+        for tissue in TISSUES.values()
+        if tissue.upper is not None and upper is not None and tissue.threshold <= threshold <= upper <= tissue.upper
+    ]
+    return max(around or below, key=lambda tissue: tissue.threshold).name if around or below else "Surface"
+
+
+def surface_name(kind: str, threshold: float, upper: float | None = None) -> str:
+    """Return what a surface is called: after its tissue and its limits.
 
     Examples
     --------
@@ -43,13 +62,4 @@ def surface_name(kind: str, threshold: float, upper: float | None = None) -> str
     ('Lung -950 to -600 HU', 'Bone 226 to 500 HU', 'Surface -950 to 0 HU')
     """
     number = f"{threshold:.6g}" if upper is None else f"{threshold:.6g} to {upper:.6g}"
-    if kind != "HU":
-        return f"Surface {number}"
-    below = [tissue for tissue in TISSUES.values() if tissue.upper is None and tissue.threshold <= threshold]
-    around = [
-        tissue
-        for tissue in TISSUES.values()
-        if tissue.upper is not None and upper is not None and tissue.threshold <= threshold <= upper <= tissue.upper
-    ]
-    name = max(around or below, key=lambda tissue: tissue.threshold).name if around or below else "Surface"
-    return f"{name} {number} HU"
+    return f"{tissue_name(kind, threshold, upper)} {number}" + (" HU" if kind == "HU" else "")

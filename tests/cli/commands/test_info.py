@@ -33,6 +33,18 @@ def test_it_lists_the_dicom_series_with_its_uid(ctmc, phantom_folder):
     assert "UID 1.2.826." in out
 
 
+def test_the_operators_words_are_on_the_screen_and_not_in_json(ctmc, phantom_folder, tmp_path):
+    pydicom = pytest.importorskip("pydicom")
+    for file in (phantom_folder / "dicom").glob("*.dcm"):
+        dataset = pydicom.dcmread(file)
+        dataset.SeriesNumber, dataset.SeriesDescription, dataset.ConvolutionKernel = 7, "THORAX MUSTER", "B70f"
+        dataset.save_as(tmp_path / file.name)
+    assert "5 mm apart, no. 7, THORAX MUSTER, B70f" in facts(ctmc("info", tmp_path))
+    said = facts(ctmc("info", tmp_path, "--json"))
+    assert "MUSTER" not in said
+    assert json.loads(said)["series"][0]["spacing_mm"] == 5
+
+
 def test_it_says_what_was_assumed(ctmc, phantom_folder):
     out = facts(ctmc("info", phantom_folder / "png"))
     assert "1 mm is assumed" in out

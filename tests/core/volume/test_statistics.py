@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import Volume, finish
-from ctmc_addon.core.volume import volume_statistics_steps
+from ctmc_addon.core.volume import histogram_picture, volume_statistics_steps
+from ctmc_addon.core.volume.statistics import INSIDE
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
@@ -34,3 +35,15 @@ def test_a_volume_without_a_finite_value_has_statistics():
     statistics = finish(volume_statistics_steps(Volume(np.full((2, 2, 2), np.nan), np.eye(4))))
     assert (statistics.non_finite, statistics.histogram, statistics.labels) == (8, None, ())
     assert not statistics.bar_heights(4).any()
+
+
+def test_bars_between_the_limits_have_a_color_and_the_limits_are_lines():
+    statistics = finish(volume_statistics_steps(Volume(np.arange(1000, dtype=np.int16).reshape(10, 10, 10), np.eye(4))))
+    foot = {limits: histogram_picture(statistics, limits, 100, 8)[0, :, :3] for limits in
+            ((200.0, None), (200.0, 600.0), (None, 600.0))}  # fmt: skip
+    colored = {limits: np.flatnonzero((row == np.float32(INSIDE)).all(axis=1)) for limits, row in foot.items()}
+    lines = {limits: np.flatnonzero((row == 1).all(axis=1)).tolist() for limits, row in foot.items()}
+    assert lines == {(200.0, None): [20], (200.0, 600.0): [20, 60], (None, 600.0): []}
+    assert (colored[200.0, None].min(), colored[200.0, None].max()) == (21, 99)
+    assert (colored[200.0, 600.0].min(), colored[200.0, 600.0].max()) == (21, 59)
+    assert not colored[None, 600.0].size

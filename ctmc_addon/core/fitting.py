@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a surface does not fit in memory: what it needs, and settings that were checked to fit.
+
+Triangles are counted by extraction's own first passes, a slab of values at a time, so that what is proposed is counted
+and not guessed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from .errors import CtmcError, MemoryLimitError
+from .memory import NO_THREAD, amount, available_bytes, give_back
+from .progress import Stages, Steps
+from .settings import ReconstructionSettings
+from .simplification.simplify import memory_needed
+from .simplification.streaming.reduce_pieces import Goal
+from .streaming import counted_faces_steps
+from .volume.slabs import SlabVolume
+from .volume.volume import Volume
+
+T = TypeVar("T")
+
+FACE_BYTES = 128  # of a triangle in memory: 45 while it is extracted, then 36 and 92 to measure it (tracemalloc)
+LEFT_BYTES = 128  # of a triangle that simplification leaves
+SLABS_BYTES = 128 << 20  # of the slabs at work
+MOST_STRIDE = 16
+ROUNDED = 0.9  # of the triangles that would fit are proposed
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """What a surface takes in memory.
+
+    Parameters
+    ----------
+    faces : int
+        Triangles, before simplification.
+    settings : ReconstructionSettings
+    written_bytes : int
+        Of a triangle while files are written, beside those of the surface.
+    """
+
+    faces: int
+    settings: ReconstructionSettings
+    written_bytes: int = 0
+
+    @property
+    def needed(self) -> int:
+        """Bytes, about."""
+        settings = self.settings
+        if not (settings.simplifies and settings.simplifier == "builtin"):
+            return SLABS_BYTES + self.faces * (FACE_BYTES + self.written_bytes)
+        goal = Goal(settings.reduction, settings.target_faces, settings.max_error_mm)
+        left = goal.target(self.faces) or self.faces // 10
+        at_once = memory_needed(min(self.faces, goal.sizes[1]), settings.max_error_mm)
+        return SLABS_BYTES + max(at_once, left * self.written_bytes) + left * LEFT_BYTES
+
+    def most_triangles(self, there: int) -> int:
+        """How many triangles simplification may leave in so many bytes; 0 where it does not fit."""
+        goal = Goal(target_faces=1)
+        room = there - SLABS_BYTES - memory_needed(min(self.faces, goal.sizes[1]), None)
+        return max(0, int(ROUNDED * room / (LEFT_BYTES + self.written_bytes)))
+
+
+def advised_steps(
+    making: Steps[T],
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    written_bytes: int = 0,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[T]:
+    """The same steps; where memory does not suffice, the error says what would fit.
+
+    Parameters
+    ----------
+    making : Steps
+        That make the surface of the volume with the settings.
+    written_bytes : int
+        Of a triangle while files are written.
+    """
+    there = available_bytes() if memory_limit is None else memory_limit
+    stages = Stages({"Reconstructing": 9, "Looking for what fits": 1})
+    try:
+        return (yield from stages.run("Reconstructing", making))
+    except (MemoryLimitError, MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and not isinstance(error, CtmcError) and str(error) != NO_THREAD:
+            raise
+        if settings.smoothing_method == "constrained" or there is None:
+            raise
+        refused = error.with_traceback(None)  # what was made until then goes
+    give_back()
+    looking = refusal_steps(volume, settings, there, written_bytes, threads)
+    try:
+        sentence = yield from stages.run("Looking for what fits", looking)
+    except (CtmcError, MemoryError):
+        sentence = ""
+    if not sentence:
+        raise refused
+    raise MemoryLimitError(sentence) from refused
+
+
+def refusal_steps(
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    there: int,
+    written_bytes: int = 0,
+    threads: int | None = None,
+) -> Steps[str]:
+    """What a surface needs, what there is, and settings that fit, all counted; empty where it should fit."""
+    stages = Stages({"Counting triangles": 1, "Looking for what fits": 1})
+    faces = yield from stages.run("Counting triangles", counted_faces_steps(volume, settings, threads))
+    fitting = Fitting(faces, settings, written_bytes)
+    if fitting.needed <= there:
+        return ""
+    wider = yield from stages.run("Looking for what fits", _stride_steps(volume, fitting, there, threads))
+    proposals = [] if wider is None else [wider]
+    most = fitting.most_triangles(there)
+    if most >= 1000 and settings.simplifier != "decimate" and not settings.max_error_mm:
+        proposals.append(f"target_faces {most // 1000 * 1000}")
+    advice = f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
+    return (
+        f"a surface of {faces} triangles needs about {amount(fitting.needed)} of memory with these settings and "
+        f"{amount(there)} are available; {advice}"
+    )
+
+
+def _stride_steps(volume: Volume | SlabVolume, fitting: Fitting, there: int, threads: int | None) -> Steps[str | None]:
+    """The smallest wider stride that fits."""
+    for stride in _wider(volume, fitting, there):
+        settings = replace(fitting.settings, stride=stride)
+        faces = yield from counted_faces_steps(volume, settings, threads)
+        if replace(fitting, faces=faces, settings=settings).needed <= there:
+            return "stride " + " ".join(map(str, stride))
+    return None
+
+
+def _wider(volume: Volume | SlabVolume, fitting: Fitting, there: int) -> Iterator[tuple[int, int, int]]:
+    """Strides along x, y and z, from the first that may fit: triangles fall with the square of the stride."""
+    room = max(1, there - SLABS_BYTES)
+    first = max(1, math.floor(math.sqrt(max(0, fitting.needed - SLABS_BYTES) / room)))
+    for more in range(first, MOST_STRIDE):
+        x, y, z = (min(side + more, size - 1) for side, size in zip(fitting.settings.stride, volume.size, strict=True))
+        yield x, y, z
