@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CT's own object in the scene: an empty as large as its box, in a collection that takes its surfaces too.
+"""The CT's own object in the scene: an empty as large as its box, in a collection that takes all that is made of it.
 
 Slice and preview are only drawn, so Blender would not know that anything stands there. Home and View Selected frame
 the empty.
@@ -73,8 +73,13 @@ def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.
 
 
 def collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
-    """Where the surfaces of a CT belong: beside its box, else in the scene's own collection."""
+    """Where all that is made of a CT belongs: beside its box, else in the scene's own collection."""
     box = box_of(scene, fingerprint) if fingerprint else None
     inside = {collection.session_uid for collection in scene.collection.children_recursive}
     owners = [] if box is None else [owner for owner in box.users_collection if owner.session_uid in inside]
     return next(iter(owners), scene.collection)
+
+
+def link_beside_ct(scene: bpy.types.Scene, obj: bpy.types.Object, fingerprint: str) -> None:
+    """Give a scene a new object that was made of a CT: a surface, slice, cut, volume or ruler."""
+    collection_of_ct(scene, fingerprint).objects.link(obj)

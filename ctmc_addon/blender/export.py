@@ -180,7 +180,7 @@ def write_glb(
 
 
 def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
-    """A GLB whose nodes are called by other `names`.
+    """A GLB whose nodes and meshes are called by other `names`.
 
     glTF 2.0, 4.4: a header, a chunk of JSON in groups of 4 bytes, the rest.
     """
@@ -188,6 +188,8 @@ def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
     tree: dict[str, Any] = json.loads(content[20 : 20 + length])
     for node in tree["nodes"]:
         node["name"] = names[node["name"]]
+        if "mesh" in node:
+            tree["meshes"][node["mesh"]]["name"] = node["name"]
     text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
     other_chunks = content[20 + length :]

@@ -44,35 +44,74 @@ def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
     return mix.outputs[0]
 
 
-def edged_material(name: str, face: Color, edge: Color, width: float) -> bpy.types.Material:
-    """Faces of one color whose triangles are bordered by lines of another, `width` scene units wide.
+def edged_material(name: str, face: Color, edge: Color, widths: str) -> bpy.types.Material:
+    """Faces of one color whose triangles are bordered by lines of another.
 
     The figures of Su and Ma: the surface of the triangles red, their borders yellow.
+
+    Parameters
+    ----------
+    widths : str
+        The attribute of the triangles that holds the width of their lines, in the units of the mesh in the scene.
     """
     material = surface_material(name, face)
     tree, shader = material.node_tree, principled(material)
-    shader.inputs["Specular IOR Level"].default_value = 0.15
     line = tree.nodes.new("ShaderNodeBsdfPrincipled")
     # Lines glow a little, so that they are seen in the shade, and are shaded, so that a dense mesh keeps its form.
     for name, value in (("Base Color", (*edge, 1.0)), ("Emission Color", (*edge, 1.0))):
         line.inputs[name].default_value = value
     for name, number in (("Emission Strength", 0.35), ("Roughness", 0.9), ("Specular IOR Level", 0.0)):
         line.inputs[name].default_value = number
+    width = tree.nodes.new("ShaderNodeAttribute")
+    width.attribute_name = widths
     wire = tree.nodes.new("ShaderNodeWireframe")
-    wire.inputs["Size"].default_value = width
+    tree.links.new(width.outputs["Fac"], wire.inputs["Size"])
     shown = mixed(tree, wire.outputs[0], shader.outputs[0], line.outputs[0])
     tree.links.new(shown, surface_input(material))
+    lights_nothing(material)
     return material
 
 
 def flat_material(name: str, color: Color) -> bpy.types.Material:
     """One color, whatever the light: for letters and bars."""
     material = surface_material(name, color)
-    tree = material.node_tree
-    glow = tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (*color, 1.0)
-    tree.links.new(glow.outputs[0], surface_input(material))
+    show_flat(material, emission(material, color))
     return material
+
+
+def emission(material: bpy.types.Material, color: Color | Any) -> Any:
+    """The socket of a light of a color, or of a color's socket."""
+    glow = material.node_tree.nodes.new("ShaderNodeEmission")
+    if isinstance(color, tuple):
+        glow.inputs["Color"].default_value = (*color, 1.0)
+    else:
+        material.node_tree.links.new(color, glow.inputs["Color"])
+    return glow.outputs[0]
+
+
+def show_flat(material: bpy.types.Material, shown: Any) -> None:
+    """Let a material be what a socket gives, which is the same in any light."""
+    material.node_tree.links.new(shown, surface_input(material))
+    lights_nothing(material)
+
+
+def lights_nothing(material: bpy.types.Material) -> None:
+    """Let what glows on a page not light what stands beside it."""
+    if hasattr(material, "cycles"):
+        material.cycles.emission_sampling = "NONE"
+
+
+def headlight(material: bpy.types.Material, color: Any, dimmest: float) -> Any:
+    """The socket of a color as if lit from the camera alone, without shadows: `dimmest` times as light at the rim."""
+    tree = material.node_tree
+    weight = tree.nodes.new("ShaderNodeLayerWeight")
+    weight.inputs["Blend"].default_value = 0.5  # "Facing" is then one less the cosine
+    shade = tree.nodes.new("ShaderNodeMapRange")
+    shade.inputs["To Min"].default_value, shade.inputs["To Max"].default_value = 1.0, dimmest
+    tree.links.new(weight.outputs["Facing"], shade.inputs["Value"])
+    light = emission(material, color)
+    tree.links.new(shade.outputs["Result"], light.node.inputs["Strength"])
+    return light
 
 
 def material_color(obj: bpy.types.Object) -> Color:

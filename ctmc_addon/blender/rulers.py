@@ -12,6 +12,7 @@ from mathutils import Vector
 
 from ..core import MeshError
 from ..core.mesh import angle_at, distance_between
+from .ct_box import link_beside_ct
 from .surface import placement_of, read_provenance
 
 PROPERTY = "ctmc_ruler"
@@ -53,9 +54,13 @@ def text_of(ruler: bpy.types.Object) -> str:
 
 def place_of(ruler: bpy.types.Object) -> Vector:
     """Where a ruler says it: the middle of a distance, the corner of an angle; world space."""
-    points = [point.co.to_3d() for point in ruler.data.splines[0].points]
-    local = points[1] if ruler[PROPERTY]["kind"] == "angle" else (points[0] + points[1]) / 2
-    return ruler.matrix_world @ local
+    places = places_of(ruler)
+    return places[1] if ruler[PROPERTY]["kind"] == "angle" else (places[0] + places[1]) / 2
+
+
+def places_of(ruler: bpy.types.Object) -> list[Vector]:
+    """The points of a ruler; world space."""
+    return [ruler.matrix_world @ point.co.to_3d() for point in ruler.data.splines[0].points]
 
 
 def patient_mm(obj: bpy.types.Object | None, place: Point, scale: float) -> tuple[float, float, float]:
@@ -92,6 +97,7 @@ def add_ruler(
     name: str,
     scale: float,
     points_mm: Sequence[Point] | None = None,
+    fingerprint: str = "",
 ) -> bpy.types.Object:
     """Add a distance or an angle to the scene.
 
@@ -107,6 +113,8 @@ def add_ruler(
         Blender units of 1 mm.
     points_mm : sequence of (x, y, z), optional
         The same points in the patient; without them `places` by the scale.
+    fingerprint : str
+        Of the CT that it is a measure of.
 
     Raises
     ------
@@ -125,7 +133,7 @@ def add_ruler(
     obj = bpy.data.objects.new(f"{name} {value_text(kind, value)}", curve)
     obj.location = origin
     obj[PROPERTY] = {"kind": kind, "value": value}
-    scene.collection.objects.link(obj)
+    link_beside_ct(scene, obj, fingerprint)
     return obj
 
 

@@ -25,6 +25,9 @@ from .surface.placement import matrix_of
 SIZE = (1200, 900)
 MARGIN = 1.12
 SAMPLES = 9
+# What a surface that faces it gets of each light, in shares of white: energy over pi, of the world its strength.
+SUN, FILL, WORLD = 0.6 * math.pi, 0.2 * math.pi, 0.25
+SUN_ANGLE = math.radians(12)  # so wide that the edge of a shadow does not show the triangles that cast it
 
 
 def prepare_scene(
@@ -55,9 +58,9 @@ def prepare_scene(
     frame(eye, points, axes, size)
     scene.collection.objects.link(eye)
     scene.camera = eye
-    light, sun, world = add_light(scene, azimuth, elevation)
+    light, fill, *data = add_light(scene, azimuth, elevation)
     set_render(scene, size)
-    return eye, light, camera, sun, world
+    return eye, light, fill, camera, *data
 
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
@@ -66,22 +69,30 @@ def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.floa
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
 
-def add_light(
-    scene: bpy.types.Scene, azimuth: float, elevation: float
-) -> tuple[bpy.types.Object, bpy.types.Light, bpy.types.World]:
-    """A sun beyond the right shoulder of the scene's camera, which stands at these angles, and a white world."""
-    sun = bpy.data.lights.new("CTMC Light", "SUN")
-    sun.energy, sun.angle = 2.6, math.radians(4)
-    light = bpy.data.objects.new("CTMC Light", sun)
-    light.matrix_world = matrix_of_axes(sun_axes(azimuth, elevation), scene.camera.matrix_world.translation)
-    scene.collection.objects.link(light)
+def add_light(scene: bpy.types.Scene, azimuth: float, elevation: float) -> tuple[bpy.types.ID, ...]:
+    """A sun beyond the right shoulder of the scene's camera, which stands at these angles, a fill and a white world.
+
+    Returns objects first, then their data, then the world. The three together light a white surface to less than white.
+    """
+    axes = {"CTMC Light": sun_axes(azimuth, elevation), "CTMC Fill": view_axes(azimuth, elevation)}
+    lights = [bpy.data.lights.new(name, "SUN") for name in axes]
+    objects = [bpy.data.objects.new(light.name, light) for light in lights]
+    for obj, towards in zip(objects, axes.values(), strict=True):
+        obj.matrix_world = matrix_of_axes(towards, scene.camera.matrix_world.translation)
+        scene.collection.objects.link(obj)
+    sun, fill = lights
+    sun.energy, sun.angle = SUN, SUN_ANGLE
+    # From the camera, without shadows: what the sun does not reach keeps its form.
+    fill.energy, fill.angle, fill.use_shadow = FILL, 0.0, False
+    if hasattr(fill, "cycles") and hasattr(fill.cycles, "cast_shadow"):
+        fill.cycles.cast_shadow = False
     scene.world = white_world()
-    return light, sun, scene.world
+    return *objects, *lights, scene.world
 
 
 def sun_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
     """The axes of the sun for a camera that stands at these angles; the last one points towards it."""
-    return view_axes(azimuth + 32.0, min(elevation + 28.0, 85.0))
+    return view_axes(azimuth + 32.0, elevation + 28.0)  # above 90 it stands beyond the head, which is still upwards
 
 
 def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
@@ -153,7 +164,7 @@ def white_world() -> bpy.types.World:
     mix = tree.nodes.new("ShaderNodeMixShader")
     path = tree.nodes.new("ShaderNodeLightPath")
     tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, strength in ((1, 0.55), (2, 1.0)):
+    for slot, strength in ((1, WORLD), (2, 1.0)):
         background = tree.nodes.new("ShaderNodeBackground")
         background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
         background.inputs["Strength"].default_value = strength

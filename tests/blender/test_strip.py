@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from ctmc_addon.blender.viewport.strip import SIDE, Strip, bar_boxes, rectangles, strip_in
+from ctmc_addon.blender.viewport.strip import NAMES, SIDE, Strip, bar_boxes, placed_names, rectangles, strip_in
+from ctmc_addon.core.volume import tissue_bands
 
 
 def region(kind, x, width, alignment="NONE"):
@@ -52,3 +53,27 @@ def test_the_strip_takes_what_toolbar_and_sidebar_leave_free():
     hidden = [region("TOOLS", 10, 1, "LEFT"), region("UI", 1009, 1, "RIGHT")]
     strip = strip_in(SimpleNamespace(regions=[region("WINDOW", 10, 1000), *hidden]), 0, 1, 1.0)
     assert (strip.left, strip.right) == (8, 992)
+
+
+def test_every_band_has_its_name_and_no_name_or_line_crosses_another():
+    bands = tissue_bands(-1024.0, 3071.0)
+    for right in (260.0, 500.0, 1400.0):
+        strip = Strip(0, right, -1024, 3071)
+        named = [(band.low, band.high, (f"{band.name} {band.low:g}", band.name)) for band in bands]
+        names = placed_names(strip, named, lambda text: 6.0 * len(text))
+        assert len(names) == len(bands)
+        ends = [(name.row, name.x, name.x + 6.0 * len(name.text)) for name in names]
+        assert all(x >= 0 and end <= right for _, x, end in ends)
+        for number, (row, x, end) in enumerate(ends):
+            for other, other_x, other_end in ends[number + 1 :]:
+                assert row != other or end < other_x or other_end < x
+        inside = [name for name in names if name.row == 0]
+        assert names[-1] in inside
+        assert len(inside) < len(names)  # contrast vessels take 50 HU, which no width of a screen names
+
+
+def test_the_strip_is_higher_by_the_rows_of_its_names():
+    plain, two = Strip(0, 500, -1, 1, 2.0), Strip(0, 500, -1, 1, 2.0, names=2)
+    assert two.top - plain.top == 2 * NAMES * 2.0
+    assert two.holds(10, two.top)
+    assert not plain.holds(10, two.top)

@@ -2,7 +2,7 @@
 """Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
 
 They are placed in page space (see spec.py) and stand still before the camera, so that the .blend shows what the picture
-shows. Letters are Blender's own font.
+shows.
 """
 
 from __future__ import annotations
@@ -14,20 +14,18 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from ..colors import INK, Color
 from ..materials import flat_material
 from ..surface import mesh_data as meshes
 from .distance_map import distance_material, keep_distances
+from .letters import CAP, text_curve
 from .spec import Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
 COLUMN_GAP_MM = 3.0  # between columns of a legend
-LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
-PIVOT = "CTMC Orientation"
-OPPOSITE = {"R": "L", "A": "P", "S": "I"}
-CAP = 0.682  # height of a capital letter over the size of the letters
 NO_BREAK = "\N{NO-BREAK SPACE}"
 LEADING = 1.3  # from line to line over the size of the letters
 
@@ -63,13 +61,15 @@ class Board:
             self.blocks.append(self.inks[color])
         return self.inks[color]
 
-    def put(self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None) -> Any:
-        """An object of `shape`, drawn in millimeters, whose origin lies at (x, y) of the page."""
+    def put(
+        self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None, behind: float = 0.0
+    ) -> Any:
+        """An object of `shape`, drawn in millimeters, whose origin lies at (x, y) of the page, mm `behind` it."""
         obj = bpy.data.objects.new(name, shape)
         if material is not None:
             shape.materials.append(material)
         obj.parent = self.scene.camera
-        obj.location = ((x - self.size_mm[0] / 2) * self.unit, (y - self.size_mm[1] / 2) * self.unit, -self.depth)
+        obj.location = self.local(x, y, behind)
         obj.scale = (self.unit,) * 3
         self.scene.collection.objects.link(obj)
         self.blocks += [obj, shape]
@@ -77,20 +77,29 @@ class Board:
         obj.visible_shadow = obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = False
         return obj
 
+    def local(self, x: float, y: float, before_mm: float = 0.0) -> Vector:
+        """(x, y) of the page in the camera's space, `before_mm` behind the board."""
+        width, height = self.size_mm
+        return Vector((x - width / 2, y - height / 2, -before_mm)) * self.unit - Vector((0.0, 0.0, self.depth))
+
     def text(
-        self, body: str, x: float, y: float, across: str = "LEFT", along: str = "BOTTOM_BASELINE", size: float = 1.0
+        self,
+        body: str,
+        x: float,
+        y: float,
+        across: str = "LEFT",
+        along: str = "BOTTOM_BASELINE",
+        size: float = 1.0,
+        ink: bpy.types.Material | None = None,
     ) -> Any:
         """Letters at (x, y), `size` times the page's."""
-        shape = bpy.data.curves.new("CTMC Text", "FONT")
-        shape.body, shape.align_x, shape.align_y = body, across, along
-        shape.size, shape.space_line = size * self.font_mm, LEADING
-        shape.resolution_u = 4
-        return self.put("CTMC Text", shape, x, y, self.ink())
+        shape = text_curve(body, size * self.font_mm)
+        shape.align_x, shape.align_y, shape.resolution_u = across, along, 4
+        return self.put("CTMC Text", shape, x, y, ink or self.ink())
 
     def width_of(self, body: str, size: float = 1.0) -> float:
         """Width of one line of letters, mm."""
-        shape = bpy.data.curves.new("CTMC Text", "FONT")
-        shape.body, shape.size = body, size * self.font_mm
+        shape = text_curve(body, size * self.font_mm)
         obj = bpy.data.objects.new("CTMC Text", shape)
         self.scene.collection.objects.link(obj)
         self.scene.view_layers[0].update()
@@ -140,65 +149,6 @@ def round_length(most: float) -> float:
     return float(f"{max(factor * power for factor in (1, 2, 5) if factor * power <= most * (1 + 1e-9)):.6g}")
 
 
-def orientation_marker(board: Board, x: float, y: float, reach_mm: float, rotation: Any) -> Any:
-    """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
-
-    Parameters
-    ----------
-    reach_mm : float
-        From the middle to the letters.
-    rotation : Matrix
-        How the patient is rotated in the scene, 3 x 3.
-    """
-    camera = board.scene.camera
-    pivot = bpy.data.objects.new(PIVOT, None)
-    pivot.empty_display_size = board.unit
-    marker_matrix = camera.matrix_world.copy()
-    marker_matrix.translation = camera.matrix_world @ local_of(board, x, y, 2 * reach_mm)
-    matrix = rotation.to_4x4()
-    for axis in range(3):
-        matrix[axis][3] = marker_matrix.translation[axis]
-    pivot.matrix_world = matrix
-    board.scene.collection.objects.link(pivot)
-    board.blocks.append(pivot)
-    lines = axis_lines(0.62 * reach_mm)
-    cross = board.put("CTMC Axes", lines, 0.0, 0.0, board.ink())
-    cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
-    for name, direction in LETTERS:
-        for letter, sign in ((name, 1.0), (OPPOSITE[name], -1.0)):
-            shown = board.text(letter, 0.0, 0.0, "CENTER", "CENTER", 0.9)
-            shown.parent = pivot
-            shown.location = tuple(sign * reach_mm * board.unit * part for part in direction)
-            facing = shown.constraints.new("COPY_ROTATION")
-            facing.target = camera
-    return pivot
-
-
-def local_of(board: Board, x: float, y: float, before_mm: float = 0.0) -> Any:
-    """(x, y) of the page in the camera's space, `before_mm` behind the board."""
-    from mathutils import Vector
-
-    return Vector(
-        (
-            (x - board.size_mm[0] / 2) * board.unit,
-            (y - board.size_mm[1] / 2) * board.unit,
-            -board.depth - before_mm * board.unit,
-        )
-    )
-
-
-def axis_lines(reach_mm: float) -> Any:
-    """Three crossing lines of a visible width."""
-    lines = bpy.data.curves.new("CTMC Axes", "CURVE")
-    lines.dimensions, lines.bevel_depth, lines.bevel_resolution = "3D", LINE_MM / 2, 2
-    for _, direction in LETTERS:
-        line = lines.splines.new("POLY")
-        line.points.add(1)
-        for point, sign in zip(line.points, (-1.0, 1.0), strict=True):
-            point.co = (*(sign * reach_mm * part for part in direction), 1.0)
-    return lines
-
-
 def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: float, columns: int = 1) -> None:
     """Colors with their names, in columns, a line each; the last baseline of the first column is at (x, y)."""
     side = CAP * board.font_mm
@@ -227,7 +177,7 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     faces = np.concatenate([np.stack([at, at + 2, at + 3], axis=1), np.stack([at, at + 3, at + 1], axis=1)])
     bar = meshes.new_mesh("CTMC Colors", corners, faces)
     keep_distances(bar, np.repeat(np.linspace(0.0, scale.limit_mm, steps + 1), 2))
-    material = distance_material(scale, glow=1.0)
+    material = distance_material(scale)
     board.blocks.append(material)
     board.put("CTMC Colors", bar, left, base, material)
     for share in (0.0, 0.5, 1.0):

@@ -7,6 +7,7 @@ stand far behind each other, so that no shadow of one falls on another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -17,17 +18,20 @@ from numpy.typing import NDArray
 from ...core import MeshError
 from ...core.volume import transform_points
 from ..datablocks import remove_render_results, render_results
-from ..studio import add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
+from ..studio import SUN_ANGLE, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_copy
 from ..surface.placement import matrix_of
 from ..surface.readback import placement_of
-from .annotations import CAP, LEADING, Board, color_bar, legend, orientation_marker, round_length, scale_bar
+from .annotations import LEADING, Board, color_bar, legend, round_length, scale_bar
+from .axes import orientation_marker, reach_mm
 from .layout import Layout, make_layout
-from .spec import Cell, FigureStyle, Page
+from .letters import CAP
+from .ruler_marks import ruler_mark
+from .slice_pictures import SlicePictures
+from .spec import Cell, FigureStyle, Page, RulerMark
 from .styles import NAME, assign_materials, mean_edge, require_engine, scale_in_scene, set_engine, shown_color
 
-REACH_MM = 4.0
 COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
 
 
@@ -44,7 +48,11 @@ class FigureScene:
     scale : float
         Blender units of a millimeter in the patient, in the first surface before it was scaled in the scene.
     copies : list of list of Object
-        What every cell shows.
+        The surfaces of every cell.
+    pictures : list of SlicePictures
+        The slices of every cell.
+    asides : list of (3,) float64
+        How far every cell was moved, Blender units.
     blocks : list of ID
         What was made, but the scene.
     """
@@ -55,9 +63,15 @@ class FigureScene:
     unit: float = 0.0
     scale: float = 0.0
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
+    pictures: list[SlicePictures] = field(default_factory=list)
+    asides: list[NDArray[np.float64]] = field(default_factory=list)
     blocks: list[bpy.types.ID] = field(default_factory=list)
     fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
     renders: frozenset[str] = field(default_factory=render_results)
+
+    def shown(self, cell: int) -> list[bpy.types.Object]:
+        """What stands in a cell, surfaces first."""
+        return [*self.copies[cell], *self.pictures[cell].anchors.values()]
 
     def remove(self) -> None:
         """Remove everything that was made."""
@@ -100,11 +114,15 @@ def compose(
         for cell in cells:
             figure.copies.append([add_copy(figure, surface.obj, scene) for surface in cell.surfaces])
             open_shared_walls(cell, figure.copies[-1])
-        points = all_positions(figure)
+            figure.pictures.append(SlicePictures(figure.scene, figure.blocks))
+            for plane in cell.slices:
+                figure.pictures[-1].add_plane(plane, scene)
+        points = np.concatenate([all_positions(figure), *(np.array(ruler.places) for ruler in rulers_of(cells))])
         arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even)
-        for cell, copies in zip(cells, figure.copies, strict=True):
+        for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
+            layers = 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1  # in and out of all but the last
             for surface, copy in zip(cell.surfaces, copies, strict=True):
-                figure.blocks += assign_materials(copy, surface, style, figure.unit)
+                figure.blocks += assign_materials(copy, surface, style, figure.unit, pictures, layers)
     except BaseException:
         figure.remove()
         raise
@@ -168,7 +186,13 @@ def world_positions(obj: bpy.types.Object) -> NDArray[np.float64]:
 
 def all_positions(figure: FigureScene) -> NDArray[np.float64]:
     """The vertices of everything that the cells show, (n, 3) in Blender units."""
-    return np.concatenate([world_positions(copy) for copies in figure.copies for copy in copies])
+    every = [obj for cell in range(len(figure.copies)) for obj in figure.shown(cell) if obj.type == "MESH"]
+    return np.concatenate([world_positions(obj) for obj in every])
+
+
+def rulers_of(cells: Sequence[Cell]) -> list[RulerMark]:
+    """The rulers of all cells."""
+    return [ruler for cell in cells for ruler in cell.rulers]
 
 
 def center_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,7 +215,7 @@ def arrange(
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
     board = Board(scene, 1.0, (page.width_mm, page.width_mm), 1.0, page.font_mm, figure.blocks)
-    layout = make_layout(cells, page, style, (extent[0], extent[1]), board, REACH_MM)
+    layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm))
     figure.layout, figure.unit = layout, layout.unit
     figure.size = page.pixels(layout.height_mm, even)
     unit, size_mm = layout.unit, (page.width_mm, layout.height_mm)
@@ -210,18 +234,18 @@ def arrange(
     camera.clip_start, camera.clip_end = unit, room + (len(cells) - 1) * step_back + 2.0 * extent[2] + unit
     scene.collection.objects.link(eye)
     scene.camera = eye
-    for which, copies in enumerate(figure.copies):
+    for which in range(len(cells)):
         center = layout.center(which)
         aside = np.array([(center[axis] - first[axis]) * unit for axis in range(2)] + [0.0])
         aside[2] = -which * step_back
-        for copy in copies:
-            copy.location = [here + there for here, there in zip(copy.location, axes @ aside, strict=True)]
+        figure.asides.append(axes @ aside)
+        for obj in figure.shown(which):
+            obj.location = [here + there for here, there in zip(obj.location, figure.asides[-1], strict=True)]
     scene.view_layers[0].update()
     figure.blocks += add_light(scene, style.azimuth, style.elevation)
     set_render(scene, figure.size)
-    transparent = any(surface.opacity < 1 for cell in cells for surface in cell.surfaces)
     samples = style.samples or (COARSE_SAMPLES if page.dpi < FINE_DPI else FINE_SAMPLES)
-    set_engine(scene, style.engine, samples, transparent)
+    set_engine(scene, style.engine, samples)
     scene.render.film_transparent = page.transparent
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit
@@ -249,12 +273,14 @@ def shadow_free_step(
     The sun stands to the right, at 45 degrees: a shadow moves left as far as it falls back.
 
     >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5), 3)
-    2.7
+    2.97
     """
     right, up, back = (axes * sun[:, None]).sum(axis=0)
-    # Off the page to the side, or off it at the bottom, whichever comes first; a tenth more, as the sun is not a point.
-    ways = [side * back / abs(across) for side, across in zip(size, (right, up), strict=True) if abs(across) > 1e-6]
-    return float(depth + 1.1 * min(ways))
+    # Off the page to the side, or off it at the bottom, whichever comes first.
+    # The sun's nearest edge stands closer to the camera's axis than its middle.
+    tilts = [math.atan2(abs(across), back) - SUN_ANGLE / 2 for across in (right, up)]
+    ways = [side / math.tan(tilt) for side, tilt in zip(size, tilts, strict=True) if tilt > 1e-6]
+    return float(depth + min(ways))
 
 
 def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: FigureStyle, board: Board) -> None:
@@ -266,6 +292,11 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
             board.text(line, x, y - at * down, "CENTER")
     for at, line in enumerate(layout.caption):
         board.text(line, layout.margin, layout.caption_top - CAP * board.font_mm - at * down)
+    eye = np.array(figure.scene.camera.matrix_world.inverted())[:2]
+    for cell, aside in zip(cells, figure.asides, strict=True):
+        for ruler in cell.rulers:
+            seen = np.array([[*(np.array(place) + aside), 1.0] for place in ruler.places]) @ eye.T
+            ruler_mark(board, (seen / figure.unit + np.array(board.size_mm) / 2).tolist(), ruler.text)
     x, y = layout.margin, layout.footer_bottom
     if style.scale_bar:
         # The object itself may have been scaled in the scene.
@@ -278,12 +309,13 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
         x += max(page_mm, board.width_of(f"{length:g} mm")) + 5.0
     named = [(shown, copy) for shown, copy in zip(cells[0].surfaces, figure.copies[0], strict=True) if shown.name]
     if style.distances is not None:
-        right = board.size_mm[0] - layout.margin - (2 * REACH_MM + 6.0 if style.orientation else 0.0)
+        right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
         legend(board, entries, x, y, layout.legend_columns)
     if style.orientation:
-        off = REACH_MM + board.font_mm / 2
+        off = reach_mm(board.font_mm) + board.font_mm / 2
         rotation = figure.copies[0][0].matrix_world.to_quaternion().to_matrix()
-        orientation_marker(board, board.size_mm[0] - layout.margin - off, y + off, REACH_MM, rotation)
+        flat, clear = style.engine == "workbench", figure.scene.render.film_transparent
+        orientation_marker(board, board.size_mm[0] - layout.margin - off, y + off, rotation, flat, clear)

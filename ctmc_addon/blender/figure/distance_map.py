@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from ...core import PAUSE, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, mean_longest_edge_steps, subdivided_steps, vertex_distances_steps
-from ..materials import mixed, principled, surface_input, use_nodes
+from ..materials import headlight, show_flat, use_nodes
 from .spec import ColorScale
 
 DISTANCE = "deviation_mm"  # on every vertex, for the map
 COLORS = "deviation"  # for the solid view of a viewport
 LARGEST = "ctmc_deviation_mm"  # the mesh's custom property: the distance of its last color
-# Even in lightness, and distinct to the color-blind: viridis (van der Walt and Smith 2015), sRGB.
-VIRIDIS = ("440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725")
+# From light to dark in even steps, so that what is right is light and large errors stand out, to the color-blind too:
+# the lighter part of magma (Smith and van der Walt 2015), sRGB.
+DISTANCE_COLORS = ("fcfdbf", "feca8d", "fd9668", "f1605d", "cd4071", "9e2f7f", "721f81", "440f76")
+RIM = 0.72  # of the lightness where a surface turns away: it shows form, and is no distance's color
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def painted_mm(obj: bpy.types.Object | None) -> float | None:
 def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
     """(n, 4) float32 linear RGBA of (n,) distances, from none to the largest of them."""
     share = distances_mm / (float(distances_mm.max(initial=0.0)) or 1.0)
-    stops = np.array([linear(color) for color in VIRIDIS])
+    stops = np.array([linear(color) for color in DISTANCE_COLORS])
     along = np.linspace(0.0, 1.0, len(stops))
     return np.stack([np.interp(share, along, stops[:, channel]) for channel in range(4)], axis=1).astype(np.float32)
 
@@ -106,12 +108,11 @@ def linear(color: str) -> tuple[float, float, float, float]:
     return red, green, blue, 1.0
 
 
-def distance_material(scale: ColorScale, glow: float) -> bpy.types.Material:
-    """The colors over the attribute `DISTANCE`; `glow` is the share that does not depend on light."""
+def distance_material(scale: ColorScale) -> bpy.types.Material:
+    """The colors over the attribute `DISTANCE`; no light and no shadow changes them but for a little at the rim."""
     material = bpy.data.materials.new("CTMC Distance")
     use_nodes(material)
     tree = material.node_tree
-    shader = principled(material)
     distance = tree.nodes.new("ShaderNodeAttribute")
     distance.attribute_name = DISTANCE
     share = tree.nodes.new("ShaderNodeMath")
@@ -119,17 +120,12 @@ def distance_material(scale: ColorScale, glow: float) -> bpy.types.Material:
     share.inputs[1].default_value = scale.limit_mm
     ramp = tree.nodes.new("ShaderNodeValToRGB")
     stops = ramp.color_ramp.elements
-    while len(stops) < len(VIRIDIS):
+    while len(stops) < len(DISTANCE_COLORS):
         stops.new(1.0)
-    for at, color in enumerate(VIRIDIS):
-        stops[at].position = at / (len(VIRIDIS) - 1)
+    for at, color in enumerate(DISTANCE_COLORS):
+        stops[at].position = at / (len(DISTANCE_COLORS) - 1)
         stops[at].color = linear(color)
-    light = tree.nodes.new("ShaderNodeEmission")
-    shader.inputs["Roughness"].default_value = 0.9
-    shader.inputs["Specular IOR Level"].default_value = 0.0
     tree.links.new(distance.outputs["Fac"], share.inputs[0])
     tree.links.new(share.outputs[0], ramp.inputs[0])
-    tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
-    tree.links.new(ramp.outputs["Color"], light.inputs["Color"])
-    tree.links.new(mixed(tree, glow, shader.outputs[0], light.outputs[0]), surface_input(material))
+    show_flat(material, headlight(material, ramp.outputs["Color"], RIM))
     return material

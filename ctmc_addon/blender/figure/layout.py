@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...core import SettingsError
-from .annotations import CAP, COLUMN_GAP_MM, LEADING, Board
+from .annotations import COLUMN_GAP_MM, LEADING, Board
+from .letters import CAP
 from .spec import Box, Cell, FigureStyle, Page
 
 MARGIN_MM = 2.5

@@ -181,11 +181,29 @@ class ShownSurface:
 
 
 @dataclass(frozen=True)
+class RulerMark:
+    """A distance between two places, or an angle at the second of three: world space, and what is written at it."""
+
+    places: tuple[tuple[float, float, float], ...]
+    text: str
+
+
+@dataclass(frozen=True)
 class Cell:
-    """What is shown together, and the lines of caption under it."""
+    """What is shown together, and the lines of caption under it.
+
+    Parameters
+    ----------
+    slices : tuple of bpy.types.Object
+        Made by `add_slice`; shown as they are.
+    rulers : tuple of RulerMark
+        Drawn before everything else, as what they measure may lie inside.
+    """
 
     surfaces: tuple[ShownSurface, ...]
     lines: tuple[str, ...] = ()
+    slices: tuple[Any, ...] = ()
+    rulers: tuple[RulerMark, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,25 @@ from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import OutputError
 from ..colors import Color
-from ..materials import edged_material, material_color, mixed, surface_input, surface_material
+from ..materials import edged_material, headlight, material_color, mixed, principled, show_flat, surface_material
 from ..surface import mesh_data as meshes
 from ..viewport.shaders import can_draw
 from .distance_map import DISTANCE, distance_material
+from .slice_pictures import SlicePictures
 from .spec import ENGINES, STYLES, FigureStyle, ShownSurface
 
 NAME = "CTMC Figure"
-TRANSPARENT_SAMPLES = 36  # a ray that passes or stays by chance needs more of them
+LAYERS = 256  # of transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black
+RIM_SHADE = 0.6  # how light a transparent surface is at its rim
 EDGE_MM = 0.12  # on the page
-EDGE_SHARE = 0.08  # of a triangle's side: finer meshes get finer lines, or nothing of the face would be left
+EDGE_WIDTH = "ctmc_edge_width"  # attribute of the triangles
+# The width of a triangle's lines over the radius of its inscribed circle, where that is so many mm on the page: what is
+# too small to be seen one by one keeps the color of its face.
+RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 
 
 def require_engine(engine: str, distances: bool = False) -> None:
@@ -38,7 +44,7 @@ def require_engine(engine: str, distances: bool = False) -> None:
         raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or take cycles")
 
 
-def set_engine(scene: bpy.types.Scene, engine: str, samples: int, transparent: bool) -> None:
+def set_engine(scene: bpy.types.Scene, engine: str, samples: int) -> None:
     """Give a figure's scene its engine; Cycles is already set up."""
     if engine == "eevee":
         scene.render.engine = ENGINES[engine].identifier if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
@@ -54,31 +60,86 @@ def set_engine(scene: bpy.types.Scene, engine: str, samples: int, transparent: b
         scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
         scene.world.color = (1.0, 1.0, 1.0)
     else:
-        scene.cycles.samples = max(samples, TRANSPARENT_SAMPLES) if transparent else samples
+        scene.cycles.samples = samples
+        scene.cycles.transparent_max_bounces = LAYERS
+        scene.cycles.min_transparent_bounces = LAYERS  # or Cycles ends them by chance, which is noise
 
 
-def assign_materials(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle, unit: float) -> list[bpy.types.ID]:
-    """Give a surface its material on a page whose millimeter is `unit` scene units; returns what was made for it."""
+def assign_materials(
+    obj: bpy.types.Object,
+    shown: ShownSurface,
+    style: FigureStyle,
+    unit: float,
+    pictures: SlicePictures,
+    layers: int = 1,
+) -> list[bpy.types.ID]:
+    """Give a surface its material on a page whose millimeter is `unit` scene units; returns what was made for it.
+
+    The caps of a surface that was cut open keep their `pictures`. Of transparent surfaces the first `layers` that a ray
+    meets are seen.
+    """
     face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
     mesh = obj.data
-    mesh.materials.clear()
+    width = 0.0
     if style.distances is not None and DISTANCE in mesh.attributes:
-        material = distance_material(style.distances, glow=0.45)
-    else:
-        obj.visible_shadow = shown.opacity == 1.0  # or walls that touch would speckle each other
-        width = min(EDGE_MM * unit, EDGE_SHARE * mean_edge(obj)) if line else 0.0
-        if line and style.engine == "cycles":  # the others have geometry for edges
-            material = edged_material(NAME, face, line, width)
+        material = distance_material(style.distances)
+    elif shown.opacity < 1.0:
+        obj.visible_shadow = False  # or walls that touch would speckle each other
+        material = transparent_material(face, shown.opacity, layers)
+    elif line:
+        widths = edge_widths(obj, unit)
+        width = float(np.median(widths))
+        if style.engine == "cycles":  # the others have geometry for edges
+            mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
+            material = edged_material(NAME, face, line, EDGE_WIDTH)
         else:
             material = surface_material(NAME, face)
-        if shown.opacity < 1.0:
-            make_transparent(material, shown.opacity)
-    mesh.materials.append(material)
+        make_matte(material)
+    else:
+        material = surface_material(NAME, face)
+        make_matte(material)
+    pictures.keep_caps(mesh, material)
     mesh.update()
     added: list[bpy.types.ID] = [material]
-    if line and style.engine != "cycles" and style.distances is None:
+    if line and width and style.engine != "cycles":
         added.append(add_edge_geometry(obj, line, width))
     return added
+
+
+def edge_widths(obj: bpy.types.Object, unit: float) -> NDArray[np.float32]:
+    """How wide the lines of each face are, (F,) scene units, on a page whose millimeter is `unit` of them."""
+    mesh = obj.data
+    radii = inscribed_radii(meshes.read_positions(mesh), meshes.read_triangles(mesh)) * scale_in_scene(obj)
+    if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
+        owners = np.empty(len(radii), np.int32)
+        mesh.loop_triangles.foreach_get("polygon_index", owners)
+        smallest = np.full(len(mesh.polygons), np.inf)
+        np.minimum.at(smallest, owners, radii)
+        radii = smallest
+    share = np.interp(radii / unit, RADII_MM, SHARES)
+    return np.minimum(share * radii, EDGE_MM * unit).astype(np.float32)
+
+
+def inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """The radius of the circle inside each triangle, (F,).
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], np.float32)
+    >>> inscribed_radii(corners, np.array([[0, 1, 2]], np.int32)).tolist()
+    [1.0]
+    """
+    a, b, c = np.moveaxis(positions[faces].astype(np.float64), 1, 0)  # (F, 3) each
+    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    around = sum(np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c))
+    radii: NDArray[np.float64] = twice_area / np.maximum(around, 1e-30)
+    return radii
+
+
+def make_matte(material: bpy.types.Material) -> None:
+    """Take the gloss away that leaves white spots on light surfaces."""
+    shader = principled(material)
+    shader.inputs["Roughness"].default_value, shader.inputs["Specular IOR Level"].default_value = 0.6, 0.15
 
 
 def shown_color(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle) -> Color:
@@ -99,40 +160,42 @@ def scale_in_scene(obj: bpy.types.Object) -> float:
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
-def make_transparent(material: bpy.types.Material, opacity: float) -> None:
-    """Let the front of a surface be seen through, more where it faces the camera, and its back not be seen at all.
+def transparent_material(color: Color, opacity: float, layers: int = 1) -> bpy.types.Material:
+    """A veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
-    Without the back, the walls of a liver's hollows do not cover the tumours that fill them.
+    Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
+    others are clear: at a rim, where a ray passes many small ones, they would show as shards and as moire. No light
+    falls on it, as a ray that is lit or passes by chance is noise.
     """
-    tree, surface = material.node_tree, surface_input(material)
-    clear = tree.nodes.new("ShaderNodeBsdfTransparent")
-    shown = mixed(tree, opacity_socket(tree, opacity), clear.outputs[0], surface.links[0].from_socket)
-    tree.links.new(shown, surface)
-    material.diffuse_color[3] = opacity
-    if hasattr(material, "surface_render_method"):
-        material.surface_render_method = "BLENDED"
-    material.use_backface_culling = True
-
-
-def opacity_socket(tree: Any, opacity: float) -> Any:
-    """`opacity` where the surface faces the camera, up to twice that at its rim, 0 on its back."""
+    material = surface_material(NAME, color)
+    tree = material.node_tree
     facing = tree.nodes.new("ShaderNodeLayerWeight")
     facing.inputs["Blend"].default_value = 0.5
-    geometry = tree.nodes.new("ShaderNodeNewGeometry")
-    rim = tree.nodes.new("ShaderNodeMath")
-    rim.operation = "MULTIPLY_ADD"
-    rim.inputs[1].default_value = min(opacity, 1.0 - opacity)
-    rim.inputs[2].default_value = opacity
-    front = tree.nodes.new("ShaderNodeMath")
-    front.operation = "SUBTRACT"
-    front.inputs[0].default_value = 1.0
-    both = tree.nodes.new("ShaderNodeMath")
-    both.operation = "MULTIPLY"
-    tree.links.new(facing.outputs["Facing"], rim.inputs[0])
-    tree.links.new(geometry.outputs["Backfacing"], front.inputs[1])
-    tree.links.new(rim.outputs[0], both.inputs[0])
-    tree.links.new(front.outputs[0], both.inputs[1])
-    return both.outputs[0]
+    rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.0)
+    share = math_node(tree, "MULTIPLY_ADD", rim, min(opacity, 1.0 - opacity), opacity)
+    path, geometry = tree.nodes.new("ShaderNodeLightPath"), tree.nodes.new("ShaderNodeNewGeometry")
+    first = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], 0.5)
+    among = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], layers - 0.5)
+    front = math_node(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
+    seen = math_node(tree, "MAXIMUM", first, math_node(tree, "MULTIPLY", among, front))
+    clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
+    veil = headlight(material, color, RIM_SHADE)
+    show_flat(material, mixed(tree, math_node(tree, "MULTIPLY", share, seen), clear, veil))
+    material.diffuse_color[3] = opacity
+    material.surface_render_method, material.use_transparency_overlap = "BLENDED", False
+    return material
+
+
+def math_node(tree: Any, operation: str, *values: Any) -> Any:
+    """The socket of an operation on numbers and sockets."""
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, values, strict=False):
+        if isinstance(value, int | float):
+            socket.default_value = value
+        else:
+            tree.links.new(value, socket)
+    return node.outputs[0]
 
 
 def add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
@@ -143,5 +206,6 @@ def add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.t
     material = surface_material("CTMC Edges", edge)
     obj.data.materials.append(material)
     wire = obj.modifiers.new("CTMC Edges", "WIREFRAME")
-    wire.thickness, wire.use_replace, wire.material_offset, wire.use_even_offset = 2 * width, False, 1, False
+    wire.thickness, wire.use_replace, wire.use_even_offset = 2 * width, False, False
+    wire.material_offset = len(obj.data.materials) - 1
     return material

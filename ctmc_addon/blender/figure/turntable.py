@@ -24,7 +24,7 @@ from ...core import VERSION, OutputError, Step, Steps, finish
 from ...core.files.atomic_write import made_folder, refused, whole_file, write_json
 from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
-from .annotations import PIVOT
+from .axes import PIVOT
 from .compose import FigureScene, all_positions, center_of, compose
 from .render import png_steps, require_own_blend, write_scene
 from .spec import Cell, FigureStyle, Page, Turn
@@ -102,15 +102,14 @@ def frames_folder(path: Path) -> Path:
 
 def add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
     """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last; returns their pivot."""
-    copies = figure.copies[0]
     pivot = bpy.data.objects.new("CTMC Turntable", None)
     figure.blocks.append(pivot)
     pivot.location = center_of(all_positions(figure)).tolist()
     figure.scene.collection.objects.link(pivot)
     figure.scene.view_layers[0].update()
-    for copy in copies:
-        copy.parent = pivot
-        copy.matrix_parent_inverse = pivot.matrix_world.inverted()
+    for obj in figure.shown(0):
+        obj.parent = pivot
+        obj.matrix_parent_inverse = pivot.matrix_world.inverted()
     # A driver holds without end where keys would need one frame too many.
     driver = pivot.driver_add("rotation_euler", 2).driver
     driver.expression = f"(frame - 1) * {math.radians(turn.degrees(1)):.17g}"

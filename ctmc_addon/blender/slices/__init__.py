@@ -2,6 +2,17 @@
 """Slices of the CT as objects that stay and render, and surfaces that are cut open at them."""
 
 from .cut import CUT, cut_at_slice, require_cuttable
+from .follow import cross_at, pack_pictures, refresh
 from .plane import SLICE, add_slice, is_slice
 
-__all__ = ["CUT", "SLICE", "add_slice", "cut_at_slice", "is_slice", "require_cuttable"]
+__all__ = [
+    "CUT",
+    "SLICE",
+    "add_slice",
+    "cross_at",
+    "cut_at_slice",
+    "is_slice",
+    "pack_pictures",
+    "refresh",
+    "require_cuttable",
+]

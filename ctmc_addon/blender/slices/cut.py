@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces cut open at a slice, by a modifier that stays live; the cap carries the slice's picture.
 
-What lies beyond the slice towards the head, the front or the right is taken away, by Blender's Boolean modifier with a
-box that hangs on the slice: moving the slice moves the cut.
+What lies beyond the slice towards the head, the front or the right is taken away, by Geometry Nodes (cut_nodes.py) that
+ask an arrow on the slice: moving the slice moves the cut, and turning the arrow turns it.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from collections.abc import Iterable
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ...core import MeshError
-from .plane import is_slice
+from ..ct_box import link_beside_ct
+from .cut_nodes import cut_nodes
+from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
-REACH = 4.0  # how deep the box is, in diagonals of the slice
+ARROW = 0.1  # length of the arrow, of the slice's diagonal
 
 
 def require_cuttable(obj: bpy.types.Object) -> None:
@@ -37,51 +40,42 @@ def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], p
     surfaces = list(surfaces)
     for obj in surfaces:
         require_cuttable(obj)
-    box = box_of(scene, plane)
+    nodes = nodes_of(scene, plane)
     for obj in surfaces:
-        cut = obj.modifiers.new(CUT, "BOOLEAN")
-        cut.operation, cut.object = "DIFFERENCE", box
-        solvers = cut.bl_rna.properties["solver"].enum_items.keys()
-        cut.solver = next(name for name in ("MANIFOLD", "EXACT") if name in solvers)  # the first since 4.5
-        cut.material_mode = "TRANSFER"
+        obj.modifiers.new(CUT, "NODES").node_group = nodes
 
 
-def box_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.Object:
-    """The box that hangs on a slice, made where there is none."""
+def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeTree:
+    """The node group that cuts at a slice, with its arrow, made where there is none."""
+    for tree in bpy.data.node_groups:
+        if tree.get(CUT) == plane:
+            return tree
+    corners = np.array([corner.co for corner in plane.data.vertices], float)  # (4, 3), around the origin
+    diagonal = float(np.linalg.norm(corners[2] - corners[0]))
     name = f"{plane.name} {CUT}"
-    for child in plane.children:
-        if child.name.startswith(name):
-            return child
-    mesh = bpy.data.meshes.new(name)
-    corners = np.array([corner.co for corner in plane.data.vertices], float)
-    vertices, faces = box(corners)
-    mesh.from_pydata(vertices.tolist(), [], faces)
-    mesh.materials.append(plane.data.materials[0])
-    obj = bpy.data.objects.new(name, mesh)
-    obj.parent = plane
-    obj.display_type, obj.hide_render, obj.hide_viewport = "BOUNDS", True, True
-    scene.collection.objects.link(obj)
-    return obj
+    arrow = bpy.data.objects.new(name, None)
+    arrow.empty_display_type, arrow.empty_display_size = "SINGLE_ARROW", ARROW * diagonal
+    arrow.parent, arrow.matrix_local = plane, Matrix(frame(corners).tolist())
+    link_beside_ct(scene, arrow, plane[SLICE])
+    tree = cut_nodes(name, arrow, plane.data.materials[0], diagonal)
+    tree[CUT] = plane
+    return tree
 
 
-def box(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[tuple[int, ...]]]:
-    """A box on one side of a slice whose `corners`, (4, 3), surround the origin: vertices and faces, pointing outwards.
+def frame(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A (4, 4) rotation whose z stands on a slice with these corners, (4, 3), towards the head, the front or the right.
 
-    The side is that towards the head, the front or the right: the one to which the normal's largest part is positive.
+    That is the side to which the normal's largest part is positive.
+
+    Examples
+    --------
+    >>> frame(np.array([[-1, -2, 0], [-1, 2, 0], [1, 2, 0], [1, -2, 0.0]]))[:3, 2].tolist()
+    [0.0, 0.0, 1.0]
     """
     across, down = corners[1] - corners[0], corners[3] - corners[0]
     normal = np.cross(across, down)
-    normal /= np.linalg.norm(normal)
-    turned = normal[np.abs(normal).argmax()] < 0
-    if turned:
-        normal = -normal
-    reach = REACH * float(np.linalg.norm(corners[2] - corners[0]))
-    base = corners * REACH  # beyond surfaces that reach out of the slice
-    vertices = np.concatenate([base, base + reach * normal])
-    # Counter-clockwise seen from outside if the corners run so seen against the normal.
-    faces: list[tuple[int, ...]] = [
-        (3, 2, 1, 0),
-        (4, 5, 6, 7),
-        *((n, (n + 1) % 4, 4 + (n + 1) % 4, 4 + n) for n in range(4)),
-    ]
-    return vertices, [face[::-1] for face in faces] if turned else faces
+    normal *= np.sign(normal[np.abs(normal).argmax()]) / np.linalg.norm(normal)
+    across = across / np.linalg.norm(across)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([across, np.cross(normal, across), normal], axis=1) + 0.0
+    return matrix

@@ -15,10 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Volume
-from ...core.volume import SliceIndex, slice_corners, slice_position_text, slice_values
+from ...core.volume import SliceIndex, slice_corners, slice_values
+from ..ct_box import link_beside_ct
 from ..materials import use_nodes
 
 SLICE = "ctmc_slice_of"  # property of the object: the fingerprint of its CT
+PLANE = "ctmc_slice_plane"  # which of `PLANES` it was made in
+SHOWN = "ctmc_slice_shown"  # where its picture was taken: its corners, RAS+ mm
 AIR = -800.0  # HU at and below which a slice of a CT is transparent
 
 
@@ -50,15 +53,16 @@ def add_slice(
     scale : float
         Blender units of 1 mm.
     """
-    name = f"{volume.name} {plane} {slice_position_text(volume, section)}"
-    corners = slice_corners(volume, section) * scale  # (4, 3): row and column 0; last column; both last; last row
+    name = f"{volume.name} {plane}"
+    corners_mm = slice_corners(volume, section)  # (4, 3): row and column 0; last column; both last; last row
+    corners = corners_mm * scale
     middle = corners.mean(axis=0)
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((corners - middle).tolist(), [], [(0, 1, 2, 3)])
     obj = bpy.data.objects.new(name, mesh)
     obj.location = middle.tolist()
-    obj[SLICE] = fingerprint
-    scene.collection.objects.link(obj)
+    obj[SLICE], obj[PLANE], obj[SHOWN] = fingerprint, plane, corners_mm.ravel().tolist()
+    link_beside_ct(scene, obj, fingerprint)
     picture = slice_picture(name, slice_values(volume, section))
     air = AIR if volume.kind == "HU" else None
     mesh.materials.append(slice_material(name, picture, obj, corners - middle, window, level, air))
@@ -69,12 +73,17 @@ def slice_picture(name: str, values: NDArray[Any]) -> bpy.types.Image:
     """Values (rows, columns) as a picture of floats inside the .blend, the first row at the bottom."""
     rows, columns = values.shape
     image = bpy.data.images.new(name, columns, rows, alpha=False, float_buffer=True, is_data=True)
-    pixels = np.ones((rows, columns, 4), np.float32)
+    paint(image, values)
+    image.pack()
+    return image
+
+
+def paint(image: bpy.types.Image, values: NDArray[Any]) -> None:
+    """Give a picture other values; it is packed again when the file is saved."""
+    pixels = np.ones((*values.shape, 4), np.float32)
     pixels[..., :3] = values[..., None]
     image.pixels.foreach_set(pixels.reshape(-1))
     image.update()
-    image.pack()
-    return image
 
 
 def slice_material(

@@ -15,6 +15,7 @@ import numpy as np
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Steps, finish
 from ...core.volume import transform_normals
 from ..colors import Color, color_of
+from ..ct_box import link_beside_ct
 from ..materials import surface_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys
@@ -66,7 +67,7 @@ def add_reconstruction(
     obj = bpy.data.objects.new(name, mesh)
     obj[NAMED] = obj.name
     obj.location = placement.origin
-    scene.collection.objects.link(obj)
+    link_beside_ct(scene, obj, fingerprint)
     if result.surface is not None:
         add_alpha(obj, result.surface, result.settings.alpha, placement)
     update_decimate(obj, result)

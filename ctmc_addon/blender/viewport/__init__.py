@@ -6,7 +6,7 @@ from .legend import draw_legend
 from .overlay import Picture, draw_labels, draw_letters, draw_lines
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
-from .strip import Shown, Strip, draw_strip, strip_in
+from .strip import Shown, Strip, draw_strip, placed_names, strip_in, width_of
 
 __all__ = [
     "Picture",
@@ -22,5 +22,7 @@ __all__ = [
     "frame",
     "free_shader",
     "is_held",
+    "placed_names",
     "strip_in",
+    "width_of",
 ]

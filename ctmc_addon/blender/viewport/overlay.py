@@ -12,6 +12,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 from numpy.typing import NDArray
 
 Color = tuple[float, float, float, float]
@@ -20,6 +21,8 @@ FONT = 0
 NEAREST_LETTER = 24.0
 FAINT = 0.25  # how much of a line is seen through what hides it
 
+
+NEARER = 5e-4  # of the distance to the eye: more than the steps of the depth buffer
 
 # Before Blender 5 a viewport's draw handlers write linear light, since then the colors as they appear.
 FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"
@@ -50,17 +53,34 @@ class Picture:
         }
         self.batch = batch_for_shader(self.shader, "TRIS", places, indices=[(0, 1, 2), (0, 2, 3)])
 
-    def draw(self) -> None:
-        """Draw it among the scene's objects: what is nearer hides it."""
+    def draw(self, view: Any) -> None:
+        """Draw it among the scene's objects: what is nearer hides it.
+
+        It is brought nearer to the eye by less than can be seen, or it would flicker through an object at its place.
+
+        Parameters
+        ----------
+        view : bpy.types.RegionView3D
+        """
         import gpu
 
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
         self.shader.bind()
         self.shader.uniform_sampler("image", self.texture)
-        self.batch.draw(self.shader)
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(nearer(view))
+            self.batch.draw(self.shader)
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set("NONE")
+
+
+def nearer(view: Any) -> Matrix:
+    """What brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
+    eye = view.view_matrix.inverted()
+    if not view.is_perspective:
+        return Matrix.Translation(eye.col[2].xyz * view.view_distance * NEARER)
+    return Matrix.Translation(eye.translation) @ Matrix.Scale(1 - NEARER, 4) @ Matrix.Translation(-eye.translation)
 
 
 def draw_lines(

@@ -6,7 +6,7 @@ Pixels count from the region's lower left corner. `gpu` and `blf` exist only whe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .overlay import FONT, Color
 
 # Pixels at Blender's usual size, from the lower edge up.
-GAP, TICKS, PLOT, BANDS, TITLE = 8, 18, 96, 18, 20
+GAP, TICKS, PLOT, BANDS, NAMES, TITLE = 8, 18, 96, 18, 15, 20
 SIDE = 14  # beside the axis
 LETTERS = 11
 REACH = 9  # how far from a line the mouse still takes it
@@ -25,6 +25,8 @@ NARROWEST = 120
 BACKGROUND, PLOT_BACKGROUND = (0.10, 0.10, 0.11, 0.92), (0.05, 0.05, 0.06, 1.0)
 OUTSIDE, INSIDE = (0.42, 0.42, 0.45, 1.0), (0.90, 0.58, 0.25, 1.0)
 LINE, LINE_HELD, FAINT, TEXT = (1.0, 1.0, 1.0, 1.0), (1.0, 0.95, 0.45, 1.0), (1.0, 1.0, 1.0, 0.12), (0.9, 0.9, 0.9, 1.0)
+Width = Callable[[str], float]
+"""How wide a text is, pixels."""
 BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # one beside the other
 
 
@@ -40,6 +42,8 @@ class Strip:
         The values at the ends of its axis.
     scale : float
         Of Blender's interface.
+    names : int
+        Rows above the bands, for names that do not fit into them.
     """
 
     left: float
@@ -47,6 +51,7 @@ class Strip:
     low: float
     high: float
     scale: float = 1.0
+    names: int = 0
 
     @property
     def bottom(self) -> float:
@@ -56,7 +61,7 @@ class Strip:
     @property
     def top(self) -> float:
         """Its upper edge."""
-        return self.bottom + (TICKS + PLOT + BANDS + TITLE) * self.scale
+        return self.bottom + (TICKS + PLOT + BANDS + NAMES * self.names + TITLE) * self.scale
 
     @property
     def axis(self) -> tuple[float, float]:
@@ -131,6 +136,45 @@ def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: f
     return np.column_stack((pixels[:-1], np.full(len(heights), foot), pixels[1:], tops))
 
 
+@dataclass(frozen=True)
+class Name:
+    """The name of a band, at a pixel: in the band (row 0) or above it, where a line leads down to its lower end."""
+
+    text: str
+    x: float
+    row: int
+    band: float
+
+
+def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]]], width: Width) -> list[Name]:
+    """Where the names of bands are written: every band has one.
+
+    A name stands in its band if any of its texts fits, else above it, in the lowest row that is free from there on.
+    Names are placed from the right, so that no line crosses a name.
+    """
+    placed, ends = [], [strip.right] * (len(bands) + 1)
+    for low, high, texts in reversed(bands):
+        begin, end, gap = strip.x_of(low), strip.x_of(high), 3 * strip.scale
+        fitting = next((text for text in texts if width(text) <= end - begin - 2 * gap), None)
+        if fitting is not None:
+            placed.append(Name(fitting, begin + gap, 0, begin))
+            continue
+        wide = width(texts[0])
+        x = max(strip.left, min(begin, strip.right - wide))
+        row = next(row for row in range(1, len(ends)) if x + wide <= ends[row] or ends[row] == strip.right)
+        ends[row] = x - 2 * gap
+        placed.append(Name(texts[0], x, row, begin))
+    return placed[::-1]
+
+
+def width_of(text: str, scale: float) -> float:
+    """How wide a text of the strip is, pixels."""
+    import blf
+
+    blf.size(FONT, LETTERS * scale)
+    return float(blf.dimensions(FONT, text)[0])
+
+
 def draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
     """Fill boxes with one color."""
     import gpu
@@ -167,7 +211,7 @@ class Shown:
     bars : tuple of (heights, start, width)
     ticks : sequence of (value, text)
     bands : sequence of (low, high, texts)
-        The longest text that fits is written.
+        The longest text that fits is written, or the first above the band.
     limits : tuple of (threshold, upper)
         None where there is none; an upper limit then stands at the end.
     held : int or None
@@ -206,13 +250,12 @@ def draw_strip(strip: Strip, shown: Shown) -> None:
     blf.color(FONT, *TEXT)
     for (_, text), x in zip(shown.ticks, grid, strict=True):
         draw_text(text, x, strip.bottom + 5 * scale, (strip.left, strip.right), middle=True)
-    for number, (low, high, texts) in enumerate(shown.bands):
+    for number, (low, high, _) in enumerate(shown.bands):
         begin, end = strip.x_of(low), strip.x_of(high)
         draw_boxes(np.array([[begin, head, end - scale, head + BANDS * scale]]), BAND_COLORS[number % 2])
-        room = (begin + 3 * scale, end - 3 * scale)
-        any(draw_text(text, begin, head + 5 * scale, room, middle=False) for text in texts)
+    draw_names(strip, shown, head)
     draw_limits(strip, shown, foot, head)
-    y = head + (BANDS + 6) * scale
+    y = strip.top - (TITLE - 6) * scale
     width = blf.dimensions(FONT, shown.title)[0]
     draw_text(shown.title, first, y, (first, last))
     draw_text(shown.hint, last, y, (first + width + 12 * scale, last))
@@ -225,6 +268,16 @@ def draw_strip(strip: Strip, shown: Shown) -> None:
         draw_boxes(np.array([[left, head - 20 * scale, left + wide, head - 3 * scale]]), (0.0, 0.0, 0.0, 0.75))
         draw_text(text, left + 4 * scale, head - 15 * scale, (left, last))
     gpu.state.blend_set("NONE")
+
+
+def draw_names(strip: Strip, shown: Shown, head: float) -> None:
+    """The names of the bands, whose lower edge is at `head`."""
+    scale = strip.scale
+    for name in placed_names(strip, shown.bands, lambda text: width_of(text, scale)):
+        y = head + (BANDS + NAMES * (name.row - 1)) * scale if name.row else head
+        if name.row:
+            draw_boxes(np.array([[name.band, head + BANDS * scale, name.band + scale, y + 4 * scale]]), TEXT)
+        draw_text(name.text, name.x, y + 5 * scale, (strip.left, strip.right))
 
 
 def draw_bars(strip: Strip, shown: Shown) -> None:

@@ -9,9 +9,12 @@ from pathlib import Path
 import bpy
 
 from ...core import Volume
+from ..ct_box import link_beside_ct
 from .appearance import Appearance, volume_material
 from .vdb import middle_mm
 
+# Before Blender 5.0 Cycles shows a sample, and Volume to Mesh has it, half a voxel beyond its place along each axis.
+RENDERED_OFF = -0.5 if bpy.app.version < (5, 0, 0) else 0.0
 CT = "ctmc_volume_of"  # property of the object: the fingerprint of its CT
 
 
@@ -27,9 +30,9 @@ def add_volume(
     # Half a voxel a step sees every sample.
     data.render.step_size = 0.5 * scale * min(volume.spacing)
     obj = bpy.data.objects.new(name, data)
-    obj.location = [scale * value for value in middle_mm(volume)]
+    obj.location = [scale * value for value in middle_mm(volume, RENDERED_OFF)]
     obj[CT] = fingerprint
-    scene.collection.objects.link(obj)
+    link_beside_ct(scene, obj, fingerprint)
     if scene.eevee.volumetric_tile_size in {"8", "16"}:
         scene.eevee.volumetric_tile_size = "2"  # pixels; EEVEE's own leaves blocks
     return obj

@@ -52,9 +52,9 @@ def _imported_from(name: str, folder: Path) -> Any:
         sys.path.remove(str(folder))
 
 
-def middle_mm(volume: Volume) -> tuple[float, float, float]:
-    """Where the middle of a volume lies, RAS+ mm."""
-    index = (np.array(volume.size, np.float64) - 1) / 2
+def middle_mm(volume: Volume, beyond: float = 0.0) -> tuple[float, float, float]:
+    """Where the middle of a volume lies, RAS+ mm; or what is `beyond` it, in voxels along each axis."""
+    index = (np.array(volume.size, np.float64) - 1) / 2 + beyond
     x, y, z = transform_points(volume.affine, index[None])[0].tolist()
     return x, y, z
 

@@ -10,7 +10,10 @@ bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.distance_map import (
+    DISTANCE_COLORS,
+    RIM,
     color_scale,
+    colors_of,
     distance_map_steps,
     linear,
     rounded_up,
@@ -120,9 +123,36 @@ def test_colors_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
         picture = np.asarray(image, np.float64) / 255
     assert linear("ffffff") == (1.0, 1.0, 1.0, 1.0)
     lower = picture[int(0.6 * len(picture)) :]
-    for color in ("440154", "fde725"):
+    for color in (DISTANCE_COLORS[0], DISTANCE_COLORS[-1]):
         exact = np.array([int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)])
         assert np.abs(lower - exact).max(axis=2).min() < 0.08, "the bar has both ends"
+
+
+def lightness(linear_rgb):
+    """CIE L* of (..., 3) linear RGB."""
+    light = linear_rgb @ [0.2126, 0.7152, 0.0722]
+    return np.where(light > 0.008856, 116 * np.cbrt(light) - 16, 903.3 * light)
+
+
+def test_no_distance_is_light_and_equal_steps_look_equal():
+    shown = lightness(colors_of(np.linspace(0.0, 1.0, len(DISTANCE_COLORS)))[:, :3].astype(np.float64))
+    steps = -np.diff(shown)
+    assert shown[0] > 95
+    assert shown[-1] < 25
+    assert steps.min() > 0.75 * steps.mean()
+    assert steps.max() < 1.3 * steps.mean()
+
+
+def test_what_is_right_is_light_on_every_side(scene, volume, tmp_path):
+    result = sheet(volume, tmp_path / "s.png", strides=[(1, 1)])[1][0].result
+    page, bare = Page(40.0, 80.0, transparent=True), FigureStyle(scale_bar=False, orientation=False, caption=" ")
+    finish(deviation_figure_steps(volume, result, tmp_path / "a.png", page, bare, limit_mm=1.0))
+    with Image.open(tmp_path / "a.png") as image:
+        picture = np.asarray(image, np.float64)[: image.height // 2] / 255
+    inside = picture[picture[..., 3] == 1][:, :3] ** 2.2
+    assert len(inside) > 300
+    assert lightness(inside).min() > 0.9 * lightness(RIM * np.array(linear(DISTANCE_COLORS[0])[:3]))
+    assert np.ptp(lightness(inside)) > 5, "the form is seen"
 
 
 def test_the_same_surface_has_no_distance(scene, volume, tmp_path):

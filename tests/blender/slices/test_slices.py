@@ -99,6 +99,45 @@ def test_the_cap_alone_carries_the_slice_and_moves_with_it(scene):
     assert [modifier.name for modifier in surface.modifiers] == [CUT]
 
 
+def edge_counts(faces):
+    """How many faces each edge has."""
+    pairs = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(pairs, axis=0, return_counts=True)[1]
+
+
+def test_a_cut_is_closed_by_its_cap(scene):
+    *_, faces, _ = cut_ball(scene, "coronal")
+    assert (edge_counts(faces) == 2).all()
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_an_open_surface_with_a_cavity_is_cut_and_its_wall_alone_is_capped(scene, turn):
+    # Two spheres, one inside the other and turned over, with a hole at the bottom.
+    shell = bpy.data.meshes.new("shell")
+    vertices, faces = [], []
+    for radius, order in ((0.1, 1), (0.06, -1)):
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32, radius=radius)
+        sphere = bpy.context.object
+        kept = [face for face in sphere.data.polygons if face.center.z > -0.97 * radius]
+        faces += [[corner + len(vertices) for corner in face.vertices][::order] for face in kept]
+        vertices += [vertex.co[:] for vertex in sphere.data.vertices]
+        bpy.data.objects.remove(sphere)
+    shell.from_pydata(vertices, [], faces)
+    obj = bpy.data.objects.new("shell", shell)
+    scene.collection.objects.link(obj)
+    volume = ball()
+    plane = add_slice(scene, volume, slice_at(volume, "axial", 0.5), "axial", 400, 40, SCALE)
+    plane.location, plane.rotation_euler = (0, 0, 0.02), (turn, 0, 0)
+    cut_at_slice(scene, [obj], plane)
+    bpy.context.view_layer.update()
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    name = plane.data.materials[0].name
+    index = [material and material.name for material in mesh.materials].index(name)
+    cap = sum(face.area for face in mesh.polygons if face.material_index == index)
+    height = 0.02 * np.cos(turn)
+    assert cap == pytest.approx(np.pi * ((0.1**2 - height**2) - (0.06**2 - height**2)), rel=0.01)
+
+
 def test_the_cut_shows_the_gray_values_of_the_ct(scene, tmp_path):
     surface, slice_object, *_ = cut_ball(scene, "axial")
     slice_object.hide_render = True

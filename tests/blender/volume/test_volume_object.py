@@ -6,6 +6,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from mathutils import Vector
+
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.blender.units import set_units, shows_mm
 from ctmc_addon.blender.volume import APPEARANCES, add_volume, adjust, of_ct, vdb_steps, vdb_writer
@@ -58,11 +60,39 @@ def test_a_volume_object_stands_where_the_patient_has_it(scene, tmp_path, affine
     grid = np.array(obj.matrix_world) @ np.array(obj.data.grids[0].matrix_object)
     grid[:3] /= SCALE
     corners = np.array([(x, y, z, 1) for x in (0, 22) for y in (0, 21) for z in (0, 23)], float)
-    assert np.abs(corners @ grid[:3].T - corners @ affine[:3].T).max() < 1e-3  # mm
+    shift = [-0.5, -0.5, -0.5, 0] if bpy.app.version < (5, 0) else [0, 0, 0, 0]  # they show it half a voxel off
+    assert np.abs(corners @ grid[:3].T - (corners + shift) @ affine[:3].T).max() < 1e-3  # mm
 
 
 @needs_openvdb
-@pytest.mark.skipif(bpy.app.version < (5, 0), reason="before Blender 5.0 Volume to Mesh is half a voxel off")
+@pytest.mark.parametrize("toward", [(0, 0, 1), (0, -1, 0)])
+def test_cycles_shows_a_ball_where_it_is(scene, tmp_path, toward):
+    z, y, x = np.indices((16, 16, 16)) - 7.5
+    affine = np.diag([4.0, 4.0, 4.0, 1.0])
+    volume = Volume((100 - 20 * np.sqrt(x**2 + y**2 + z**2)).astype(np.float32), affine, name="ball", kind="HU")
+    finish(vdb_steps(volume, tmp_path / "ball.vdb", SCALE))
+    obj = add_volume(scene, volume, tmp_path / "ball.vdb", SCALE, APPEARANCES["bone"])
+    numbers = {node.label: node.outputs[0] for node in obj.data.materials[0].node_tree.nodes if node.type == "VALUE"}
+    for label, value in (("Threshold", 0.0), ("Width", 1.0), ("Density", 1e4)):
+        numbers[label].default_value = value
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(camera)
+    direction, middle = Vector(toward), Vector([7.5 * 4.0 * SCALE] * 3)
+    scene.camera, camera.location = camera, middle + 3 * direction
+    camera.rotation_euler = direction.to_track_quat("Z", "Y").to_euler()
+    camera.data.type, camera.data.ortho_scale = "ORTHO", 0.64  # 1 mm a pixel
+    render, scene.cycles.samples, scene.cycles.use_denoising = scene.render, 8, False
+    render.engine, render.film_transparent, render.filepath = "CYCLES", True, str(tmp_path / "ball.png")
+    render.resolution_x = render.resolution_y = 64
+    bpy.ops.render.render(write_still=True)
+    alpha = np.array(bpy.data.images.load(render.filepath).pixels[:]).reshape(64, 64, 4)[..., 3]
+    rows, columns = np.indices(alpha.shape) - 31.5
+    off = [float((axis * alpha).sum() / alpha.sum()) for axis in (columns, rows)]
+    assert off == pytest.approx([0, 0], abs=0.2)  # mm; half a voxel is 2
+    assert np.sqrt(alpha.sum() / np.pi) == pytest.approx(20, abs=0.5)
+
+
+@needs_openvdb
 def test_blenders_surface_of_the_volume_lies_on_ours(scene, tmp_path):
     volume = ball(np.diag([0.7, 0.7, 0.7, 1.0]))
     finish(vdb_steps(volume, tmp_path / "ball.vdb", SCALE))

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+r"""The Geometry Nodes that cut a surface at a plane and cap it.
+
+Every triangle is inside (z < 0 in the plane's space), outside or crosses the plane. Those that cross become islands of
+their own and are clipped exactly: the corners that are outside slide along an edge to the plane, and where only one
+is, a second copy of the triangle fills what is left of the square:
+
+    C outside           P = CA at z = 0, Q = BC at z = 0
+    | \                 first copy:  C to P             P A B
+    P--Q                second copy: C to Q and A to P  Q P B
+    |   \
+    A----B
+
+What lies in the plane afterwards is the section. Its edges are joined to chains, and what the chains enclose is filled
+by the even-odd rule; so open surfaces are cut too, which Blender's Boolean solvers may refuse. Where chains touch
+themselves at a point, a part of the section can stay open or be filled wrongly.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .node_builder import Nodes
+
+NEAR = 1e-6  # of the reach of the slice: closer to the plane is on it; a few roundings of float32
+OFFSET = 1e-5  # of the reach: the cut lies so far below the slice, on whose samples many vertices of a surface lie
+EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same point are so close
+
+
+def cut_nodes(name: str, plane: bpy.types.Object, cap: bpy.types.Material, reach: float) -> bpy.types.NodeTree:
+    """A node group that keeps what lies below a plane and caps it.
+
+    Parameters
+    ----------
+    plane : Object
+        Its local x and y axes span the plane; what has a positive z is taken away.
+    cap : Material
+    reach : float
+        How large the slice is, Blender units.
+    """
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.is_modifier = True
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes = Nodes(tree)
+    surface = nodes.add("NodeGroupInput").outputs[0]
+    info = nodes.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
+    info.inputs["Object"].default_value = plane
+    to_surface = info.outputs["Transform"]
+    to_plane = nodes.of("FunctionNodeInvertMatrix", to_surface)
+    at = nodes.of("GeometryNodeInputPosition")
+    height = nodes.math("ADD", nodes.z_of(nodes.of("FunctionNodeTransformPoint", at, to_plane)), OFFSET * reach)
+    inside = nodes.compare("LESS_THAN", height, 0.0)
+    wholly_inside = nodes.at_points(inside)
+    wholly_outside = nodes.at_points(nodes.negate(inside))
+
+    # A vertex is at the rim if any of its faces is not wholly inside.
+    surface, at_rim = nodes.captured(surface, nodes.on_faces(nodes.negate(wholly_inside)))
+    below, others = nodes.separate(surface, wholly_inside, "FACE")
+    _, crossing = nodes.separate(others, wholly_outside, "FACE")
+    triangles = nodes.of("GeometryNodeSplitEdges", nodes.of("GeometryNodeTriangulate", crossing))
+
+    # Every vertex of an island has one corner, so its neighbors in the triangle are known.
+    corner = nodes.of("GeometryNodeCornersOfVertex")
+    after, before = (nodes.vertex_from(corner, steps) for steps in (1, 2))
+    places = {"own": at, "after": nodes.at_vertex("FLOAT_VECTOR", after, at)}
+    places["before"] = nodes.at_vertex("FLOAT_VECTOR", before, at)
+    heights = {"own": height, "after": nodes.at_vertex("FLOAT", after, height)}
+    heights["before"] = nodes.at_vertex("FLOAT", before, height)
+    is_inside = {which: nodes.compare("LESS_THAN", value, 0.0) for which, value in heights.items()}
+    is_outside = {which: nodes.negate(value) for which, value in is_inside.items()}
+
+    def crossing_of(outer: str, inner: str) -> Any:
+        """Where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
+        share = nodes.math("DIVIDE", heights[outer], nodes.math("SUBTRACT", heights[outer], heights[inner]))
+        return nodes.between(share, places[outer], places[inner])
+
+    count = nodes.total(is_inside.values())
+    islands, _ = nodes.separate(triangles, nodes.compare("GREATER_THAN", count, 0.5), "POINT")  # others were of squares
+    pairs = (("own", "after"), ("own", "before"), ("before", "own"))
+    to_after, to_before, from_before = (crossing_of(*pair) for pair in pairs)
+    target = nodes.switch(is_inside["after"], to_before, to_after)
+    first = nodes.of("GeometryNodeSetPosition", islands, is_outside["own"], target)
+    squares, _ = nodes.separate(islands, nodes.compare("EQUAL", count, 2.0), "POINT")
+    moves = nodes.either(is_outside["own"], is_outside["before"])
+    target = nodes.switch(is_outside["own"], from_before, to_before)
+    second = nodes.of("GeometryNodeSetPosition", squares, moves, target)
+    rim = nodes.join(first, second)
+
+    on_plane = nodes.compare("LESS_THAN", nodes.math("ABSOLUTE", height), NEAR * reach)
+    section, _ = nodes.separate(rim, nodes.at_points(on_plane), "EDGE")
+    flat = nodes.of("GeometryNodeSetPosition", section, None, nodes.of("FunctionNodeTransformPoint", at, to_plane))
+    chained = nodes.add("GeometryNodeMergeByDistance")
+    chained.inputs["Distance"].default_value = EQUAL * reach
+    nodes.link(flat, chained.inputs["Geometry"])
+    filled = nodes.of("GeometryNodeFillCurve", nodes.of("GeometryNodeMeshToCurve", chained.outputs[0]))
+    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")  # it is at z = 0
+    in_surface = nodes.of("FunctionNodeTransformPoint", below_slice, to_surface)
+    lifted = nodes.of("GeometryNodeSetPosition", filled, None, in_surface)
+    material = nodes.add("GeometryNodeSetMaterial")
+    material.inputs["Material"].default_value = cap
+    nodes.link(lifted, material.inputs[0])
+
+    whole = nodes.join(below, rim, material.outputs[0])
+    merge = nodes.add("GeometryNodeMergeByDistance")
+    merge.inputs["Distance"].default_value = NEAR * reach
+    nodes.link(whole, merge.inputs["Geometry"])
+    nodes.link(nodes.either(at_rim, on_plane), merge.inputs["Selection"])
+    nodes.link(merge.outputs[0], nodes.add("NodeGroupOutput").inputs[0])
+    nodes.arrange()
+    return tree

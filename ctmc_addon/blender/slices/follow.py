@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Slices that are moved: their pictures show the CT there, and they meet where a point was picked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from numpy.typing import NDArray
+
+from ...core import Volume
+from ...core.volume import resliced, slice_corners, slice_through
+from .plane import AIR, PLANE, SHOWN, SLICE, is_slice, paint
+
+STILL = 1e-3  # mm that a slice may be off before its picture is taken again
+
+
+def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
+    """Where the corners of a slice are now, (4, 3) RAS+ mm."""
+    return np.array([obj.matrix_world @ corner.co for corner in obj.data.vertices], np.float64) / scale
+
+
+def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
+    """The picture of a slice; None where someone has taken it away."""
+    trees = [material.node_tree for material in obj.data.materials if material is not None]
+    nodes = [node for tree in trees if tree is not None for node in tree.nodes if node.type == "TEX_IMAGE"]
+    return next((node.image for node in nodes if node.image is not None), None)
+
+
+def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
+    """The slices of a CT in a scene."""
+    for obj in scene.objects:
+        if is_slice(obj) and fingerprint and obj[SLICE] == fingerprint and len(obj.data.vertices) == 4:
+            yield obj
+
+
+def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: float, *, again: bool = False) -> int:
+    """Take the pictures of a CT's slices where they stand now; how many had moved.
+
+    Parameters
+    ----------
+    again : bool
+        Also of those that have not moved: undo brings places back, but no pictures.
+    """
+    moved = 0
+    for obj in slices_of(scene, fingerprint):
+        corners, picture = corners_of(obj, scale), picture_of(obj)
+        shown = np.array(obj.get(SHOWN, ()), np.float64)
+        is_still = shown.size == corners.size and np.abs(shown - corners.ravel()).max() < STILL
+        if picture is None or (is_still and not again):
+            continue
+        columns, rows = picture.size
+        outside = AIR if volume.kind == "HU" else 0.0
+        paint(picture, resliced(volume, corners, (rows, columns), outside))
+        obj[SHOWN] = corners.ravel().tolist()
+        moved += 1
+    return moved
+
+
+def pack_pictures() -> None:
+    """Put the pictures that were taken anew into the .blend that is being saved."""
+    for obj in bpy.data.objects:
+        picture = picture_of(obj) if is_slice(obj) and obj.library is None else None
+        if picture is not None and picture.is_dirty:
+            picture.pack()
+
+
+def cross_at(
+    scene: bpy.types.Scene,
+    volume: Volume,
+    fingerprint: str,
+    point_mm: Sequence[float],
+    scale: float,
+    clicked: bpy.types.Object | None = None,
+) -> None:
+    """Move the slices of a CT so that they meet at a point, and the 3D cursor there; `clicked` stays.
+
+    Of several slices in one plane, the nearest moves.
+    """
+    scene.cursor.location = [value * scale for value in point_mm]
+    nearest: dict[str, tuple[float, bpy.types.Object, Vector]] = {}
+    kept = clicked.get(PLANE) if clicked is not None and is_slice(clicked) else None
+    for obj in slices_of(scene, fingerprint):
+        plane = obj.get(PLANE)
+        if plane is None or plane == kept:
+            continue
+        corners = corners_of(obj, scale)
+        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+        normal /= np.linalg.norm(normal)
+        target = slice_corners(volume, slice_through(volume, plane, point_mm)).mean(axis=0)
+        way = float(normal @ (target - corners[0]))
+        if plane not in nearest or abs(way) < nearest[plane][0]:
+            nearest[plane] = (abs(way), obj, Vector((normal * way * scale).tolist()))
+    for _, obj, shift in nearest.values():
+        place = obj.matrix_world.copy()
+        place.translation += shift
+        obj.matrix_world = place

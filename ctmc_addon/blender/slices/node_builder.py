@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Geometry Nodes written as an expression: a call makes a node, links what it is given and returns its output."""
+
+from __future__ import annotations
+
+from functools import reduce
+from typing import Any
+
+import bpy
+
+COLUMN = 8  # nodes one below the other
+
+
+class Nodes:
+    """Builds the nodes of a tree; sockets go in, sockets come out."""
+
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
+        self.tree = tree
+
+    def add(self, kind: str, **properties: str) -> Any:
+        """A new node with these properties."""
+        node = self.tree.nodes.new(kind)
+        for name, value in properties.items():
+            setattr(node, name, value)
+        return node
+
+    def link(self, source: Any, socket: Any) -> None:
+        """Give a socket a value: of another socket, or a number."""
+        if isinstance(source, bpy.types.NodeSocket):
+            self.tree.links.new(source, socket)
+        else:
+            socket.default_value = source
+
+    def of(self, kind: str, *sources: Any, **properties: str) -> Any:
+        """The first output of a new node whose inputs are these in turn; None leaves one as it is."""
+        node = self.add(kind, **properties)
+        # A node has sockets for every type it knows; those of other types than its own are disabled.
+        inputs = [socket for socket in node.inputs if socket.enabled]
+        for source, socket in zip(sources, inputs, strict=False):
+            if source is not None:
+                self.link(source, socket)
+        return next(socket for socket in node.outputs if socket.enabled)
+
+    def math(self, operation: str, *values: Any) -> Any:
+        """A calculation with numbers."""
+        return self.of("ShaderNodeMath", *values, operation=operation)
+
+    def compare(self, operation: str, first: Any, second: float) -> Any:
+        """Whether a number is less or greater than another."""
+        return self.of("FunctionNodeCompare", first, second, data_type="FLOAT", operation=operation)
+
+    def negate(self, value: Any) -> Any:
+        """Whether it is not so."""
+        return self.of("FunctionNodeBooleanMath", value, operation="NOT")
+
+    def either(self, first: Any, second: Any) -> Any:
+        """Whether one of two is so."""
+        return self.of("FunctionNodeBooleanMath", first, second, operation="OR")
+
+    def total(self, values: Any) -> Any:
+        """The sum of several numbers; what is so counts 1."""
+        return reduce(lambda first, second: self.math("ADD", first, second), values)
+
+    def switch(self, condition: Any, otherwise: Any, then: Any) -> Any:
+        """One of two vectors."""
+        return self.of("GeometryNodeSwitch", condition, otherwise, then, input_type="VECTOR")
+
+    def between(self, share: Any, start: Any, end: Any) -> Any:
+        """The point at a share, 0 to 1, of the way from one to another."""
+        way = self.of("ShaderNodeVectorMath", end, start, operation="SUBTRACT")
+        scale = self.add("ShaderNodeVectorMath", operation="SCALE")
+        self.link(way, scale.inputs["Vector"])
+        self.link(share, scale.inputs["Scale"])
+        return self.of("ShaderNodeVectorMath", start, scale.outputs[0], operation="ADD")
+
+    def z_of(self, vector: Any) -> Any:
+        """The third number of a vector."""
+        node = self.add("ShaderNodeSeparateXYZ")
+        self.link(vector, node.inputs[0])
+        return node.outputs["Z"]
+
+    def at_points(self, condition: Any) -> Any:
+        """A condition on vertices; an edge or a face meets it where all its vertices do."""
+        return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="POINT")
+
+    def on_faces(self, condition: Any) -> Any:
+        """A condition on faces; a vertex meets it where any of its faces does."""
+        return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="FACE")
+
+    def captured(self, geometry: Any, condition: Any) -> tuple[Any, Any]:
+        """A geometry whose vertices keep a condition as it is here, and that condition."""
+        node = self.add("GeometryNodeCaptureAttribute", domain="POINT")
+        node.capture_items.new("BOOLEAN", "Condition")
+        self.link(geometry, node.inputs[0])
+        self.link(condition, node.inputs[1])
+        return node.outputs[0], node.outputs[1]
+
+    def at_vertex(self, kind: str, number: Any, value: Any) -> Any:
+        """The value, a FLOAT or FLOAT_VECTOR, that the vertex of this number has."""
+        node = self.add("GeometryNodeFieldAtIndex", data_type=kind, domain="POINT")
+        self.link(number, node.inputs["Index"])
+        self.link(value, next(socket for socket in node.inputs if socket.enabled and socket.name == "Value"))
+        return next(socket for socket in node.outputs if socket.enabled)
+
+    def vertex_from(self, corner: Any, steps: int) -> Any:
+        """The number of the vertex that stands so many corners farther round the face."""
+        return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
+
+    def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:
+        """The parts of a geometry that meet a condition, and the others."""
+        node = self.add("GeometryNodeSeparateGeometry", domain=domain)
+        self.link(geometry, node.inputs["Geometry"])
+        self.link(condition, node.inputs["Selection"])
+        return node.outputs[0], node.outputs[1]
+
+    def join(self, *geometries: Any) -> Any:
+        """Several geometries as one."""
+        node = self.add("GeometryNodeJoinGeometry")
+        for geometry in reversed(geometries):  # Blender puts the last link first
+            self.tree.links.new(geometry, node.inputs[0])
+        return node.outputs[0]
+
+    def arrange(self) -> None:
+        """Give every node a place, so that the editor shows them beside each other."""
+        for number, node in enumerate(self.tree.nodes):
+            node.location = (220 * (number // COLUMN), -180 * (number % COLUMN))
