@@ -9,13 +9,13 @@ def modules() -> tuple[Any, ...]:
     from . import jobs, operators, panels, translations
     from .properties import figure, preferences, settings, view
     from .state import label_looks, session, volumes
-    from .viewport import histogram, live, overlays, region, rulers, volume_objects
+    from .viewport import histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (
         *(translations, preferences, session, volumes, settings, view, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
-        *(region, overlays, volume_objects, histogram, rulers),
+        *(region, overlays, slice_objects, volume_objects, histogram, rulers),
     )
 
 

@@ -10,7 +10,7 @@ class Layout:
     """Takes the place of Blender's, which exists only while a window is drawn."""
 
     def __init__(self):
-        self.shown, self.buttons, self.texts, self.labels = [], [], [], []
+        self.shown, self.buttons, self.texts, self.labels, self.names, self.bare = [], [], [], [], [], []
 
     def row(self, **_):
         return self
@@ -20,10 +20,16 @@ class Layout:
     def panel(self, _identifier, **_):
         return self, self
 
-    def prop(self, owner, name, text="", **_):
+    def prop(self, owner, name, text=None, expand=False, **_):
         assert name in owner.bl_rna.properties, name
         self.shown.append(name)
-        self.labels.append(text)
+        self.labels.append(text or "")
+        about = owner.bl_rna.properties[name]
+        if text is None and not expand and about.type != "BOOLEAN":  # Blender writes its name on the left
+            self.names.append(about.name)
+            is_number = about.type in ("INT", "FLOAT") and about.unit == "NONE" and about.subtype != "FACTOR"
+            if is_number and not about.name.endswith("]"):
+                self.bare.append(about.name)
 
     def operator(self, name, text=None, **_):
         self.buttons.append(name if text is None else f"{name} {text}".rstrip())

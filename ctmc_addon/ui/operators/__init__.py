@@ -6,25 +6,10 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Every module that registers, in order; imported only when Blender asks."""
-    from . import (
-        components,
-        export,
-        figure,
-        figure_view,
-        histogram,
-        load,
-        reconstruct,
-        region,
-        results,
-        rotation,
-        rulers,
-        simplify,
-        slice,
-        slice_object,
-        threshold,
-        view,
-        volume_object,
-    )
+    from . import figure, figure_view, rotation
+    from .ct import histogram, load, region, slice, threshold, view
+    from .scene import pick_point, rulers, slice_object, volume_object
+    from .surface import components, export, reconstruct, results, simplify
 
-    viewing = (load, view, threshold, histogram, slice, slice_object, volume_object, region)
+    viewing = (load, view, threshold, histogram, slice, slice_object, pick_point, volume_object, region)
     return (*viewing, reconstruct, simplify, components, rotation, results, rulers, export, figure, figure_view)

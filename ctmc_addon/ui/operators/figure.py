@@ -18,10 +18,12 @@ from bpy.props import BoolProperty, StringProperty
 
 from ...blender.figure.render import figure_steps, require_png
 from ...blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
-from ...blender.figure.spec import PAGES, Cell, Comparison, FigureStyle, Page, ShownSurface, Turn
+from ...blender.figure.spec import PAGES, Cell, Comparison, FigureStyle, Page, RulerMark, ShownSurface, Turn
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
 from ...blender.materials import material_color
+from ...blender.rulers import is_ruler, places_of, text_of
+from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
 from ...reporting.captions import figure_caption
@@ -146,7 +148,7 @@ def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: 
 
 
 def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
-    """The selected surfaces as one cell, and a caption."""
+    """The selected surfaces as one cell, with the slices and rulers that are visible, and a caption."""
     objects = shown_surfaces(context)
     if not objects:
         raise MeshError("no reconstructed surface is selected; choose one or several first")
@@ -161,7 +163,13 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
         require_provenance(objects[0]).threshold,
         sum(len(mesh.faces) for mesh in meshes),
     )
-    return Cell(shown_of(objects, meshes, context.scene.ctmc_figure)), caption
+    shown = shown_of(objects, meshes, context.scene.ctmc_figure)
+    seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
+    slices = tuple(obj for obj in seen if is_slice(obj))
+    marks = tuple(
+        RulerMark(tuple(place.to_tuple() for place in places_of(obj)), text_of(obj)) for obj in seen if is_ruler(obj)
+    )
+    return Cell(shown, slices=slices, rulers=marks), caption
 
 
 def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
@@ -183,7 +191,8 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
     bl_label = "Make Figure"
     bl_description = (
         "Render the selected surfaces to a PNG of a size in mm, with scale bar, the patient's axes and a caption, in a "
-        f"scene of its own. {ESC}"
+        "scene of its own; slice objects, distances and angles that are visible are drawn too. "
+        f"{ESC}"
     )
 
     needs = (jobs.idle, has_surfaces)
@@ -284,7 +293,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         """All selected surfaces on one table."""
         turn = Turn(as_written(panel.seconds), panel.fps, panel.revolutions)
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
-        cell, _ = cell_of(context)
+        cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
         style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite}
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)

@@ -24,8 +24,8 @@ from ..properties.preferences import machine
 from ..state import session, surfaces
 from ..translations import translate
 from ..viewport import preview
-from . import placing
 from .paths import SaveDialog
+from .surface import placing
 
 STAGES = {"Simplifying": 3, "Timing the rotation": 7}
 

@@ -11,6 +11,7 @@ from ...core import described
 from ...reporting.formatting import in_lines
 from .. import jobs
 from ..properties.limits import optional, switch
+from ..state import volumes
 from ..translations import OURS, translate
 
 LETTER = 6.3  # pixels of a letter at Blender's usual size
@@ -49,26 +50,38 @@ def prepare(layout: Any, lock: bool = True) -> None:
 
 
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
-    """One setting, with its switch if it may be absent."""
-    label = translate(described()[name].label)
-    if name == "keep_parts" and not settings.keep_parts:
-        value = layout.row(heading=label, heading_ctxt=OURS).row()
-        value.use_property_split = False
-        value.prop(settings, name, text=translate("All"))
-    elif not optional(name):
-        unit = described()[name].unit
-        if unit == "mm3":  # Blender has no unit of its own for it
-            row = layout.row(heading=label, heading_ctxt=OURS)
-            row.use_property_split = False
-            row.prop(settings, name, text=unit)
-        else:
-            layout.prop(settings, name)
-    else:
-        row = layout.row(heading=label, heading_ctxt=OURS)
-        row.prop(settings, switch(name), text="")
+    """One setting, with its switch if it may be absent, and with a unit where Blender knows none of its own."""
+    about = described()[name]
+    if optional(name):
+        unit = " [HU]" if holds_hu(settings.id_data) else ""
+        row = layout.split(factor=0.64)
+        row.use_property_split = False
+        row.prop(settings, switch(name), text=translate(about.label) + unit, translate=False)
         value = row.row()
         value.active = getattr(settings, switch(name))
         value.prop(settings, name, text="")
+    elif name == "keep_parts" or about.unit == "mm3":
+        value = draw_name(layout, translate(about.label), 0.45)
+        text = about.unit if about.unit == "mm3" else "" if settings.keep_parts else translate("All")
+        value.prop(settings, name, text=text, translate=False)
+    else:
+        layout.prop(settings, name)
+
+
+def holds_hu(scene: bpy.types.Scene) -> bool:
+    """Whether gray values of the scene's CT are HU."""
+    volume = volumes.current(scene)
+    return volume is not None and volume.kind == "HU"
+
+
+def draw_name(layout: Any, text: str, share: float = 0.4) -> Any:
+    """A name on the left as Blender sets those of properties, in this share of the width; room for what it names."""
+    row = layout.split(factor=share, align=True)
+    row.use_property_split = False
+    left = row.row()
+    left.alignment = "RIGHT"
+    left.label(text=text, translate=False)
+    return row.row(align=True)
 
 
 def width_of(context: bpy.types.Context) -> float:
@@ -94,32 +107,12 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 
-def draw_facts(layout: Any, context: bpy.types.Context, facts: list[tuple[str, str]], names: float = 0.32) -> None:
-    """Names on the left, in this share of the width, and values on the right; in lines where that is narrow."""
-    if is_narrow(context):
-        for name, value in facts:
-            draw_text(layout, context, f"{name}: {value}")
-        return
+def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) -> None:
+    """Names, in this share of the width, and values; a line each at every width."""
     column = layout.column(align=True)
     column.scale_y = 0.85
     for name, value in facts:
-        row = column.split(factor=names)
-        left = row.row()
-        left.alignment = "RIGHT"
-        left.label(text=name, translate=False)
-        row.label(text=value, translate=False)
-
-
-def draw_table(layout: Any, facts: list[tuple[str, str]]) -> None:
-    """Names and values, a line each at every width."""
-    column = layout.column(align=True)
-    column.scale_y = 0.85
-    for name, value in facts:
-        row = column.split(factor=0.4)
-        left = row.row()
-        left.alignment = "RIGHT"
-        left.label(text=name, translate=False)
-        row.label(text=value, translate=False)
+        draw_name(column, name, share).label(text=value, translate=False)
 
 
 def draw_job(layout: Any, job: jobs.Job) -> None:

@@ -10,17 +10,15 @@ from typing import Any
 
 import bpy
 
-from ...blender.surface import read_provenance
 from ...core import SettingsError
-from ...core.mesh import SMALL
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
-from ..state import measurements, session, surfaces, volumes
+from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
+from .ct.volume import LOAD, draw_load
 from .figure import OPERATORS
-from .layout import SidePanel, Step, draw_job, draw_pair, draw_table, draw_text, prepare
+from .layout import SidePanel, Step, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
-from .volume import LOAD, draw_load
 
 ELSEWHERE = (LOAD, "ctmc.rotation_test", *OPERATORS.values())
 """Jobs that show how far they are in a place of their own."""
@@ -111,12 +109,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     volume = volumes.current_full(context.scene)
     column = layout.column(align=True)
     for text, shows_mm in ((translate("Stride [px]"), False), (translate("Voxel [mm]"), True)):
-        row = column.split(factor=0.4, align=True)
-        row.use_property_split = False
-        left = row.row()
-        left.alignment = "RIGHT"
-        left.label(text=text, translate=False)
-        sides = row.row(align=True)
+        sides = draw_name(column, text)
         for axis, name in enumerate("xyz"):
             if not shows_mm:
                 sides.prop(settings, "stride", index=axis, text=name)
@@ -218,21 +211,6 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if settings.preview and sum(item.chosen for item in settings.labels) > 1:
         text = translate("The preview shows the first label that is ticked")
         draw_text(layout, context, text, "INFO")
-    draw_small_components(layout, context)
-
-
-def draw_small_components(layout: Any, context: bpy.types.Context) -> None:
-    """How many components of the active surface are small, and a button that removes them; mostly nothing."""
-    obj = surfaces.active_surface(context)
-    provenance, measurement = read_provenance(obj), None if obj is None else measurements.of(obj)
-    if provenance is None or measurement is None or provenance.settings.min_part_mm3 >= SMALL:
-        return
-    measures = measurement.measures
-    if measures.has_many_small_components:
-        text = translate("{small} of {all} components are smaller than {volume} mm3")
-        small, total = count(measures.small_components), count(measures.components)
-        draw_text(layout, context, text.format(small=small, all=total, volume=f"{SMALL:g}"), "INFO")
-        layout.operator("ctmc.remove_small", icon="TRASH")
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_main, *STEPS))

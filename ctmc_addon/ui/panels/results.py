@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Results: what is known of the active surface, and what can be done with it."""
+"""The panel Results, below the button: what is known of the active surface, and what can be done with it.
+
+Its lines are the same with and without a surface, so that nothing below it jumps when one is selected.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,14 @@ import bpy
 from ...blender.surface import Provenance, read_provenance
 from ...core.mesh import Measures
 from ...reporting.formatting import count
-from ..state import measurements
+from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import SubPanel, draw_table, draw_text, prepare
+from .layout import Step, draw_table, draw_text, holds_hu, prepare
 
 
-class CTMC_PT_results(SubPanel, bpy.types.Panel):
+class CTMC_PT_results(Step, bpy.types.Panel):
     """What is known of the active surface."""
 
     bl_idname = "CTMC_PT_results"
@@ -28,12 +31,16 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         layout, obj = self.layout, context.view_layer.objects.active
         prepare(layout)
         provenance = read_provenance(obj)
-        if provenance is None:
-            layout.label(text=translate("No reconstructed surface is selected"), icon="INFO", translate=False)
-            return
-        layout.label(text=obj.name, icon="OUTLINER_OB_MESH", translate=False)
-        measurement = measurements.of(obj)
-        draw_table(layout, facts_of(provenance, measurement))
+        name = translate("No surface is selected") if provenance is None else obj.name
+        row = layout.split(factor=0.8)
+        row.use_property_split = False
+        row.label(text=name, icon="OUTLINER_OB_MESH", translate=False)
+        color = row.row()
+        color.active = provenance is not None
+        color.prop(context.scene.ctmc, "color", text="")
+        measurement = None if provenance is None else measurements.of(obj)
+        unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""
+        draw_table(layout, facts_of(provenance, measurement, unit), 0.46)
         draw_mending(layout, measurement)
         layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         column = layout.column(align=True)
@@ -42,7 +49,7 @@ class CTMC_PT_results(SubPanel, bpy.types.Panel):
         column = layout.column(align=True)  # too many words to stand side by side
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
-        for note in provenance.notes:
+        for note in () if provenance is None else provenance.notes:
             draw_text(layout, context, translate_sentence(note), "INFO")
 
 
@@ -81,24 +88,24 @@ def components_text(measures: Measures | None) -> str:
     return text.format(count=count(measures.components), small=count(measures.small_components))
 
 
-def facts_of(provenance: Provenance, measurement: Measurement | None) -> list[tuple[str, str]]:
-    """Names and values of what was counted and measured."""
-    faces = provenance.faces if measurement is None else measurement.measures.faces
-    of_full = translate("{faces} of {full}").format(faces=count(faces), full=count(provenance.full_faces))
-    facts = [
-        (translate("Triangles"), count(faces) if faces == provenance.full_faces else of_full),
-        (translate("Threshold"), f"{provenance.threshold:.6g}"),
-    ]
-    if measurement is None:
-        return [*facts, *((translate(name), "-") for name in ("Mean Distance", "Largest Distance", "Volume", "Area"))]
-    measures, distance = measurement.measures, measurement.distance
-    return [
-        *facts,
-        (translate("Mean Distance"), "-" if distance is None else f"{distance.mean:.3g} mm"),
-        (translate("Largest Distance"), "-" if distance is None else f"{distance.largest:.3g} mm"),
-        (translate("Volume"), f"{measures.milliliters:.4g} ml" if measures.closed else "-"),
-        (translate("Area"), f"{measures.square_centimeters:.4g} cm2"),
-    ]
+FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area")
+
+
+def facts_of(provenance: Provenance | None, measurement: Measurement | None, unit: str = "") -> list[tuple[str, str]]:
+    """Names and values of what was counted and measured; a dash for what is not known."""
+    values = ["-"] * len(FACTS)
+    if provenance is not None:
+        faces = provenance.faces if measurement is None else measurement.measures.faces
+        of_full = translate("{faces} of {full}").format(faces=count(faces), full=count(provenance.full_faces))
+        values[0] = count(faces) if faces == provenance.full_faces else of_full
+        values[1] = f"{provenance.threshold:.6g} {unit}".rstrip()
+    if measurement is not None:
+        measures, distance = measurement.measures, measurement.distance
+        if distance is not None:
+            values[2:4] = [f"{distance.mean:.3g} mm", f"{distance.largest:.3g} mm"]
+        values[4] = f"{measures.milliliters:.4g} ml" if measures.closed else translate("- (open)")
+        values[5] = f"{measures.square_centimeters:.4g} cm2"
+    return list(zip(map(translate, FACTS), values, strict=True))
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_results,))

@@ -7,12 +7,12 @@ from typing import Any
 
 import bpy
 
-from ...core.volume import surface_name
-from ..operators import threshold
+from ...core.volume import tissue_name
+from ..operators.ct import threshold
 from ..state import volumes
 from ..translations import translate
 from ..viewport import histogram
-from .layout import draw_setting, draw_text
+from .layout import draw_setting, draw_text, holds_hu
 
 
 def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -56,10 +56,19 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
 def threshold_text(scene: bpy.types.Scene) -> str:
     """Which threshold is used: Otsu's, or that of a tissue."""
     volume, value = volumes.current(scene), threshold.used_threshold(scene)
+    unit = " HU" if holds_hu(scene) else ""
     if not scene.ctmc.use_threshold:
-        return translate("Otsu's threshold is used") + ("" if value is None else f": {value:g}")
+        if value is None:
+            return translate("Otsu's threshold is used")
+        return translate("Otsu's threshold: {value}").format(value=f"{value:.6g}{unit}")
+    if volume is None or value is None:
+        return ""
     upper = scene.ctmc.upper if scene.ctmc.use_upper else None
-    return "" if volume is None or value is None else surface_name(volume.kind, value, upper)
+    tissue = translate(tissue_name(volume.kind, value, upper))
+    if upper is None:
+        return f"{tissue}: {value:.6g}{unit}"
+    limits = translate("{low} to {high} {kind}").format(low=f"{value:.6g}", high=f"{upper:.6g}", kind=unit.strip())
+    return f"{tissue}: {limits.rstrip()}"
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:

@@ -82,7 +82,7 @@ def look_properties() -> dict[str, Any]:
             default=style.engine,
         ),
         "azimuth": decimal(
-            "Azimuth",
+            "Azimuth [°]",
             "Where the camera stands [degrees]: 0 = before the patient, 90 = at the left, 180 = behind",
             **angle,
             default=style.azimuth,
@@ -90,7 +90,7 @@ def look_properties() -> dict[str, Any]:
             max=360.0,
         ),
         "elevation": decimal(
-            "Elevation",
+            "Elevation [°]",
             "How high the camera stands [degrees]: 90 = above the head, -90 = below the feet",
             **angle,
             default=style.elevation,
@@ -121,12 +121,12 @@ def sheet_properties() -> dict[str, Any]:
     """What a sheet compares, and the colors of distances."""
     properties: dict[str, Any] = {}
     for name, label, tip, default in (
-        ("strides", "Stride", "Strides to compare [px]: 1 2 3, or 2x1 for x and y of their own", "1 2 3"),
+        ("strides", "Stride [px]", "Strides to compare [px]: 1 2 3, or 2x1 for x and y of their own", "1 2 3"),
         ("alphas", "Alpha", "Alphas to compare, from 0 to 1", "0 0.25 0.75 1"),
-        ("levels", "Levels", "Shares of triangles to remove that are compared [%]", "0 50 90"),
+        ("levels", "Levels [%]", "Shares of triangles to remove that are compared [%]", "0 50 90"),
     ):
         properties[f"use_{name}"] = boolean(
-            f"Compare {label}",
+            f"Compare {label.partition(' [')[0]}",
             "Compare these; where two are compared, the first goes down and the second across",
             default=name == "strides",
         )
@@ -135,7 +135,7 @@ def sheet_properties() -> dict[str, Any]:
         "Distances", "Color every surface by its distance to full resolution, with a color bar"
     )
     properties["limit_mm"] = decimal(
-        "Bar Ends At",
+        "Bar End [mm]",
         "Distance at the end of the color bar [mm]. 0 = where 99 % of the points are within",
         min=0.0,
         max=1000.0,
@@ -166,7 +166,7 @@ def turntable_properties() -> dict[str, Any]:
             precision=1,
         ),
         "fps": integer(
-            "Frames a Second",
+            "Frame Rate [fps]",
             "Pictures in a second. Larger = smoother, and longer to render",
             default=turn.fps,
             min=FPS[0],

@@ -11,7 +11,7 @@ from typing import Any
 from ...core import GOALS, described
 from ...core.volume import converted_region, labels_region
 from ..state.change_events import notify
-from .kinds import boolean, choice, decimal, integer, text
+from .kinds import boolean, choice, decimal, decimals, integer, text
 from .limits import highest, switch
 
 
@@ -85,6 +85,20 @@ def set_ratio(properties: Any, ratio: float) -> None:
     properties.reduction = min(1.0 - ratio, highest(described()["reduction"]))
 
 
+def get_color(properties: Any) -> Any:
+    """The color of the active surface, that of bone without one."""
+    from ..state import surfaces
+
+    return surfaces.active_color(properties.id_data)
+
+
+def set_color(properties: Any, color: Any) -> None:
+    """Another color was chosen."""
+    from ..state import surfaces
+
+    surfaces.recolor_active(properties.id_data, tuple(color))
+
+
 def get_surface_from(properties: Any) -> int:
     """0 by threshold, 1 by label."""
     return int(properties.use_label)
@@ -149,6 +163,16 @@ def panel_properties() -> dict[str, Any]:
             set=set_unit,
         ),
         "region_for": text("Region Of", "Fingerprint of the CT that the region was set for", options={"HIDDEN"}),
+        "color": decimals(
+            "Color",
+            "Color of the active surface, in the viewport and in renders",
+            subtype="COLOR",
+            size=3,
+            min=0.0,
+            max=1.0,
+            get=get_color,
+            set=set_color,
+        ),
         "preview": boolean(
             "Live Preview",
             "Show a coarse surface in the viewport that follows the settings",
@@ -164,9 +188,11 @@ def panel_properties() -> dict[str, Any]:
                 ("pan", "Pan", "Move sideways and back"),
             ],
         ),
-        "rotation_levels": text("Levels", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"),
+        "rotation_levels": text(
+            "Levels [%]", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"
+        ),
         "rotation_step": integer(
-            "Step", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
+            "Step [°]", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
         ),
         "rotation_rounds": integer(
             "Rounds", "How often each level is turned. Larger = steadier mean", default=5, min=1, max=100

@@ -14,7 +14,7 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import Volume
-from ...core.volume import default_window, value_range
+from ...core.volume import PLANES, default_window, value_range
 from ..state.change_events import notify
 from .kinds import boolean, choice, decimal
 
@@ -46,6 +46,16 @@ def choose(view: Any, window: float, level: float) -> None:
     view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
     notify(view.id_data.ctmc, "window")
+
+
+def get_position(view: Any) -> float:
+    """Where the slice of the present plane lies."""
+    return float(view.positions[list(PLANES).index(view.plane)])
+
+
+def set_position(view: Any, position: float) -> None:
+    """The slider of the position was moved."""
+    view.positions[list(PLANES).index(view.plane)] = position
 
 
 def get_window(view: Any) -> float:
@@ -92,9 +102,11 @@ class CTMCView(PropertyGroup):
         subtype="FACTOR",
         min=0.0,
         max=1.0,
-        default=0.5,
         precision=3,
+        get=get_position,
+        set=set_position,
     )
+    positions: FloatVectorProperty(size=3, default=(0.5, 0.5, 0.5), min=0.0, max=1.0, options={"HIDDEN"})
     window: decimal(
         "Window",
         "Width of the range shown from black to white, in HU or gray values. Larger = less contrast",

@@ -24,7 +24,7 @@ PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
 State = list[Any]
 UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")  # settings that change no mesh
-STAGES = {"Measuring": 2, "Measuring the distance to the full surface": 3}
+STAGES = {"Measuring": 2, "Comparing with the full surface": 3}
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from typing import Any
 
 import bpy
 
+from ...blender.colors import BONE, Color
+from ...blender.materials import material_color, recolor
 from ...blender.surface import (
     read_back,
     read_provenance,
@@ -42,6 +44,26 @@ def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
     active = context.view_layer.objects.active
     selected = [obj for obj in context.selected_objects if is_of_ct(obj, context.scene)]
     return sorted(selected, key=lambda obj: obj != active)
+
+
+def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The scene's active object, if it was reconstructed by us and is not another file's."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
+    obj = layer.objects.active
+    return obj if is_surface(obj) and obj.library is None else None
+
+
+def active_color(scene: bpy.types.Scene) -> Color:
+    """The color of the scene's active surface, that of bone without one."""
+    obj = of_scene(scene)
+    return BONE if obj is None else material_color(obj)
+
+
+def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
+    """Give the scene's active surface another color."""
+    obj = of_scene(scene)
+    if obj is not None:
+        recolor(obj, color)
 
 
 def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:

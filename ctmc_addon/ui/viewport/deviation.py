@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.figure.distance_map import VIRIDIS, painted_mm
+from ...blender.figure.distance_map import DISTANCE_COLORS, painted_mm
 from ...blender.viewport import draw_legend
 from ..state import session
 from ..translations import translate
@@ -47,4 +47,4 @@ def draw(context: bpy.types.Context) -> None:
     shading = context.space_data.shading
     largest = painted_mm(context.view_layer.objects.active)
     if largest is not None and shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
-        draw_legend(translate("Distance to the full surface"), VIRIDIS, largest, "mm")
+        draw_legend(translate("Distance to the full surface"), DISTANCE_COLORS, largest, "mm")

@@ -6,12 +6,13 @@ One viewport has it at a time. Nothing of it is stored.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
 
-from ...blender.viewport import Shown, Strip, draw_strip, strip_in
+from ...blender.viewport import Shown, Strip, draw_strip, placed_names, strip_in, width_of
+from ...core import Volume
 from ...core.volume import (
     Limits,
     grabbed_limit,
@@ -22,7 +23,7 @@ from ...core.volume import (
     shown_range,
     tissue_bands,
 )
-from ..operators.threshold import used_threshold
+from ..operators.ct.threshold import used_threshold
 from ..state import session, volumes
 from ..translations import translate
 
@@ -100,7 +101,16 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
     if ct is None or shown is None or ct.volume.kind == "label":
         return None
     low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *limits_of(scene))
-    return strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
+    strip = strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
+    names = placed_names(strip, bands_of(ct.volume, strip), lambda text: width_of(text, strip.scale))
+    return replace(strip, names=max((name.row for name in names), default=0))
+
+
+def bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
+    """The tissues on the axis: lowest and highest value, and what they may be called."""
+    bands = tissue_bands(strip.low, strip.high) if volume.kind == "HU" else []
+    named = [(band, translate(band.name)) for band in bands]
+    return [(band.low, band.high, (f"{name} {band.low:.6g}", name)) for band, name in named]
 
 
 def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
@@ -141,18 +151,17 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
     bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
     ticks = round_ticks(strip.low, strip.high, max(2, int((last - first) / (PIXELS_OF_A_TICK * strip.scale))))
     is_hu = ct.volume.kind == "HU"
-    bands = tissue_bands(strip.low, strip.high) if is_hu else []
-    names = [(band.low, band.high, translate(band.name)) for band in bands]
+    bands = bands_of(ct.volume, strip)
     pointed, held = (None, None) if opened is None else (opened.pointed, opened.held)
     text = None
     if pointed is not None:
         value = rounded_to(pointed, strip.pixel)
-        tissue = next((f", {name}" for low, high, name in names if low <= value < high), "")
+        tissue = next((f", {name}" for low, high, (_, name) in bands if low <= value < high), "")
         text = (pointed, with_unit(value, is_hu) + tissue)
     return Shown(
         (bars.heights, bars.start, bars.width),
         [(tick, f"{tick:.6g}") for tick in ticks],
-        [(low, high, (f"{name} {low:.6g}", name)) for low, high, name in names],
+        bands,
         limits_of(scene),
         None if held is None else int(held),
         title_of(scene, is_hu),

@@ -171,8 +171,16 @@ def after_undo(*_: Any) -> None:
         start(scene, stale=preview.state.wanted)
 
 
+def after_load(*_: Any) -> None:
+    """A file was opened whose CT is still in memory: preview and cost are not known of it yet."""
+    scene = bpy.context.scene
+    if scene is not None and volumes.loaded(scene) is not None:
+        start(scene, stale=True)
+
+
 HANDLERS = {
     "load_pre": clear,
+    "load_post": after_load,
     "undo_pre": before_undo,
     "redo_pre": before_undo,
     "undo_post": after_undo,

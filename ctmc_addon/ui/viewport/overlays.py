@@ -23,7 +23,7 @@ from ...core.volume import (
     volume_box,
     windowed,
 )
-from ..operators.threshold import used_threshold
+from ..operators.ct.threshold import used_threshold
 from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import volumes
@@ -81,7 +81,7 @@ def draw_in_space() -> None:
     scale, settings = machine().scale, context.scene.ctmc
     size = (context.region.width, context.region.height)
     if context.scene.ctmc_view.show_slice:
-        slice_picture(context.scene, volume).draw()
+        slice_picture(context.scene, volume).draw(context.region_data)
     draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOR, size, 1.0)
     if settings.use_region:
         full = volumes.current_full(context.scene) or volume

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import bpy
 
@@ -12,8 +13,12 @@ from ...blender.colors import BONE, color_of
 from ...blender.surface import read_provenance
 from ...blender.viewport import PreviewSurface
 from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps
+from ...core.volume import quick_threshold
 from ..properties.preferences import machine
 from ..state import session, volumes
+
+Place = tuple[Any, ...]
+"""What decides where a surface lies, as `place_of` has it."""
 
 
 @dataclass
@@ -24,15 +29,15 @@ class State:
     ----------
     wanted : bool
         Whether a surface is to be shown as soon as one is known: `shown` is None while its threshold is counted.
-    settings : ReconstructionSettings or None
-        What is shown was made with.
+    place : Place or None
+        What decides where that lies which is shown.
     """
 
     scene: int = 0
     maker: Preview | None = None
     shown: PreviewSurface | None = None
     wanted: bool = False
-    settings: ReconstructionSettings | None = None
+    place: Place | None = None
     color: tuple[float, float, float] = BONE
 
 
@@ -80,7 +85,7 @@ def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Ste
 def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     """Put a surface on the graphics card when Blender draws next."""
     settings = scene.ctmc
-    state.scene, state.shown, state.settings = scene.session_uid, None, settings_of(scene)
+    state.scene, state.shown, state.place = scene.session_uid, None, place_of_preview(scene)
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
     recolor(scene)
@@ -112,27 +117,35 @@ def hide() -> None:
 def is_made(context: bpy.types.Context) -> bool:
     """Whether the surface that is shown stands in the viewport already; the two would flicker through each other."""
     fingerprint = context.scene.ctmc.volume_fingerprint
-    if state.settings is None:
+    if state.place is None:
         return False
-    wanted = lying(state.settings)
     made = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
     return any(
-        provenance.fingerprint == fingerprint and lying(provenance.settings) == wanted and obj.visible_get()
+        provenance.fingerprint == fingerprint
+        and place_of(provenance.settings, provenance.threshold) == state.place
+        and obj.visible_get()
         for obj, provenance in made
         if provenance is not None
     )
 
 
+def place_of_preview(scene: bpy.types.Scene) -> Place | None:
+    """Where the preview of a scene lies; None where there is none."""
+    ct, settings = volumes.loaded(scene), settings_of(scene)
+    try:
+        return None if ct is None or settings is None else place_of(settings, quick_threshold(ct.volume, settings))
+    except CtmcError:
+        return None
+
+
 @lru_cache(maxsize=256)
-def lying(settings: ReconstructionSettings) -> ReconstructionSettings:
-    """The settings that decide where a surface lies; the others leave out parts or move it by less than a voxel."""
-    return ReconstructionSettings(
-        threshold=settings.threshold,
-        upper=settings.upper,
-        label=settings.label,
-        smoothing=settings.smoothing,
-        smoothing_mm=settings.smoothing_mm,
-    )
+def place_of(settings: ReconstructionSettings, threshold: float | None) -> Place:
+    """What decides where a surface lies: label or threshold that is used, upper limit, smoothing.
+
+    All other settings leave out parts or move it by less than a voxel.
+    """
+    value = None if threshold is None or settings.label is not None else float(f"{threshold:.6g}")
+    return settings.label, value, settings.upper, settings.smoothing_method, settings.gaussian_mm
 
 
 def draw() -> None:

@@ -27,6 +27,8 @@ from ctmc_addon.blender.figure.spec import (
     ShownSurface,
     Turn,
 )
+from ctmc_addon.blender.rulers import add_ruler
+from ctmc_addon.blender.slices import is_slice
 from ctmc_addon.cli.figure.common import page_of
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core.errors import SettingsError
@@ -57,6 +59,25 @@ def surface(loaded):
     """Its surface, selected."""
     bpy.ops.ctmc.reconstruct()
     return bpy.context.view_layer.objects.active
+
+
+def test_visible_slices_and_rulers_are_in_the_figure_and_hidden_ones_are_not(surface, tmp_path):
+    scene = bpy.context.scene
+    bpy.ops.ctmc.add_slice()
+    plane = next(obj for obj in scene.objects if is_slice(obj))
+    kept, hidden = (add_ruler(scene, "distance", [(0, 0, 0), (end, 0, 0)], "Distance", 0.01) for end in (0.2, 0.3))
+    hidden.hide_set(True)
+    for obj in scene.objects:
+        obj.select_set(obj == surface)
+    bpy.context.view_layer.objects.active = surface
+    bpy.context.view_layer.update()
+    cell, _ = figure.cell_of(bpy.context)
+    assert [mark.text for mark in cell.rulers] == ["20.0 mm"]
+    assert cell.rulers[0].places[1] == pytest.approx((0.2, 0.0, 0.0), abs=1e-6)
+    assert cell.slices == (plane,)
+    kept.hide_render = plane.hide_render = True
+    cell, _ = figure.cell_of(bpy.context)
+    assert (cell.rulers, cell.slices) == ((), ())
 
 
 def file_state():

@@ -86,6 +86,15 @@ def test_results_survive_reopening_the_file(loaded, tmp_path):
     assert drawn(results.CTMC_PT_results).texts == before
 
 
+def test_costs_are_counted_after_reopening_a_file_whose_ct_is_in_memory(loaded, tmp_path, monkeypatch):
+    monkeypatch.setattr(live, "IDLE", 0.0)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "day.blend"))
+    rest()
+    assert session.of(bpy.context.scene).cost.faces > 0
+    assert "..." not in drawn(*panels.STEPS).texts
+
+
 def test_measures_of_another_mesh_are_not_shown(loaded):
     bpy.ops.ctmc.reconstruct()
     assert "Area" in drawn(results.CTMC_PT_results).texts

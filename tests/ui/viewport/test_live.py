@@ -191,6 +191,23 @@ def test_a_surface_whose_threshold_is_counted_first_is_shown_then(loaded, rested
     assert preview.state.shown is not None
 
 
+@pytest.mark.parametrize(
+    ("change", "is_made"),
+    [
+        (lambda settings: bpy.ops.ctmc.auto_threshold(), True),
+        (lambda settings: setattr(settings, "smoothing", "none"), True),
+        (lambda settings: bpy.ops.ctmc.fit_region(), True),
+        (lambda settings: setattr(settings, "smoothing_mm", 1.0), False),
+        (lambda settings: setattr(settings, "threshold", 120.0), False),
+    ],
+)
+def test_it_is_not_drawn_where_a_surface_lies_already_whatever_its_settings_are_called(loaded, rested, change, is_made):
+    bpy.ops.ctmc.reconstruct()  # at Otsu's threshold
+    change(loaded.ctmc)
+    rested()
+    assert preview.is_made(bpy.context) == is_made
+
+
 def test_another_file_ends_it_all(loaded, rested):
     loaded.ctmc.threshold = 100.0
     rested()

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Load a CT: the operator `ctmc.load`, its place in File > Import, and drag and drop."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    BoolVectorProperty,
+    CollectionProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
+
+from .... import readers
+from ....blender.colors import color_of
+from ....blender.ct_box import show_box
+from ....blender.units import has_blenders_units, set_units
+from ....core import ReadError, Stages, Steps
+from ....core.volume import volume_box, volume_statistics_steps
+from ....readers import KNOWN_SUFFIXES
+from ....reporting.formatting import in_lines
+from ... import jobs
+from ...properties.preferences import machine
+from ...state import change_events, session, surfaces, volumes
+from ...translations import OURS, translate
+from ..paths import RELATIVE
+from .view import frame_everywhere
+
+STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
+# Blender looks at the last suffix only.
+DROPPED = ";".join(sorted({"." + suffix.rpartition(".")[2] for suffix in KNOWN_SUFFIXES} | {".gz"}))
+
+
+class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
+    """Read a CT or labels, in any of the formats that `readers` knows."""
+
+    bl_idname = "ctmc.load"
+    bl_label = "Load CT"
+    bl_description = (
+        "Read a CT or labels: DICOM with its segmentations (SEG) and structure sets (RTSTRUCT), NIfTI, NRRD, "
+        "MetaImage, MGH, Analyze, npy, a folder of masks, or slices as TIFF, JPEG 2000, PNG, JPEG or BMP"
+    )
+    bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    message_field = "load_message"
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
+    directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
+    spacing: FloatVectorProperty(
+        name="Spacing",
+        description="Distance between samples along x, y and z [mm]. 0 = as the files say",
+        min=0.0,
+        subtype="XYZ",
+        unit="CAMERA",
+        options={"SKIP_SAVE"},
+    )
+    flip: StringProperty(name="Flip", description="Axes to flip, such as z or xy", options={"SKIP_SAVE", "HIDDEN"})
+    flip_axes: BoolVectorProperty(
+        name="Flip",
+        description="Axes that lie the other way round than the files say or was assumed",
+        options={"SKIP_SAVE"},
+    )
+    series: StringProperty(
+        name="Series",
+        description="UID of the DICOM series. Empty = the one with the most slices",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+    time: IntProperty(
+        name="Time",
+        description="Which of several times of the CT to read: time points, phases or acquisitions. "
+        "0 = the first that is whole",
+        min=0,
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+    again: BoolProperty(
+        name="Again",
+        description="Read the CT of this scene again, with the spacing and sides of the panel",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+
+    needs = (jobs.idle,)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for a file or folder, unless one was dropped."""
+        self.windowed = True
+        if self.filepath or self.directory or self.again:
+            return self.begin(context)
+        folder = last_folder(context.scene)
+        if folder is not None:
+            self.filepath = str(folder) + os.sep
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """What the files may not say, beside the list of files."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        column = layout.column(align=True)
+        for axis, name in enumerate("xyz"):
+            column.prop(self, "spacing", index=axis, text=f"{translate('Spacing')} {name}", translate=False)
+        row = layout.row(heading=translate("Flip"), heading_ctxt=OURS, align=True)
+        for axis, name in enumerate("XYZ"):
+            row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
+        lines = layout.column(align=True)
+        lines.scale_y = 0.8
+        for line in in_lines(
+            translate("Of several series the one with most slices is read; the panel lists them all"), 34
+        ):
+            lines.label(text=line, translate=False)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Read the file, and look through it."""
+        scene = context.scene
+        scene_session, stored, expected = session.of(scene), scene.ctmc, ""
+        scene_session.message = scene_session.load_message = ""
+        # Several files that were dropped or selected together are slices of one stack.
+        path = self.directory if len(self.files) > 1 else self.filepath or self.directory
+        reading: dict[str, Any] = {
+            "spacing": tuple(self.spacing) if any(self.spacing) else None,
+            "flip": self.flip or "".join(axis for axis, flips in zip("xyz", self.flip_axes, strict=True) if flips),
+            "series": self.series or None,
+            "time": self.time or None,
+        }
+        if self.again and not path:
+            path = stored.volume_path
+            reading = reading_of(stored)
+            if self.series:
+                reading |= {"series": self.series, "time": None}
+            if self.time:
+                reading["time"] = self.time
+            if reading == known_reading(scene):
+                expected = stored.volume_fingerprint
+        if not path:
+            raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected)
+
+    def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
+        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any."""
+        stages = Stages(STAGES)
+        headers, values, counting = STAGES
+        source = yield from stages.run(headers, readers.open_volume_steps(path))
+        selected = source.selected_series(reading["series"])
+        fits = selected is None or volumes.fits(selected, machine().memory_limit)
+        file, stride = None, (1, 1, 1)
+        if fits:
+            limits = machine()
+            work = source.read_steps(**reading, threads=limits.threads, memory_limit=limits.memory_limit)
+            volume = yield from stages.run(values, work)
+        else:
+            file = yield from stages.run(values, source.slabs_steps(**reading, threads=machine().threads))
+            stride = volumes.shown_stride(file, machine().memory_limit)
+            volume = yield from stages.run(values, file.volume_steps(stride))
+        if reading["series"] and selected is not None:  # its UID is kept nowhere
+            reading = {**reading, "series": str(selected.number)}
+        if selected is not None:
+            time, _ = source.selected_time(reading["series"], reading["time"])
+            reading = {**reading, "time": time if selected.times > 1 else None}
+        statistics = yield from stages.run(counting, volume_statistics_steps(volume))
+        loaded = volumes.Loaded(
+            path,
+            volume,
+            statistics,
+            source.series,
+            reading,
+            source.has_geometry,
+            1 if selected is None else selected.number,
+            readers.segmentation_sibling(path),
+            file,
+            stride,
+        )
+        return lambda: conclude(loaded, scene, expected)
+
+
+def last_folder(scene: bpy.types.Scene) -> Path | None:
+    """Where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    stored = scene.ctmc.volume_path
+    path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
+    return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
+
+
+def reading_of(stored: Any) -> dict[str, Any]:
+    """How the panel wants the scene's CT to be read."""
+    return {
+        "spacing": tuple(stored.spacing) if any(stored.spacing) else None,
+        "flip": "".join(axis for axis in "xyz" if getattr(stored, f"flip_{axis}")),
+        "series": stored.series or None,
+        "time": stored.time or None,
+    }
+
+
+def known_reading(scene: bpy.types.Scene) -> Any:
+    """How the CT of the scene was read."""
+    loaded = volumes.loaded(scene)
+    return reading_of(scene.ctmc) if loaded is None else loaded.reading
+
+
+def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
+    """Make a volume the scene's."""
+    scene = session.scene_of(uid)
+    if scene is None:
+        raise ReadError("the scene was deleted while the CT was read; load it into another")
+    stored, reading = scene.ctmc, loaded.reading
+    is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
+    is_first = not stored.volume_fingerprint
+    is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
+    holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
+    volumes.keep(loaded, scene)
+    stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
+    for axis in "xyz":
+        setattr(stored, f"flip_{axis}", axis in reading["flip"])
+    stored.series = str(reading["series"] or "")
+    stored.time = reading["time"] or 0
+    if holds_region:
+        stored.region_for = stored.volume_fingerprint
+    if is_another_ct:
+        stored.volume_name = stored.volume_name if is_another_time else ""
+        names, colors = loaded.volume.label_names, loaded.volume.label_colors
+        stored.show_labels(
+            [(value, names.get(value, ""), color_of(value, colors.get(value))) for value, _ in loaded.statistics.labels]
+        )
+    if is_another_ct:
+        follow_kind(stored, loaded)
+    scene_session = session.of(scene)
+    scene_session.message = scene_session.load_message = ""
+    if expected not in ("", loaded.statistics.fingerprint):
+        text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
+        scene_session.load_message = translate(text).format(name=loaded.path.name)
+    change_events.notify(stored, "volume")
+    show_in_scene(scene, loaded, is_another_ct and not is_another_time)
+    columns, rows, slices = loaded.full.size
+    text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+    if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
+        set_units(scene, machine().scale)
+        text += ". " + translate("Blender's numbers are millimeters now")
+    return text
+
+
+def follow_kind(stored: Any, loaded: volumes.Loaded) -> None:
+    """Labels for a label volume, whose numbers no threshold separates; a threshold for HU, which are no labels."""
+    labels = [value for value, _ in loaded.statistics.labels]
+    if loaded.volume.kind == "label" and labels and not (stored.use_label and stored.label in labels):
+        stored.label = labels[0]
+    elif loaded.volume.kind == "HU" and stored.use_label:
+        stored.use_label = False
+        stored.use_threshold = stored.is_property_set("threshold")
+
+
+def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:
+    """Give a CT its box in the scene; one that has just come is selected and framed."""
+    folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
+    corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
+    place = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, place)
+    if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
+        for obj in bpy.context.selected_objects:
+            obj.select_set(False)
+        box.select_set(True)  # not active: nothing of the panel or the status bar is about it
+    if (is_new or is_another_ct) and bpy.context.scene == scene:
+        frame_everywhere(loaded.volume)
+
+
+class CTMC_FH_stack(bpy.types.FileHandler):
+    """Drop a CT file on the 3D viewport or the outliner."""
+
+    bl_idname = "CTMC_FH_stack"
+    bl_label = "CT Stack"
+    bl_import_operator = "ctmc.load"
+    bl_file_extensions = DROPPED
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Where a surface would be seen."""
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+
+def import_entry(menu: Any, _context: bpy.types.Context) -> None:
+    """The entry in File > Import."""
+    menu.layout.operator("ctmc.load", text="CT Stack")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_load, CTMC_FH_stack))
+
+
+def register() -> None:
+    """Register the operator, its file handler and its place in File > Import."""
+    _register()
+    bpy.types.TOPBAR_MT_file_import.append(import_entry)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.TOPBAR_MT_file_import.remove(import_entry)
+    _unregister()

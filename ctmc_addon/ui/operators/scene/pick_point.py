@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Click on a place: the slices meet there, and the status bar says its value. The operator `ctmc.pick_point`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import FloatVectorProperty
+
+from ....blender.rulers import hit, patient_mm
+from ....blender.slices import cross_at
+from ....core import Volume
+from ....core.volume import PLANES, position_through, slice_at, slice_corners, value_at
+from ...needs import Needs
+from ...properties.preferences import machine
+from ...state import session, volumes
+from ...translations import translate
+from ...viewport import slice_objects
+from ...viewport.mouse import ray_under, viewport_at
+
+
+def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
+    """Where a ray meets the slice that is drawn, world space; None where it passes."""
+    view = scene.ctmc_view
+    corners = slice_corners(volume, slice_at(volume, view.plane, view.position)) * machine().scale
+    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0], -np.array(direction)], axis=1)
+    if not view.show_slice or abs(np.linalg.det(sides)) < 1e-12:
+        return None
+    right, below, way = np.linalg.solve(sides, np.array(origin) - corners[0]).tolist()
+    return origin + direction * way if 0 <= right <= 1 and 0 <= below <= 1 and way > 0 else None
+
+
+def found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
+    """The object under the mouse, None for the slice that is drawn, and the place in RAS+ mm; None for nothing."""
+    ray = ray_under(area, event)
+    if ray is None:
+        return None
+    origin, _ = ray
+    hits = [hit(context.scene, context.evaluated_depsgraph_get(), *ray)]
+    if area.spaces.active.overlay.show_overlays:
+        place = drawn_slice_hit(context.scene, volume, *ray)
+        hits.append(None if place is None else (None, place))
+    nearest = min(filter(None, hits), key=lambda found: (found[1] - origin).length, default=None)
+    return None if nearest is None else (nearest[0], patient_mm(*nearest, machine().scale))
+
+
+def point_text(volume: Volume, point_mm: Sequence[float]) -> str:
+    """Where a point is, and the value of the CT there."""
+    place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
+    value = value_at(volume, point_mm)
+    if value is None:
+        return translate("{place}: outside the CT").format(place=place)
+    return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"
+
+
+class CTMC_OT_pick_point(Needs, bpy.types.Operator):
+    """Let the slices meet at clicked points, until Esc."""
+
+    bl_idname = "ctmc.pick_point"
+    bl_label = "Pick Point"
+    bl_description = (
+        "Click in a slice or on a surface: the other slices, drawn and added, and the 3D cursor move there. The status "
+        "bar says place and value under the mouse. Esc or a right click ends it"
+    )
+
+    point_mm: FloatVectorProperty(name="Point", size=3, options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (volumes.has_volume,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Let them meet at the point that is given."""
+        self.pick(context, None, tuple(self.point_mm))
+        self.report({"INFO"}, point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
+        return {"FINISHED"}
+
+    def pick(self, context: bpy.types.Context, clicked: bpy.types.Object | None, point_mm: Sequence[float]) -> None:
+        """Move the slices, drawn and added, to a point."""
+        scene = context.scene
+        ct, view = volumes.require_loaded(scene), scene.ctmc_view
+        view.positions = [position_through(ct.volume, plane, point_mm) for plane in PLANES]
+        cross_at(scene, ct.volume, ct.statistics.fingerprint, point_mm, machine().scale, clicked)
+        context.view_layer.update()
+        slice_objects.show(scene)
+        session.redraw_viewports()
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Wait for clicks."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        self.area = context.area.as_pointer()
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+        self.say(context, "")
+        return {"RUNNING_MODAL"}
+
+    def say(self, context: bpy.types.Context, text: str) -> None:
+        """Write into the status bar."""
+        help_text = translate("Click: the slices meet there. Esc: done")
+        context.workspace.status_text_set(f"{text}   |   {help_text}" if text else help_text)
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Follow the mouse; navigation and all else passes through."""
+        area, ct = viewport_at(context, self.area), volumes.loaded(context.scene)
+        ends = event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"
+        if area is None or ct is None or ends:
+            self.cancel(context)
+            return {"FINISHED"}
+        is_click = event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK")
+        if event.type != "MOUSEMOVE" and not is_click:
+            return {"PASS_THROUGH"}
+        found = found_under(context, ct.volume, area, event)
+        self.say(context, "" if found is None else point_text(ct.volume, found[1]))
+        if found is None or not is_click:
+            return {"PASS_THROUGH"}
+        self.pick(context, *found)
+        bpy.ops.ed.undo_push(message=translate(self.bl_label))
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Give pointer and status bar back."""
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_pick_point,))

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Measure between clicked points: the operators `ctmc.measure_distance` and `ctmc.measure_angle`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import FloatVectorProperty
+
+from ....blender.rulers import KINDS, add_ruler, hit, patient_mm
+from ....core import MeshError
+from ... import jobs
+from ...properties.preferences import machine
+from ...state import session
+from ...translations import translate
+from ...viewport import rulers
+from ...viewport.mouse import is_inside, ray_under, viewport_at
+
+
+class Measure:
+    """Clicks on surfaces become an object that says its value; inherited before `bpy.types.Operator`."""
+
+    kind = ""
+    called = ""
+    asks: tuple[str, ...] = ()
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Measure between the points that are given."""
+        points, scale = [tuple(self.points_mm[i : i + 3]) for i in range(0, 3 * KINDS[self.kind], 3)], machine().scale
+        return self.add(context, [tuple(value * scale for value in point) for point in points], points)
+
+    def add(self: Any, context: bpy.types.Context, places: list[Any], points: list[Any]) -> set[str]:
+        """Add the object, selected alone where Blender's mode allows it."""
+        scene, name = context.scene, translate(self.called)
+        fingerprint = scene.ctmc.volume_fingerprint
+        try:
+            ruler = add_ruler(scene, self.kind, places, name, machine().scale, points, fingerprint)
+        except MeshError as error:
+            return jobs.refuse(self, scene.session_uid, error)
+        self.report({"INFO"}, ruler.name)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+    def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Ask for the points, one click each."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        self.area = context.area.as_pointer()
+        self.points = list[Any]()
+        rulers.pending.places, rulers.pending.next_place = [], None
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+        self.ask(context)
+        return {"RUNNING_MODAL"}
+
+    def ask(self: Any, context: bpy.types.Context) -> None:
+        """Say in the status bar what the next click is."""
+        context.workspace.status_text_set(translate(self.asks[len(self.points)]))
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Follow the mouse; a click sets a point, Esc or a right click leaves nothing."""
+        area = viewport_at(context, self.area)
+        if area is None or (event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS"):
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type == "MOUSEMOVE":
+            found = self.under(context, area, event)
+            rulers.pending.next_place = None if found is None else found[1]
+            area.tag_redraw()
+        elif event.type == "LEFTMOUSE" and event.value == "PRESS" and is_inside(area, event):
+            found = self.under(context, area, event)
+            if found is None:
+                self.report({"WARNING"}, translate("There is no surface under the mouse"))
+                return {"RUNNING_MODAL"}
+            self.points.append(patient_mm(found[0], found[1], machine().scale))
+            rulers.pending.places.append(found[1])
+            if len(self.points) < KINDS[self.kind]:
+                self.ask(context)
+                return {"RUNNING_MODAL"}
+            places = list(rulers.pending.places)
+            self.cancel(context)
+            return self.add(context, places, self.points)
+        return {"PASS_THROUGH"}
+
+    def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
+        """The object under the mouse and where it is hit; None where there is none."""
+        ray = ray_under(area, event)
+        return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+
+    def cancel(self: Any, context: bpy.types.Context) -> None:
+        """Leave nothing behind."""
+        rulers.pending.places, rulers.pending.next_place = [], None
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+        session.redraw_viewports()
+
+
+class CTMC_OT_measure_distance(Measure, bpy.types.Operator):
+    """Measure the distance of two points on surfaces or slices."""
+
+    bl_idname = "ctmc.measure_distance"
+    bl_label = "Distance"
+    bl_description = (
+        "Click on two points of surfaces or slice objects; their distance in the patient [mm] stays as an object"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    kind, called = "distance", "Distance"
+    asks = ("Click on the first point. Esc: nothing is measured", "Click on the last point. Esc: nothing is measured")
+
+    points_mm: FloatVectorProperty(name="Points", size=6, options={"HIDDEN", "SKIP_SAVE"})
+
+
+class CTMC_OT_measure_angle(Measure, bpy.types.Operator):
+    """Measure the angle at the second of three points on surfaces or slices."""
+
+    bl_idname = "ctmc.measure_angle"
+    bl_label = "Angle"
+    bl_description = (
+        "Click on three points of surfaces or slice objects; the angle at the second one in degrees stays as an object"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    kind, called = "angle", "Angle"
+    asks = (
+        "Click on the first point. Esc: nothing is measured",
+        "Click on the corner. Esc: nothing is measured",
+        "Click on the last point. Esc: nothing is measured",
+    )
+
+    points_mm: FloatVectorProperty(name="Points", size=9, options={"HIDDEN", "SKIP_SAVE"})
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_measure_distance, CTMC_OT_measure_angle))

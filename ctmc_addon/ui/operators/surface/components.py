@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of the active surface left out or closed: `ctmc.remove_small`, `ctmc.keep_largest`, `ctmc.close_border`.
+
+The setting goes to the panel too, or the next Update would bring back what was left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+
+from ....core import Steps
+from ....core.mesh import SMALL
+from ... import jobs
+from ...state import session, surfaces
+from .simplify import from_full_steps
+
+
+class ComponentsOperator(jobs.LongOperator):
+    """What the three share, before `bpy.types.Operator`."""
+
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs: tuple[Any, ...] = (jobs.idle, surfaces.can_change)
+    changes: Mapping[str, Any]
+    extracts = False
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """The active surface, with these settings."""
+        work = from_full_steps(context, self.changes, extracts=self.extracts)
+        return with_panel_steps(work, context.scene.session_uid, self.changes)
+
+
+def with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
+    """The work, and at its end the same settings in the panel."""
+    conclude = yield from work
+
+    def conclude_and_show() -> str:
+        message = conclude()
+        scene = session.scene_of(uid)
+        if scene is not None:
+            for name, value in changes.items():
+                setattr(scene.ctmc, name, value)
+        return message
+
+    return conclude_and_show
+
+
+def is_open(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the active surface was left open and its CT can close it, with the reason if not."""
+    obj = context.view_layer.objects.active
+    if surfaces.require_settings(obj).close_border:
+        operator.poll_message_set("The border is closed already")
+        return False
+    if not surfaces.is_of_ct(obj, context.scene):
+        operator.poll_message_set("Make a surface of this CT active first")
+        return False
+    return True
+
+
+class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
+    """Remove the small components of the active surface."""
+
+    bl_idname = "ctmc.remove_small"
+    bl_label = "Remove Small Components"
+    bl_description = "Remove components and fill cavities below 10 mm3; nothing is extracted again"
+
+    changes = {"min_part_mm3": SMALL}  # noqa: RUF012
+
+
+class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):
+    """Keep the largest component of the active surface."""
+
+    bl_idname = "ctmc.keep_largest"
+    bl_label = "Keep Largest Component"
+    bl_description = "Keep the largest component of the active surface, with its cavities; nothing is extracted again"
+
+    changes = {"keep_parts": 1}  # noqa: RUF012
+
+
+class CTMC_OT_close_border(ComponentsOperator, bpy.types.Operator):
+    """Close the active surface where the volume cuts it."""
+
+    bl_idname = "ctmc.close_border"
+    bl_label = "Close Border"
+    bl_description = "Make the active surface again, closed where the border of the volume or region cuts it"
+
+    needs = (jobs.idle, surfaces.can_change, is_open)
+    changes = {"close_border": True}  # noqa: RUF012
+    extracts = True
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (CTMC_OT_remove_small, CTMC_OT_keep_largest, CTMC_OT_close_border)
+)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write a surface to a file: the operator `ctmc.export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ....blender.export import export
+from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
+from ..paths import SaveDialog
+
+FORMATS = ", ".join(SURFACE_SUFFIXES)
+
+
+class CTMC_OT_export(SaveDialog, bpy.types.Operator):
+    """Write the active surface in patient millimeters; the suffix chooses the format."""
+
+    bl_idname = "ctmc.export"
+    bl_label = "Export Surface"
+    bl_description = f"Write the active surface in millimeters; the suffix chooses the format, else STL: {FORMATS}"
+
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SURFACE_SUFFIXES), options={"HIDDEN"})
+    kind: EnumProperty(
+        name="Format",
+        description="What is written where the name has no suffix; with one, the suffix decides",
+        items=[
+            (suffix, suffix[1:].upper() if suffix != ".blend" else "Blender", suffix) for suffix in SURFACE_SUFFIXES
+        ],
+    )
+    space: EnumProperty(
+        name="Space",
+        description="Axes of STL, PLY and OBJ",
+        items=[(space, space.upper(), axes) for space, axes in SPACES.items()],
+    )
+
+    def ending(self) -> str:
+        """As the list of formats says."""
+        return str(self.kind)
+
+    def check(self, context: bpy.types.Context) -> bool:
+        """Bring format and name together: whichever of the two was changed leads."""
+        before, path = self.filepath, Path(self.filepath)
+        if path.suffix.lower() in SURFACE_SUFFIXES and path.suffix.lower() != self.kind:
+            if self.kind == getattr(self, "shown_kind", self.kind):
+                self.kind = path.suffix.lower()
+            else:
+                self.filepath = str(path.with_suffix(self.kind))
+        self.shown_kind = self.kind
+        return SaveDialog.check(self, context) or bool(before != self.filepath)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a mesh to write."""
+        if context.object is None or context.object.type != "MESH":
+            cls.poll_message_set("Choose a surface first")
+            return False
+        if context.object.mode == "EDIT":
+            cls.poll_message_set("Leave edit mode first")
+            return False
+        return True
+
+    def suggestion(self, context: bpy.types.Context) -> str:
+        """The object's name."""
+        return f"{context.object.name}{self.ending()}"
+
+    def write(self, context: bpy.types.Context, path: Path) -> None:
+        """Write it."""
+        export(context.object, path, space=self.space, scene=context.scene)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finished surfaces become objects of the scene: new ones, or those that were selected.
+
+Data-blocks are kept by their session_uid while a job runs: undo, deletion and renaming do no harm then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import bpy
+
+from ....blender.surface import (
+    add_reconstruction,
+    call,
+    edges_steps,
+    require_updatable,
+    surface_mesh_steps,
+    update_reconstruction,
+)
+from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
+from ....core.volume import surface_name
+from ...properties.preferences import machine
+from ...state import measurements, session
+from ...state.measurements import Measurement
+from ...translations import translate
+
+
+@dataclass(frozen=True)
+class SurfaceRequest:
+    """A surface to make.
+
+    Parameters
+    ----------
+    color : (red, green, blue) or None
+        Linear; None takes that of the label.
+    target : int or None
+        `session_uid` of the object that takes it; None makes a new one.
+    structure : str
+        What the label is called; empty for a threshold.
+    fingerprint, kind : str
+        Of its CT; without a kind, an object that is updated keeps its name.
+    prefix : str
+        What the CT is called in the panel, before the name of the surface.
+    """
+
+    settings: ReconstructionSettings
+    color: tuple[float, float, float] | None = None
+    target: int | None = None
+    structure: str = ""
+    fingerprint: str = ""
+    kind: str = ""
+    prefix: str = ""
+
+
+@dataclass(frozen=True)
+class FinishedSurface:
+    """A surface and what it was asked for: before and after simplification, measured in so many seconds."""
+
+    request: SurfaceRequest
+    full: Reconstruction
+    result: Reconstruction
+    measurement: Measurement
+    measuring_seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class NewMesh:
+    """A mesh that no object has yet, and the object it was made for; None for a new one."""
+
+    mesh: int
+    target: int | None
+
+
+def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
+    """Meshes of finished surfaces, a part of one between two steps; they are gone again if the job is left here.
+
+    Raises
+    ------
+    MeshError
+        If a surface has no triangles, or an object cannot be changed any more.
+    """
+    meshes: list[NewMesh] = []
+    complete = False
+    try:
+        for number, surface in enumerate(surfaces):
+            mesh = surface.result.mesh
+            finding = edges_steps(mesh.faces, len(mesh.vertices))
+            edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
+            obj = session.object_of(surface.request.target)
+            if obj is not None:
+                require_updatable(obj)
+            making = surface_mesh_steps(surface.result, obj, machine().scale, edges)
+            block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
+            obj = session.object_of(surface.request.target)
+            meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
+        yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
+        complete = True
+        return meshes
+    finally:
+        if not complete:
+            remove_unused(meshes)
+
+
+def remove_unused(meshes: Iterable[NewMesh]) -> None:
+    """Remove the meshes that no object has taken."""
+    uids = {new.mesh for new in meshes}
+    for mesh in [mesh for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh.users == 0]:
+        bpy.data.meshes.remove(mesh)
+
+
+def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
+    """Put finished surfaces into the scene, with their measurements, and select them; the last one is active.
+
+    Raises
+    ------
+    MeshError
+        If the scene is gone, or an object cannot be changed any more.
+    """
+    try:
+        scene = session.scene_of(scene_uid)
+        if scene is None:
+            raise MeshError("the scene was deleted meanwhile; reconstruct again in another")
+        targets = [session.object_of(surface.request.target) for surface in surfaces]
+        for obj in targets:
+            if obj is not None:
+                require_updatable(obj)  # before any of them is touched
+        blocks = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+        objects = []
+        for surface, obj, new in zip(surfaces, targets, meshes, strict=True):
+            request, result = surface.request, surface.result
+            # Undo may have taken the mesh, and a deleted object its place: then another is made.
+            mesh = blocks.get(new.mesh) if new.target == (None if obj is None else request.target) else None
+            if obj is None:
+                color, name, fingerprint = request.color, name_of(request, result), request.fingerprint
+                obj = add_reconstruction(result, scene, machine().scale, color, mesh, name, fingerprint)
+            else:
+                update_reconstruction(obj, result, mesh, request.fingerprint)
+                if request.structure or request.kind:
+                    call(obj, name_of(request, result))
+            # The measurement is of this alpha and no modifiers; the object may have others.
+            state = measurements.plain_state(obj, result.settings.alpha)
+            measurements.keep(obj, surface.measurement, state)
+            objects.append(obj)
+    finally:
+        remove_unused(meshes)
+    select(scene, objects)
+    return objects
+
+
+def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
+    """What a surface is called: its label, else tissue and threshold."""
+    by_values = surface_name(request.kind, result.threshold, result.settings.upper)
+    return f"{request.prefix} {request.structure or by_values}".strip()
+
+
+def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    """Select these and nothing else, where Blender's mode allows it; the last one is active."""
+    context = bpy.context
+    layer = context.view_layer if context.scene == scene else scene.view_layers[0]
+    active = layer.objects.active
+    if active is not None and active.mode != "OBJECT":
+        return
+    layer.update()
+    for other in layer.objects:
+        other.select_set(False, view_layer=layer)
+    for obj in objects:
+        if layer.objects.get(obj.name) == obj:
+            obj.select_set(True, view_layer=layer)
+            layer.objects.active = obj
+
+
+def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[FinishedSurface]) -> str:
+    """For the report: names and triangles."""
+    return ", ".join(
+        translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))
+        for obj, surface in zip(objects, surfaces, strict=True)
+    )

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and the work that Simplify shares with it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty
+
+from ....core import (
+    CtmcError,
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Stages,
+    Steps,
+    Volume,
+    each_label_steps,
+    full_steps,
+    simplified_steps,
+    without_small_steps,
+)
+from ....core.volume import SlabVolume, require_labels
+from ... import jobs
+from ...properties.preferences import machine
+from ...state import cost_estimates, session, surfaces, volumes
+from ...state.measurements import measurement_steps
+from ...translations import translate_sentence
+from ...viewport import preview
+from . import placing
+from .placing import FinishedSurface, NewMesh, SurfaceRequest
+
+SURFACE_STAGES = {"Extracting the surface": 50, "Simplifying": 30, "Measuring": 17}
+JOB_STAGES = {"Reconstructing": 97, "Adding the surface": 3}
+
+
+def is_possible(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
+    cost = session.of(context.scene).cost
+    if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
+        operator.poll_message_set(translate_sentence(cost.refusal))
+        return False
+    return True
+
+
+def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
+    """The settings of every surface of the panel; None while they contradict each other."""
+    try:
+        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
+    except SettingsError:
+        return None
+    return settings
+
+
+class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
+    """Make a surface from the loaded CT with the settings of the panel."""
+
+    bl_idname = "ctmc.reconstruct"
+    bl_label = "Reconstruct Surface"
+    bl_description = (
+        "Make a surface from the loaded CT with the settings of the panel. "
+        "A selected surface of this CT is updated and keeps its place, materials and modifiers"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    new: BoolProperty(
+        name="New Object",
+        description="Make a new object even if a surface is selected",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+
+    needs = (jobs.idle, volumes.has_volume, is_possible)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Every surface the panel asks for."""
+        scene = context.scene
+        loaded = volumes.require_loaded(scene)
+        runs = scene.ctmc.all_settings()
+        targets = {} if self.new else surfaces.targets(context, runs)
+        fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
+        for run in runs:
+            if run.label is not None:
+                require_labels(loaded.volume, run.label)
+        requests = [
+            SurfaceRequest(
+                run,
+                scene.ctmc.color_of(run.label),
+                targets.get(run),
+                "" if run.label is None else scene.ctmc.name_of(run.label),
+                fingerprint,
+                kind,
+                scene.ctmc.volume_name.strip(),
+            )
+            for run in runs
+        ]
+        volume = replace(loaded.full, name=scene.ctmc.volume_name.strip() or loaded.volume.name)
+        return surfaces_steps(volume, requests, scene.session_uid)
+
+
+def surfaces_steps(
+    volume: Volume | SlabVolume | None,
+    requests: Sequence[SurfaceRequest],
+    scene_uid: int,
+    full: Reconstruction | None = None,
+) -> Steps[jobs.Conclusion]:
+    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
+    stages = Stages(JOB_STAGES)
+    reconstructing, adding = JOB_STAGES
+    if volume is None or len(requests) == 1:
+        [request], limits = requests, machine()
+        making = surface_steps(volume, request, full, limits.threads, limits.memory_limit)
+        finished = [(yield from stages.run(reconstructing, making))]
+    else:
+        finished = yield from stages.run(reconstructing, labels_steps(volume, requests))
+    meshes = yield from stages.run(adding, placing.mesh_steps(finished))
+
+    def conclude() -> str:
+        start = time.perf_counter()
+        message = add_to_scene(scene_uid, finished, meshes)
+        measuring = sum(surface.measuring_seconds for surface in finished)
+        seconds = measuring + stages.seconds[adding] + time.perf_counter() - start
+        cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
+        return message
+
+    return conclude
+
+
+def labels_steps(volume: Volume | SlabVolume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
+    """Make the surfaces of several labels, side by side."""
+    runs, limits = [request.settings for request in requests], machine()
+
+    def work_steps(number: int, threads: int, limit: int | None) -> Steps[FinishedSurface]:
+        return (yield from surface_steps(volume, requests[number], None, threads, limit))
+
+    made = yield from each_label_steps(volume, runs, work_steps, limits.threads, limits.memory_limit)
+    finished = []
+    for result in made:
+        if isinstance(result, CtmcError):
+            raise result
+        finished.append(result)
+    return finished
+
+
+def surface_steps(
+    volume: Volume | SlabVolume | None,
+    request: SurfaceRequest,
+    full: Reconstruction | None,
+    threads: int | None,
+    memory_limit: int | None,
+) -> Steps[FinishedSurface]:
+    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
+    settings, stages = request.settings, Stages(SURFACE_STAGES)
+    extracting, simplifying, measuring = SURFACE_STAGES
+    if full is None:
+        assert volume is not None, "the caller has one of the two"
+        work = full_steps(volume, settings, threads, memory_limit)
+        full = yield from stages.run(extracting, work)
+    if full.surface is not None and full.settings.alpha != settings.alpha:
+        full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
+    if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
+        removing = without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
+        full = yield from stages.run(extracting, removing)
+    result = yield from stages.run(simplifying, simplified_steps(full, settings, memory_limit))
+    measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))
+    return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
+
+
+def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:
+    """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
+    objects = placing.place(scene_uid, finished, meshes)
+    scene = session.scene_of(scene_uid)
+    assert scene is not None, "place has put something into it"
+    scene_session = session.of(scene)
+    scene_session.message = ""
+    scene_session.full = {
+        surfaces.origin(surface.request.fingerprint, surface.request.settings): surface.full
+        for surface in finished
+        if surface.request.fingerprint
+    }
+    preview.hide()
+    return placing.summary(objects, finished)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_reconstruct,))

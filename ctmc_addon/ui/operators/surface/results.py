@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What came out: measure, deviation map, settings of an object copied to the panel, the command that makes the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ....blender.figure.distance_map import paint_distances, painted_mm
+from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
+from ....core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ....core.mesh import ReferenceSurface, vertex_distances_steps
+from ....reporting.command_line import command_line
+from ... import jobs
+from ...state import measurements, session, surfaces, volumes
+from ...state.measurements import measurement_steps
+from ...translations import translate
+from ...viewport import deviation
+
+
+class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
+    """Measure the active surface as it is now."""
+
+    bl_idname = "ctmc.measure"
+    bl_label = "Measure"
+    bl_description = (
+        "Measure volume, area and components of the active surface as it is now, alpha and modifiers included. "
+        "Moving, turning or scaling the object changes nothing: it is measured in the patient's millimeters"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (jobs.idle, surfaces.can_change)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """The surface as it shows, where the patient has it: moving the object is not a deviation."""
+        scene, obj = context.scene, context.view_layer.objects.active
+        full = session.of(scene).full.get(surfaces.origin_of(obj))
+        mesh = as_shown(obj, scene).mesh
+        return measure_steps(mesh, full, obj.session_uid, measurements.mesh_state(obj))
+
+
+def measure_steps(
+    mesh: TriangleMesh, full: Reconstruction | None, uid: int, state: measurements.State
+) -> Steps[jobs.Conclusion]:
+    """Measure, and compare with the full surface where that is known."""
+    measurement = yield from measurement_steps(mesh, None if full is None else full.mesh)
+
+    def conclude() -> str:
+        obj = session.object_of(uid)
+        if obj is not None:
+            measurements.keep(obj, measurement, state)
+        return translate("Measured")
+
+    return conclude
+
+
+def has_full(operator: Any, context: bpy.types.Context) -> bool:
+    """Whether the full surface of the active one is in memory, with the reason if not."""
+    if surfaces.origin_of(context.view_layer.objects.active) not in session.of(context.scene).full:
+        operator.poll_message_set("The full surface is not in memory; reconstruct again first")
+        return False
+    return True
+
+
+class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
+    """Color the active surface by its distance to the full one."""
+
+    bl_idname = "ctmc.deviation_map"
+    bl_label = "Deviation Map"
+    bl_description = (
+        "Write each vertex's distance to the full surface [mm] and a color into the mesh as attributes, and show the "
+        "colors in the viewport, with a legend"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (jobs.idle, surfaces.can_change, has_full)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Distances of the object's own vertices."""
+        scene, obj = context.scene, context.view_layer.objects.active
+        require_editable(obj)
+        full = session.of(scene).full[surfaces.origin_of(obj)]
+        return deviation_steps(own_mesh(obj), full, obj.session_uid)
+
+
+def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
+    """Measure every vertex, then write once; the message has the largest distance that is painted."""
+    distances = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
+
+    def conclude() -> str:
+        obj = session.object_of(uid)
+        if obj is None or len(obj.data.vertices) != len(distances):
+            raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
+        require_editable(obj)
+        paint_distances(obj.data, distances)
+        deviation.show()
+        message = translate("{name}: at most {most} mm from the full surface; the viewport shows Color: Attribute")
+        return message.format(name=obj.name, most=f"{distances.max(initial=0.0):.3g}")
+
+    return conclude
+
+
+class CTMC_OT_deviation_view(bpy.types.Operator):
+    """Show or hide the colors of a deviation map."""
+
+    bl_idname = "ctmc.deviation_view"
+    bl_label = "Show Deviation"
+    bl_description = (
+        "Show the colors of the deviation map in the viewport, with a legend in mm; again to shade it as before"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a map, or where a viewport shows one."""
+        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_shown():
+            cls.poll_message_set("Make a deviation map first")
+            return False
+        return True
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        """Switch."""
+        if deviation.is_shown():
+            deviation.hide()
+        else:
+            deviation.show()
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+class CTMC_OT_adopt_settings(bpy.types.Operator):
+    """Take the settings of the active surface into the panel."""
+
+    bl_idname = "ctmc.adopt_settings"
+    bl_label = "Copy Settings to Panel"
+    bl_description = "Copy the settings that the active surface was made with to the panel"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with a surface that knows its settings."""
+        if not surfaces.is_surface(context.view_layer.objects.active):
+            cls.poll_message_set("Choose a reconstructed surface first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take them."""
+        try:
+            context.scene.ctmc.from_settings(settings_of(context.view_layer.objects.active))
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        return {"FINISHED"}
+
+
+class CTMC_OT_copy_command(bpy.types.Operator):
+    """Copy the command line that makes the same mesh."""
+
+    bl_idname = "ctmc.copy_command"
+    bl_label = "Copy as Command"
+    bl_description = "Copy the ctmc command line that makes the same mesh as Reconstruct Surface does now"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where a CT is known."""
+        if not context.scene.ctmc.volume_path:
+            cls.poll_message_set("Load a CT first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy it, a line for each surface."""
+        try:
+            text = command_text(context.scene)
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        context.window_manager.clipboard = text
+        self.report({"INFO"}, text)
+        return {"FINISHED"}
+
+
+def command_text(scene: bpy.types.Scene) -> str:
+    """The command line of every surface the panel asks for."""
+    stored, loaded = scene.ctmc, volumes.loaded(scene)
+    source = bpy.path.abspath(stored.volume_path)
+    reading = loaded.reading if loaded is not None else {}
+    name = loaded.volume.name if loaded is not None else Path(source).stem
+    lines = []
+    for settings in stored.all_settings():
+        output = f"{name}.stl" if settings.label is None else f"{name}_label_{settings.label}.stl"
+        lines.append(command_line(source, output, settings, reading))
+    return "\n".join(lines)
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_deviation_view, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
+)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The closed panel Slice: which slice stands in the viewport, and how its gray values are shown."""
+
+from __future__ import annotations
+
+import bpy
+
+from ....core.volume import slice_at, slice_position_text
+from ... import jobs
+from ...state import volumes
+from ...translations import translate
+from ..layout import SubPanel, draw_pair, prepare
+
+# Window and level in HU, as radiologists set them.
+WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.0, -600.0))
+
+
+class CTMC_PT_slice(SubPanel, bpy.types.Panel):
+    """The slice that stands in the viewport."""
+
+    bl_idname = "CTMC_PT_slice"
+    bl_label = "Slice"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Nothing to slice without a CT."""
+        return volumes.current(context.scene) is not None
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """The switch stands beside the title."""
+        self.layout.enabled = not jobs.locked()
+        self.layout.prop(context.scene.ctmc_view, "show_slice", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Plane, place, window and level."""
+        layout, view = self.layout, context.scene.ctmc_view
+        volume = volumes.current(context.scene)
+        assert volume is not None, "poll asks for one"
+        prepare(layout)
+        layout.active = view.show_slice
+        row = layout.row()
+        row.use_property_split = False  # three words need the whole width
+        row.prop(view, "plane", expand=True)
+        row = layout.row(align=True)
+        row.prop(view, "position", slider=True)
+        row.operator("ctmc.slice_step", text="", icon="TRIA_LEFT").by = -1
+        row.operator("ctmc.slice_step", text="", icon="TRIA_RIGHT").by = 1
+        place = slice_at(volume, view.plane, view.position)
+        text = translate("Slice {number} of {count}, {place}")
+        text = text.format(number=place.index + 1, count=place.count, place=slice_position_text(volume, place))
+        layout.label(text=text, translate=False)
+        column = layout.column(align=True)
+        unit = " [HU]" if volume.kind == "HU" else ""
+        column.prop(view, "window", text=translate("Window") + unit, translate=False)
+        column.prop(view, "level", text=translate("Level") + unit, translate=False)
+        if volume.kind == "HU":
+            row = layout.row(align=True)
+            for name, window, level in WINDOWS:
+                button = row.operator("ctmc.window", text=name)
+                button.window, button.level = window, level
+        layout.prop(view, "show_letters")
+        column = layout.column(align=True)
+        row = draw_pair(column, context)
+        row.operator("ctmc.add_slice", icon="MESH_PLANE")
+        row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
+        row = draw_pair(column, context)
+        row.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
+        row.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_PT_slice,))

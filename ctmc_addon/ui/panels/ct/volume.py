@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The top of the main panel: Load, what went wrong, what the file knows of its CT, and the CT itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ....readers import Series
+from ....reporting.formatting import count, directions, kind_text
+from ... import jobs
+from ...operators.ct.view import AS_IT_IS, SIDES
+from ...state import session, volumes
+from ...translations import translate, translate_sentence
+from ..layout import draw_job, draw_name, draw_table, draw_text
+
+LOAD = "ctmc.load"
+SIDES_OF_AXES = {"x": "L - R", "y": "A - P", "z": "S - I"}
+NAMES = 0.32  # of the width: three spacings with four digits each have room beside them
+
+
+def draw_load(layout: Any, context: bpy.types.Context) -> None:
+    """Load, what went wrong, and what the CT is."""
+    scene, job = context.scene, jobs.running(LOAD)
+    if job is not None:
+        draw_job(layout, job)
+    else:
+        layout.operator("ctmc.load", icon="FILE_FOLDER")
+    scene_session = session.of(scene)
+    if scene_session.load_message:
+        draw_text(layout.box(), context, scene_session.load_message, "ERROR")
+    if volumes.missing(scene):
+        draw_missing(layout, context)
+    loaded = volumes.loaded(scene)
+    if loaded is None:
+        return
+    layout.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
+    draw_volume(layout, context, loaded)
+
+
+def draw_missing(layout: Any, context: bpy.types.Context) -> None:
+    """The file knows a CT that is not in memory."""
+    box = layout.box()
+    path = context.scene.ctmc.volume_path
+    gone = not volumes.there(path)
+    text = translate(
+        "The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on"
+    )
+    if not gone:
+        text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
+    draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
+    if not gone:
+        box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
+
+
+def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+    """Size, spacing, orientation, values, series, and all that was assumed."""
+    volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
+    columns, rows, slices = volume.size
+    x, y, z = volume.spacing
+    right, down, up = (translate(side) for side in directions(volume.orientation))
+    draw_name(layout, translate("Name"), NAMES).prop(stored, "volume_name", text="", placeholder=volume.name)
+    facts = [
+        (translate("Size"), f"{columns} x {rows} x {slices}"),
+        (translate("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
+        (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
+        (
+            translate("Values"),
+            translate("{low} to {high} {kind}").format(
+                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(kind_text(volume.kind))
+            ),
+        ),
+    ]
+    draw_table(layout, facts, NAMES)
+    draw_views(layout)
+    if len(loaded.series) > 1:
+        draw_series(layout, context, loaded)
+    if loaded.times > 1:
+        draw_times(layout, stored, loaded)
+    if not loaded.geometry:
+        column = layout.column(align=True)
+        for axis, name in enumerate(("x", "y", "z")):
+            text = f"{translate('Spacing')} {name}"
+            draw_name(column, text, NAMES).prop(stored, "spacing", index=axis, text="")
+        row = draw_name(column, translate("Flip"), NAMES)
+        for letter, sides in SIDES_OF_AXES.items():
+            row.prop(stored, f"flip_{letter}", text=sides, translate=False, toggle=True)
+        column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
+    if loaded.file is not None:
+        text = translate("Shown at every {stride} voxels; surfaces are made from the file")
+        draw_text(layout, context, text.format(stride=" x ".join(map(str, loaded.shown_stride))), "INFO")
+    if statistics.non_finite:
+        draw_text(
+            layout,
+            context,
+            translate("{count} voxels are NaN or infinite").format(count=count(statistics.non_finite)),
+            "INFO",
+        )
+    for note in volume.notes:
+        draw_text(layout, context, translate_sentence(note), "INFO")
+    if loaded.sibling is not None:
+        button = layout.operator("ctmc.load", text="Load Its Labels", icon="OUTLINER_OB_GROUP_INSTANCE")
+        button.filepath = str(loaded.sibling)
+
+
+def draw_views(layout: Any) -> None:
+    """A button that frames the CT, and one for every side of the patient."""
+    row = layout.split(factor=0.4, align=True)
+    row.operator("ctmc.view", icon="ZOOM_SELECTED").side = AS_IT_IS
+    row = row.row(align=True)
+    for side in (side for side in SIDES if side != AS_IT_IS):
+        row.operator("ctmc.view", text=side, translate=False).side = side
+
+
+def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
+    """Which of several times is to be read, and a button that reads it."""
+    column = layout.column(align=True)
+    text = translate("Time, 1 to {count}").format(count=loaded.times)
+    column.prop(stored, "time", text=text, translate=False)
+    row = column.row(align=True)
+    row.enabled = stored.time != loaded.reading["time"]
+    row.operator("ctmc.load", text="Load This Time", icon="FILE_REFRESH").again = True
+
+
+def draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+    """A button for every series, the one that was read pressed, and below it what tells the series apart."""
+    column = layout.column()
+    column.label(text=translate("Series"), translate=False)
+    for series in loaded.series:
+        text = f"{series.number}: {series.description or series.modality}"
+        line = column.column(align=True)
+        button = line.operator("ctmc.load", text=text, translate=False, depress=series.number == loaded.series_number)
+        button.again, button.series = True, str(series.number)
+        draw_text(line, context, series_text(series))
+
+
+def series_text(series: Series) -> str:
+    """Number and kernel as the scanner has them, spacing and number of slices, size, folder."""
+    known = {
+        "no. {number}": series.dicom_number,
+        "kernel {kernel}": series.kernel,
+        "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
+        "{count} slices": str(series.slices),
+        "{columns} x {rows}": "size",
+        "in {folder}": series.folder,
+    }
+    columns, rows = series.size
+    words = [
+        translate(text).format(
+            number=value, kernel=value, gap=value, count=value, folder=value, columns=columns, rows=rows
+        )
+        for text, value in known.items()
+        if value
+    ]
+    return ", ".join(words)

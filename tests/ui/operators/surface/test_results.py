@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the panel says of surfaces: measures, distances, components, goals, and settings taken from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.drawing import meshes_in
+
+from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
+from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
+from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.state import measurements, session, surfaces
+
+
+def active():
+    return bpy.context.view_layer.objects.active
+
+
+def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
+    from ctmc_addon.core import distances
+
+    loaded.ctmc.reduction = 0.8
+    bpy.ops.ctmc.reconstruct()
+    thing = active()
+    result, full = measurements.of(thing), surfaces.full_of(thing, loaded)
+    made = evaluated_triangles(thing)
+    assert result.measures.faces == len(made.faces) == pytest.approx(0.2 * full.full_faces, abs=1)
+    assert result.measures.closed
+    assert result.measures.volume == pytest.approx(made.volume, rel=1e-4)
+    exact = distances(made.vertices, full.mesh)
+    assert result.distance.largest >= exact.max() - 1e-4
+    assert 0 < result.distance.mean < result.distance.largest < 1.0
+    assert bpy.ops.ctmc.deviation_map() == {"FINISHED"}
+    found = np.empty(len(thing.data.vertices), np.float32)
+    thing.data.attributes["deviation_mm"].data.foreach_get("value", found)
+    assert found == pytest.approx(exact, abs=1e-4)
+    assert thing.data.color_attributes.active_color_name == "deviation"
+    del thing[measurements.PROPERTY]
+    assert bpy.ops.ctmc.measure() == {"FINISHED"}
+    assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
+
+
+def test_moving_the_object_is_not_a_deviation(loaded):
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    before = measurements.of(obj)
+    obj.location.x += 0.5
+    obj.rotation_euler.z = 1.0
+    bpy.ops.ctmc.measure()
+    after = measurements.of(obj)
+    assert after.distance.largest == pytest.approx(before.distance.largest, rel=1e-4)
+    assert after.measures.volume == pytest.approx(before.measures.volume, rel=1e-4)
+
+
+def test_the_deviation_maps_message_has_the_largest_distance_that_is_painted(loaded):
+    from ctmc_addon.ui.operators.surface.results import deviation_steps
+
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    obj.data.vertices[7].co.z += 0.05  # 5 mm
+    message = finish(deviation_steps(own_mesh(obj), surfaces.full_of(obj, loaded), obj.session_uid))()
+    painted = np.empty(len(obj.data.vertices), np.float32)
+    obj.data.attributes["deviation_mm"].data.foreach_get("value", painted)
+    assert painted.max() > 2.0
+    assert f"{painted.max():.3g} mm" in message
+
+
+def double_positions(obj):
+    for key in obj.data.shape_keys.key_blocks:
+        co = np.empty(3 * len(key.points), np.float32)
+        key.points.foreach_get("co", co)
+        key.points.foreach_set("co", 2 * co)
+
+
+def move_a_vertex(obj):
+    obj.data.shape_keys.key_blocks["alpha"].points[7].co.z += 1e-3
+
+
+def decimate(obj):
+    obj.modifiers.new("Mine", "DECIMATE").ratio = 0.1
+
+
+def mute_alpha(obj):
+    obj.data.shape_keys.key_blocks["alpha"].mute = True
+
+
+@pytest.mark.parametrize("change", [double_positions, move_a_vertex, decimate, mute_alpha])
+def test_measures_are_those_of_the_surface_as_it_is_or_not_shown(loaded, change):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    assert measurements.of(obj) is not None
+    change(obj)
+    assert measurements.of(obj) is None
+    bpy.ops.ctmc.measure()
+    assert measurements.of(obj) is not None
+
+
+def test_other_settings_of_a_modifier_are_another_surface(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    decimate(obj)
+    bpy.ops.ctmc.measure()
+    faces = measurements.of(obj).measures.faces
+    obj.modifiers["Mine"].ratio = 0.5
+    assert measurements.of(obj) is None
+    obj.modifiers["Mine"].ratio = 0.1
+    obj.modifiers["Mine"].show_expanded = False
+    assert measurements.of(obj).measures.faces == faces
+
+
+def test_every_modifier_of_blender_has_a_text_of_its_settings(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    kinds = [item.identifier for item in bpy.types.Modifier.bl_rna.properties["type"].enum_items]
+    for kind in kinds:
+        modifier = obj.modifiers.new(kind, kind)
+        if modifier is not None:  # some are not for meshes
+            assert measurements.settings_text(modifier).startswith(kind)
+    assert len(obj.modifiers) > 40
+
+
+def test_an_input_of_geometry_nodes_is_in_the_text_of_its_modifier(loaded):
+    bpy.ops.ctmc.reconstruct()
+    modifier = active().modifiers.new("nodes", "NODES")
+    modifier.node_group = bpy.data.node_groups.new("group", "GeometryNodeTree")
+    socket = modifier.node_group.interface.new_socket("Size", in_out="INPUT", socket_type="NodeSocketFloat")
+    texts = []
+    for size in (1.25, 2.5, 1.25):
+        if hasattr(modifier, "properties"):
+            getattr(modifier.properties.inputs, socket.identifier).value = size
+        else:
+            modifier[socket.identifier] = size
+        texts.append(measurements.settings_text(modifier))
+    assert texts[0] == texts[2] != texts[1]
+
+
+def test_results_give_an_open_surface_no_volume(loaded):
+    from ctmc_addon.ui.panels.results import facts_of, surface_text
+
+    loaded.ctmc.threshold = 20.0  # the ball reaches over the border
+    bpy.ops.ctmc.reconstruct()
+    measurement = measurements.of(active())
+    assert dict(facts_of(read_provenance(active()), measurement))["Volume"] == "- (open)"
+    assert surface_text(measurement.measures) == "Surface: open, 6 borders"  # one on each side of the box
+    assert bpy.ops.ctmc.close_border() == {"FINISHED"}
+    assert surface_text(measurements.of(active()).measures) == "Surface: closed"
+    assert loaded.ctmc.close_border, "the next update keeps it"
+    assert not bpy.ops.ctmc.close_border.poll()
+
+
+def test_the_color_in_results_is_that_of_viewport_and_renders(loaded):
+    from ctmc_addon.blender.colors import BONE
+
+    assert tuple(loaded.ctmc.color) == pytest.approx(BONE)
+    loaded.ctmc.color = (1.0, 0.0, 0.0)  # of nothing
+    bpy.ops.ctmc.reconstruct()
+    assert tuple(loaded.ctmc.color) == pytest.approx(BONE)
+    loaded.ctmc.color = (0.5, 0.25, 0.125)
+    [material] = active().data.materials
+    assert tuple(material.diffuse_color) == (0.5, 0.25, 0.125, 1.0)
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    assert tuple(shader.inputs["Base Color"].default_value) == (0.5, 0.25, 0.125, 1.0)
+    assert tuple(loaded.ctmc.color) == (0.5, 0.25, 0.125)
+
+
+def test_make_final_and_use_its_settings(loaded):
+    loaded.ctmc.alpha = 0.5
+    bpy.ops.ctmc.reconstruct()
+    active().select_set(False)  # or the panel's alpha would move it
+    loaded.ctmc.from_settings(ReconstructionSettings())
+    active().select_set(True)
+    bpy.ops.ctmc.adopt_settings()
+    assert loaded.ctmc.to_settings() == ReconstructionSettings(threshold=100.0, alpha=0.5)
+    assert bpy.ops.ctmc.make_final() == {"FINISHED"}
+    assert active().data.shape_keys is None
+
+
+def test_the_copied_command_makes_the_same_file(loaded, ball_file, tmp_path, monkeypatch):
+    import shlex
+
+    from ctmc_addon import cli
+    from ctmc_addon.ui.operators.surface.results import command_text
+
+    loaded.ctmc.stride, loaded.ctmc.reduction = (2, 2, 1), 0.5
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "panel.stl"))
+    words = shlex.split(command_text(loaded))
+    assert words[:3] == ["ctmc", "reconstruct", str(ball_file)]
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words[1:]) == 0
+    assert (tmp_path / "ball.stl").read_bytes() == (tmp_path / "panel.stl").read_bytes()
+
+
+def test_the_rotation_test_gives_a_table_and_leaves_the_scene_alone(loaded):
+    loaded.ctmc.rotation_levels, loaded.ctmc.rotation_step, loaded.ctmc.rotation_rounds = "0 50", 120, 2
+    bpy.ops.ctmc.reconstruct()
+    before = (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.scenes), active())
+    assert bpy.ops.ctmc.rotation_test() == {"FINISHED"}
+    table = session.of(loaded).rotation
+    assert table.percents == (0.0, 50.0)
+    assert [len(times) for times in table.rounds] == [2, 2]
+    assert (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.scenes), active()) == before
+    loaded.ctmc.rotation_levels = "zero"
+    with pytest.raises(RuntimeError, match="from 0 to 99, not 'zero'"):
+        bpy.ops.ctmc.rotation_test()
+
+
+@pytest.fixture
+def noise(scene, tmp_path):
+    """A box among 195 single voxels, loaded."""
+    values = np.zeros((16, 40, 40), np.int16)
+    values[4:12, 14:26, 14:26] = 200
+    values[1:15:3, 1:10:3, 1:39:3] = 200
+    np.save(tmp_path / "noise.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "noise.npy"), spacing=(1, 1, 1))
+    scene.ctmc.threshold = 100.0
+    return scene
+
+
+def test_many_small_components_are_removed_by_a_button_without_extraction(noise, tmp_path, monkeypatch):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.operators.surface import reconstruct as operators
+    from ctmc_addon.ui.panels.results import CTMC_PT_results
+
+    line = drawn(CTMC_PT_results).texts.index("Components: not counted")
+    noise.ctmc.alpha = 0.5
+    bpy.ops.ctmc.reconstruct()
+    drawing = drawn(CTMC_PT_results)
+    assert drawing.texts.index("196 components, 195 below 10 mm3") == line
+    assert "ctmc.remove_small Remove Small" in drawing.buttons
+    monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
+    assert bpy.ops.ctmc.remove_small() == {"FINISHED"}
+    settings = ReconstructionSettings(threshold=100.0, alpha=0.5, min_part_mm3=10.0)
+    expected = reconstruct(read_volume(tmp_path / "noise.npy", spacing=(1, 1, 1)), settings).mesh
+    seen = evaluated_triangles(active())
+    assert (seen.faces == expected.faces).all()
+    assert np.abs(seen.vertices - expected.vertices).max() <= 1e-4
+    assert read_provenance(active()).settings == settings
+    assert measurements.of(active()).measures.components == 1
+    assert len(meshes_in(noise)) == 1
+    assert "1 component" in drawn(CTMC_PT_results).texts
+
+
+def test_results_name_the_removed_components(noise):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.panels.results import CTMC_PT_results
+
+    noise.ctmc.reduction = 0.9
+    bpy.ops.ctmc.reconstruct()
+    removed = 196 - measurements.of(active()).measures.components
+    assert f"{removed} components below" in " ".join(drawn(CTMC_PT_results).texts)
+
+
+def test_results_name_a_goal_that_was_not_met(loaded):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.panels.results import CTMC_PT_results
+
+    loaded.ctmc.threshold = 20.0  # the ball reaches over the border, whose vertices stay
+    loaded.ctmc.target_faces = 4
+    bpy.ops.ctmc.reconstruct()
+    assert f"{len(active().data.polygons)} triangles are left instead of 4" in " ".join(drawn(CTMC_PT_results).texts)

@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces after the first: updated, several labels at once, simplified again, alpha, measured, mapped, turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.drawing import meshes_in
+
+from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
+from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
+from ctmc_addon.core.volume import otsu
+from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.state import session, surfaces, volumes
+
+
+@pytest.fixture
+def labels_file(tmp_path):
+    """Three boxes of labels 1, 2 and 5."""
+    values = np.zeros((12, 12, 24), np.uint8)
+    for number, label in enumerate((1, 2, 5)):
+        values[3:9, 3:9, 2 + 7 * number : 7 + 7 * number] = label
+    np.save(tmp_path / "labels.npy", values)
+    return tmp_path / "labels.npy"
+
+
+def active():
+    return bpy.context.view_layer.objects.active
+
+
+def steps_of(scene, *runs, target=None):
+    """The steps of a reconstruction, as the panel's button drives them."""
+    from ctmc_addon.ui.operators.surface.placing import SurfaceRequest
+    from ctmc_addon.ui.operators.surface.reconstruct import surfaces_steps
+
+    requests = [SurfaceRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
+    return surfaces_steps(volumes.current(scene), requests, scene.session_uid)
+
+
+def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded):
+    bpy.ops.ctmc.reconstruct()
+    thing, material = active(), active().data.materials[0]
+    thing.location.x += 3.0
+    thing.modifiers.new("Mine", "SMOOTH")
+    before = len(thing.data.polygons)
+    loaded.ctmc.threshold = 120.0
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    assert meshes_in(loaded) == [thing]
+    assert len(thing.data.polygons) < before
+    assert thing.data.materials[0] == material
+    assert [one.name for one in thing.modifiers] == ["Mine"]
+    assert len(bpy.data.meshes) == 1
+    thing.select_set(False)
+    bpy.ops.ctmc.reconstruct()
+    assert len(meshes_in(loaded)) == 2
+
+
+def test_an_update_refuses_what_it_cannot_change(loaded):
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="edit mode"):
+        bpy.ops.ctmc.reconstruct()
+    with pytest.raises(RuntimeError, match="Leave edit mode first"):
+        bpy.ops.ctmc.export()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    assert len(meshes_in(loaded)) == 1
+
+
+def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
+    bpy.ops.ctmc.reconstruct()
+    active().data.shape_keys.key_blocks["alpha"].value = 0.25
+    loaded.ctmc.threshold = 110.0
+    bpy.ops.ctmc.reconstruct()
+    assert active().data.shape_keys.key_blocks["alpha"].value == 0.25
+
+
+def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loaded, monkeypatch, tmp_path):
+    from ctmc_addon.core.simplification.simplify import memory_needed
+    from ctmc_addon.ui.operators import figure, rotation
+    from ctmc_addon.ui.operators.surface import reconstruct
+    from ctmc_addon.ui.properties.preferences import Machine
+
+    bpy.ops.ctmc.reconstruct()
+    limit = memory_needed(len(active().data.polygons), None) - 1
+    for module in (figure, reconstruct, rotation):
+        monkeypatch.setattr(module, "machine", lambda: Machine(memory_limit=limit))
+    bpy.ops.ctmc.reconstruct()  # extraction needs less
+    loaded.ctmc.reduction = 0.5
+    for operator in (bpy.ops.ctmc.reconstruct, bpy.ops.ctmc.simplify):
+        with pytest.raises(RuntimeError, match="MiB of memory"):
+            operator()
+    with pytest.raises(RuntimeError, match="MiB of memory"):
+        bpy.ops.ctmc.rotation_test()
+    loaded.ctmc_figure.use_levels = True
+    with pytest.raises(RuntimeError, match="MiB of memory"):
+        bpy.ops.ctmc.figure_sheet(filepath=str(tmp_path / "sheet.png"))
+
+
+def test_a_deleted_target_becomes_a_new_object(loaded):
+    bpy.ops.ctmc.reconstruct()
+    conclude = finish(steps_of(loaded, target=active().session_uid))
+    bpy.data.objects.remove(active())
+    conclude()
+    assert len(meshes_in(loaded)) == 1
+
+
+@pytest.mark.parametrize("meshes", [0, 1, 2])
+def test_a_job_left_while_blender_makes_meshes_leaves_none(loaded, meshes):
+    settings = loaded.ctmc.to_settings()
+    steps = steps_of(loaded, settings, settings)
+    assert any(len(bpy.data.meshes) == meshes for step in steps if step.message == "Adding the surface")
+    assert (len(bpy.data.meshes), len(meshes_in(loaded))) == (meshes, 0)
+    steps.close()
+    assert (len(bpy.data.meshes), len(meshes_in(loaded))) == (0, 0)
+
+
+def test_a_mesh_that_undo_has_taken_is_made_again(loaded):
+    conclude = finish(steps_of(loaded))
+    bpy.data.meshes.remove(bpy.data.meshes[0])
+    conclude()
+    assert len(active().data.polygons) > 100
+
+
+def test_a_mesh_made_for_an_object_that_is_gone_goes_too(loaded):
+    bpy.ops.ctmc.reconstruct()
+    where = active().matrix_world.translation.copy()
+    loaded.ctmc.region = (0, 0, 0, 15, 23, 11)
+    conclude = finish(steps_of(loaded, target=active().session_uid))
+    bpy.data.meshes.remove(active().data)
+    conclude()
+    assert [thing.data for thing in meshes_in(loaded)] == list(bpy.data.meshes)
+    # A new object has its origin in the middle of its own surface.
+    corners = np.array(active().bound_box)
+    assert np.abs(corners.min(axis=0) + corners.max(axis=0)).max() < 1e-5
+    assert (active().matrix_world.translation - where).length > 0.005
+
+
+def test_several_labels_give_several_objects_in_line_each_with_its_color(scene, labels_file):
+    bpy.ops.ctmc.load(filepath=str(labels_file), spacing=(1, 1, 1))
+    assert [(item.value, item.chosen) for item in scene.ctmc.labels] == [(1, True), (2, False), (5, False)]
+    scene.ctmc.labels[2].chosen = True
+    assert scene.ctmc.use_label
+    assert [one.label for one in scene.ctmc.all_settings()] == [1, 5]
+    scene.ctmc.labels[2].color = (0.1, 0.9, 0.2)
+    bpy.ops.ctmc.reconstruct()
+    first, second = meshes_in(scene)
+    assert (first.name, second.name) == ("Label 1", "Label 5")
+    assert second.data.materials[0].diffuse_color[:3] == pytest.approx((0.1, 0.9, 0.2))
+    assert first.location.x - second.location.x == pytest.approx(0.14)  # columns run to the left, 14 mm apart
+    scene.ctmc.smoothing_mm = 0.5
+    bpy.ops.ctmc.reconstruct()
+    assert len(meshes_in(scene)) == 2
+    scene.ctmc.alpha = 0.25  # both are selected
+    assert [thing.data.shape_keys.key_blocks["alpha"].value for thing in (first, second)] == [0.25, 0.25]
+    first.select_set(False)
+    scene.ctmc.alpha = 0.75
+    assert [thing.data.shape_keys.key_blocks["alpha"].value for thing in (first, second)] == [0.25, 0.75]
+
+
+def test_a_label_that_has_a_name_gives_it_to_its_object(scene, tmp_path):
+    values = np.zeros((20, 24, 28), np.uint8)
+    values[4:12, 4:12, 4:12], values[4:12, 4:12, 18:26] = 1, 5
+    (tmp_path / "organs.nrrd").write_bytes(
+        b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 28 24 20\nencoding: raw\n"
+        b"space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n"
+        b"Segment0_LabelValue:=1\nSegment0_Name:=spleen\n\n" + values.tobytes()
+    )
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "organs.nrrd"))
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    assert [thing.name for thing in meshes_in(scene)] == ["spleen", "Label 5"]
+
+
+def test_ticks_and_the_label_setting_go_together(scene, labels_file):
+    bpy.ops.ctmc.load(filepath=str(labels_file), spacing=(1, 1, 1))
+    scene.ctmc.label = 2
+    assert [item.value for item in scene.ctmc.labels if item.chosen] == [2]
+    scene.ctmc.labels[0].chosen = True
+    scene.ctmc.labels[1].chosen = False
+    assert (scene.ctmc.label, scene.ctmc.use_label) == (1, True)
+    scene.ctmc.labels[0].chosen = False
+    assert not scene.ctmc.use_label
+    scene.ctmc.labels[2].chosen = True
+    scene.ctmc.threshold = 3.0
+    assert not any(item.chosen for item in scene.ctmc.labels)
+
+
+def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file, monkeypatch):
+    from ctmc_addon.ui.operators.surface import reconstruct as operators
+
+    bpy.ops.ctmc.reconstruct()
+    full = len(active().data.polygons)
+    monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
+    for reduction in (0.5, 0.9, 0.25):
+        loaded.ctmc.reduction = reduction
+        assert bpy.ops.ctmc.simplify() == {"FINISHED"}
+        expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), loaded.ctmc.to_settings()).mesh
+        seen = evaluated_triangles(active())
+        assert (seen.faces == expected.faces).all()
+        assert np.abs(seen.vertices - expected.vertices).max() <= 1e-4
+        assert read_provenance(active()).full_faces == full
+    loaded.ctmc.simplifier = "none"
+    bpy.ops.ctmc.simplify()
+    assert len(active().data.polygons) == full
+    assert active().data.shape_keys.key_blocks["alpha"].value == 1.0
+
+
+def test_simplify_takes_the_objects_own_mesh_when_the_ct_is_gone(loaded):
+    bpy.ops.ctmc.reconstruct()
+    full = len(active().data.polygons)
+    session.clear()
+    volumes._loaded.clear()
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.simplify()
+    assert abs(len(active().data.polygons) - full / 2) <= 1
+    session.clear()
+    with pytest.raises(RuntimeError, match="load its CT again"):
+        bpy.ops.ctmc.simplify()
+
+
+def test_the_slider_of_alpha_moves_the_active_surface_live(loaded, ball_file):
+    bpy.ops.ctmc.reconstruct()
+    thing, mesh = active(), active().data
+    loaded.ctmc.alpha = 0.25
+    assert thing.data == mesh
+    assert mesh.shape_keys.key_blocks["alpha"].value == 0.25
+    assert read_provenance(thing).settings.alpha == 0.25
+    settings = ReconstructionSettings(threshold=100.0, alpha=0.25)
+    expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), settings).mesh
+    assert np.abs(evaluated_triangles(thing).vertices - expected.vertices).max() <= 1e-4
+
+
+def test_a_reopened_file_knows_its_ct_and_offers_to_reload(loaded, ball_file, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    bpy.ops.ctmc.load(again=True)
+    assert loaded.ctmc.volume_path == "//ball.npy"
+    bpy.ops.wm.save_mainfile()
+    volumes._loaded.clear()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "day.blend"))
+    scene = bpy.context.scene
+    assert volumes.missing(scene)
+    with pytest.raises(RuntimeError, match="Load the CT again first"):
+        bpy.ops.ctmc.reconstruct()
+    assert bpy.ops.ctmc.load(again=True) == {"FINISHED"}
+    assert volumes.current(scene).spacing == (1.0, 1.0, 2.0)
+    ball_file.unlink()
+    volumes._loaded.clear()
+    with pytest.raises(RuntimeError, match=r"ball\.npy"):
+        bpy.ops.ctmc.load(again=True)
+    assert "ball.npy" in session.of(scene).load_message
+
+
+def test_otsu_and_tissues_set_the_threshold(loaded):
+    loaded.ctmc.use_threshold = False
+    assert bpy.ops.ctmc.auto_threshold() == {"FINISHED"}
+    assert loaded.ctmc.use_threshold
+    assert loaded.ctmc.threshold == pytest.approx(otsu(volumes.loaded(loaded).volume.values))
+    with pytest.raises(RuntimeError, match="Tissues are known by their HU"):
+        bpy.ops.ctmc.tissue(tissue="bone")
+
+
+def test_labels_of_hounsfield_units_are_refused_in_the_panel(scene, tmp_path):
+    values = np.full((6, 8, 8), -1000, np.int16)
+    values[2:4, 2:6, 2:6] = 40
+    import nibabel
+
+    nibabel.save(nibabel.Nifti1Image(values.transpose(2, 1, 0), np.eye(4)), tmp_path / "volume-0.nii")
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "volume-0.nii"))
+    scene.ctmc.label = 2
+    with pytest.raises(RuntimeError, match="give the label volume"):
+        bpy.ops.ctmc.reconstruct()
+    assert "give the label volume" in session.of(scene).message
+    bpy.ops.ctmc.tissue(tissue="skin")
+    assert scene.ctmc.to_settings() == ReconstructionSettings(threshold=-300.0)
+
+
+@pytest.fixture
+def namesake(tmp_path):
+    """Another patient's CT of the same name: a smaller ball in another folder."""
+    z, y, x = np.indices((12, 24, 24)) - np.array([5.5, 11.5, 11.5])[:, None, None, None]
+    (tmp_path / "other").mkdir()
+    np.save(tmp_path / "other" / "ball.npy", (140 - 10 * np.sqrt(x**2 + y**2 + (2 * z) ** 2)).astype(np.int16))
+    return tmp_path / "other" / "ball.npy"
+
+
+def test_a_ct_of_the_same_name_leaves_another_patients_surface_alone(loaded, ball_file, namesake):
+    from ui.drawing import drawn, meshes_in
+
+    from ctmc_addon.ui.panels import main as panels
+
+    bpy.ops.ctmc.reconstruct()
+    first, faces = active(), len(active().data.polygons)
+    assert "ctmc.reconstruct Update Surface" in drawn(*panels.STEPS).buttons
+    bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
+    assert volumes.current(loaded).name == read_provenance(first).name
+    assert not surfaces.is_of_ct(first, loaded)
+    assert "ctmc.reconstruct Reconstruct Surface" in drawn(*panels.STEPS).buttons
+    bpy.ops.ctmc.reconstruct()
+    assert (len(meshes_in(loaded)), len(first.data.polygons)) == (2, faces)
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert surfaces.is_of_ct(first, loaded)
+    del first["ctmc"]["fingerprint"]  # as an older file has it
+    assert not surfaces.is_of_ct(first, loaded)
+
+
+def test_a_surface_is_not_extracted_again_from_a_ct_of_the_same_name(loaded, namesake):
+
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    known = read_provenance(active()).fingerprint
+    bpy.ops.ctmc.simplify()
+    assert read_provenance(active()).fingerprint == known != ""
+    session.clear()
+    bpy.ops.ctmc.load(filepath=str(namesake), spacing=(1, 1, 2))
+    with pytest.raises(RuntimeError, match="load its CT again"):
+        bpy.ops.ctmc.simplify()
+
+
+def test_zoom_and_pan_are_refused_without_a_window(loaded):
+    bpy.ops.ctmc.reconstruct()
+    for kind in ("zoom", "pan"):
+        loaded.ctmc.rotation_kind = kind
+        with pytest.raises(RuntimeError, match=f"{kind} is timed in a window alone"):
+            bpy.ops.ctmc.rotation_test()
+    assert session.of(loaded).rotation is None
+
+
+def test_load_again_says_that_the_content_has_changed(loaded, ball_file):
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+    values = np.load(ball_file)
+    np.save(ball_file, values + 1)
+    bpy.ops.ctmc.load(again=True)
+    assert "not the CT the file knew: ball.npy has changed" in session.of(loaded).load_message
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+    np.save(ball_file, values)
+    volumes._loaded.clear()  # as in a file that was opened
+    bpy.ops.ctmc.load(again=True)
+    assert "not the CT the file knew" in session.of(loaded).load_message
+    loaded.ctmc.spacing = (1, 1, 3)  # another place by the person's own hand
+    bpy.ops.ctmc.load(again=True)
+    assert session.of(loaded).load_message == ""
+
+
+def test_what_could_not_be_read_stays_in_the_panel_until_the_next_load(loaded, ball_file, tmp_path):
+    from ui.drawing import drawn
+
+    from ctmc_addon.ui.panels import main as panels
+
+    with pytest.raises(RuntimeError, match="nowhere"):
+        bpy.ops.ctmc.load(filepath=str(tmp_path / "nowhere"))
+    bpy.ops.ctmc.reconstruct()
+    assert "nowhere" in " ".join(drawn(*panels.STEPS).texts)
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert "nowhere" not in " ".join(drawn(*panels.STEPS).texts)
+
+
+def test_simplify_after_apply_leaves_the_surface_in_its_place(loaded):
+    bpy.ops.ctmc.reconstruct()
+    obj = active()
+    full = evaluated_triangles(obj)
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    for forget in (False, True):  # from the full surface in memory, and from the object's own mesh
+        if forget:
+            session.of(loaded).full.clear()
+        assert bpy.ops.ctmc.simplify() == {"FINISHED"}
+        vertices = evaluated_triangles(obj).vertices
+        for end in (np.min, np.max):
+            assert np.abs(end(vertices, axis=0) - end(full.vertices, axis=0)).max() < 0.5
+
+
+def test_a_name_in_the_panel_is_the_surfaces(loaded, labels_file):
+    loaded.ctmc.volume_name = " case 7 "
+    bpy.ops.ctmc.reconstruct()
+    assert active().name.startswith("case 7")
+    assert "ball" not in active().name
+    bpy.ops.ctmc.load(filepath=str(labels_file))
+    assert loaded.ctmc.volume_name == ""

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""No word is cut at the sidebar's usual width, in any of the languages, by Blender's own font; numbers have units."""
+
+from __future__ import annotations
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+import blf
+from ui.drawing import drawn
+from ui.strings_of_ours import step_strings
+
+from ctmc_addon.ui import translations
+from ctmc_addon.ui.panels import figure, main, results, rotation, settings
+from ctmc_addon.ui.panels.ct import region, slice
+
+PANELS = (
+    *main.STEPS,
+    results.CTMC_PT_results,
+    slice.CTMC_PT_slice,
+    region.CTMC_PT_region,
+    settings.CTMC_PT_parts,
+    settings.CTMC_PT_normals,
+    settings.CTMC_PT_advanced,
+    rotation.CTMC_PT_rotation,
+    figure.CTMC_PT_figure,
+)
+TABLES = {"English": {}, **{name: translations.table(name) for name in translations.LOCALES}}
+# Of the 292 pixels that Blender gives the sidebar at first, at its usual size.
+NAME = 88  # pixels on the left for the name of a property
+BAR = 195  # pixels of the progress bar
+HALF = 92  # pixels beside the icon, of one of two buttons side by side
+
+
+@pytest.fixture(scope="module", autouse=True)
+def font():
+    blf.size(0, 11.0)
+    if not blf.dimensions(0, "width")[0]:
+        pytest.skip("this Blender measures no text without a window")
+
+
+def too_wide(texts, limit, table):
+    said = {table.get(text, text) for text in texts}
+    return {text: round(blf.dimensions(0, text)[0]) for text in said if blf.dimensions(0, text)[0] > limit}
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_names_on_the_left_are_not_cut(scene, ball_file, language):
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    names = set()
+    for scene.ctmc.use_label in (False, True):
+        for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
+            names |= set(drawn(*PANELS).names)
+    for scene.ctmc_figure.kind in ("figure", "sheet", "deviation", "turntable"):
+        names |= set(drawn(figure.CTMC_PT_figure).names)
+    assert {"Alpha", "Sigma", "Simplify To", "Maximum Error", "Frame Rate [fps]"} <= names
+    assert too_wide(names, NAME, TABLES[language]) == {}
+
+
+def test_every_number_but_a_count_has_its_unit(scene, ball_file):
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    bare = set()
+    for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
+        for scene.ctmc_figure.kind in ("figure", "sheet", "deviation", "turntable"):
+            bare |= set(drawn(*PANELS).bare)
+    assert bare <= {"Triangles", "Slice Steps", "Rounds", "Revolutions", "Alpha"}
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_stages_of_a_job_are_not_cut_in_its_bar(language):
+    assert too_wide(step_strings(), BAR, TABLES[language]) == {}
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_buttons_side_by_side_are_not_cut(language):
+    pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
+    assert too_wide(pairs, HALF, TABLES[language]) == {}
