@@ -39,10 +39,12 @@ class Desk:
         A Debian with Blender.
     pictures : Path
         Folder outside it for the screenshots.
+    size : (width, height)
+        Of the window, pixels.
     """
 
-    def __init__(self, root: Path, pictures: Path) -> None:
-        self.root, self.pictures = root, pictures
+    def __init__(self, root: Path, pictures: Path, size: tuple[int, int] = (WIDTH, HEIGHT)) -> None:
+        self.root, self.pictures, self.size = root, pictures, size
         self.folder = Path(tempfile.mkdtemp(prefix=DESKS, dir=root / "tmp"))
         self.inside = f"/tmp/{self.folder.name}"
         pictures.mkdir(parents=True, exist_ok=True)
@@ -93,7 +95,8 @@ class Desk:
 
     def open(self) -> None:
         """Start the X server on a free display, and Blender on it; returns when Blender answers."""
-        screen = ["-screen", "0", f"{WIDTH}x{HEIGHT}x24", "+extension", "GLX", "-nolisten", "tcp"]
+        width, height = self.size
+        screen = ["-screen", "0", f"{width}x{height}x24", "+extension", "GLX", "-nolisten", "tcp"]
         self.server = subprocess.Popen(
             self.command("Xvfb", "-displayfd", "1", *screen),
             stdout=subprocess.PIPE,
@@ -103,7 +106,7 @@ class Desk:
         assert self.server.stdout is not None
         self.display = f":{self.server.stdout.readline().strip()}"
         assert self.display != ":", "the X server did not start"
-        window = ["--window-geometry", "0", "0", str(WIDTH), str(HEIGHT), "-setaudio", "None"]
+        window = ["--window-geometry", "0", "0", str(width), str(height), "-setaudio", "None"]
         with self.log.open("w") as log:
             self.blender = subprocess.Popen(
                 self.command("blender", *window, "-P", self.bring(DRIVER), "--", self.inside),
@@ -233,6 +236,12 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
         """Click on a button of an operator that can be pressed."""
         assert self.ask(f"answer = bpy.ops.ctmc.{operator}.poll()"), f"{button} is grayed out"
         self.find(button, at)
+        self.click()
+
+    def click(self, *place: int) -> None:
+        """Click with the left button, at a place or where the mouse is."""
+        if place:
+            self.move(*place)
         for action in ("mousedown", "mouseup"):
             self.hand(action, "1")
             self.ask("answer = 'pressed'")
@@ -247,6 +256,11 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
             self.move(x, y)
         self.hand("mouseup", "1")
         self.ask("answer = 'let go'")
+
+    def write(self, text: str) -> None:
+        """Type a text, where the mouse is."""
+        self.call("xdotool", "type", "--delay", "10", text)
+        self.ask("answer = 'written'")
 
     def key(self, keys: str) -> None:
         """Press a key or several together, where the mouse is."""

@@ -65,15 +65,26 @@ def under_mouse() -> str:
 
 def redraw() -> None:
     """Draw the whole window again at the end of this turn."""
-    for area in viewport().window.screen.areas:
-        area.tag_redraw()
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            area.tag_redraw()
+
+
+def browser() -> dict[str, list[int]] | None:
+    """Left, top, width and height of each region of the file browser on the screen, if one is open in the window."""
+    window = bpy.context.window_manager.windows[0]
+    for area in (area for area in window.screen.areas if area.type == "FILE_BROWSER"):
+        regions = [region for region in area.regions if region.width > 1]
+        if area.spaces.active.params is not None:
+            return {r.type: [r.x, window.height - r.y - r.height, r.width, r.height] for r in regions}
+    return None
 
 
 def open_panel(name: str) -> None:
     """Let a closed sub-panel begin open; before it is drawn for the first time."""
     panel = getattr(bpy.types, name)
     bpy.utils.unregister_class(panel)
-    panel.bl_options = panel.bl_options - {"DEFAULT_CLOSED"}
+    panel.bl_options = getattr(panel, "bl_options", set()) - {"DEFAULT_CLOSED"}
     bpy.utils.register_class(panel)
 
 
@@ -90,6 +101,7 @@ def bring_tab(name: str) -> bool:
 NAMES = {
     **{"bpy": bpy, "ours": ours, "viewport": viewport, "on_screen": on_screen},
     **{"under_mouse": under_mouse, "redraw": redraw, "open_panel": open_panel, "bring_tab": bring_tab},
+    "browser": browser,
 }
 
 

@@ -51,3 +51,16 @@ def is_framed(desk: Desk) -> bool:
     inside = left <= low_x and high_x <= right and top <= low_y and high_y <= bottom
     large = max((high_x - low_x) / (right - left), (high_y - low_y) / (bottom - top)) > 0.34
     return bool(inside and large)
+
+
+def choose_file(desk: Desk, path: str) -> None:
+    """Type a path into the file browser that has opened in the window, and press Enter over its files."""
+    regions = desk.wait("browser()")
+    left, top, width, height = regions["UI"]
+    desk.click(left + width // 2, top + height // 2)
+    desk.key("ctrl+a")
+    desk.write(path)
+    desk.key("Return")
+    left, top, width, height = regions["WINDOW"]
+    desk.move(left + width // 2, top + height // 2)
+    desk.key("Return")

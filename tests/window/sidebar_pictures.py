@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`make sidebar-pictures`: the pictures of docs/sidebar.md, of the phantom, taken in a windowed Blender 5.2.
 
-One Blender goes through the page's steps in their order. The whole screens are kept in out/sidebar, their parts that
-the page shows in docs/pictures/sidebar.
+One Blender goes the newcomer's way, another through the page's steps in their order. The whole screens are kept in
+out/sidebar, their parts that the page shows in docs/pictures/sidebar. `ARGS="CT THRESHOLD"` goes the newcomer's way
+with a CT of one's own and prints its seconds; those pictures are in out/sidebar alone.
 """
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+from PIL import Image
+from window import newcomer
 from window.desk import Desk
 from window.provision import NoWindowError, provide, require_means, used
 
@@ -19,8 +23,10 @@ OUT = ROOT / "out" / "sidebar"
 SHOWN = ROOT / "docs" / "pictures" / "sidebar"
 SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
+SIZE = (1300, 2000)  # a window so high that the sidebar is seen whole in two looks
+COLORS = 96  # of a picture, to keep the file small
 VIEW = 560  # pixels of the viewport beside the sidebar
-HEADING = 48  # pixels from the top of a heading to the row below it
+HEADING = 40  # pixels from the top of a heading to the row below it
 DISTANCE = 9.0  # of the eye
 MOST_BYTES = 150_000
 IDLE = "ours('ui.jobs').running() is None"
@@ -28,7 +34,7 @@ COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
-for name in ("CTMC_PT_slice", "CTMC_PT_rotation", "CTMC_PT_results", "CTMC_PT_figure"):
+for name in ("CTMC_PT_slice", "CTMC_PT_rotation", "CTMC_PT_figure"):
     open_panel(name)
 space = viewport().space
 space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
@@ -69,9 +75,14 @@ def main() -> int:
         require_means()
         provide(SUITE)
         with used(SUITE) as root:
-            desk = Desk(root, OUT)
+            if len(sys.argv) > 1:
+                go_with(root, Path(sys.argv[1]), float(sys.argv[2]))
+                return 0
+            package, ct = make()
+            go_the_newcomers_way(root, package, ct)
+            desk = Desk(root, OUT, SIZE)
             try:
-                prepare(desk)
+                prepare(desk, package, ct)
                 take(desk)
             finally:
                 desk.close()
@@ -80,16 +91,45 @@ def main() -> int:
     return 0
 
 
-def prepare(desk: Desk) -> None:
-    """A Blender with the extension, its sidebar open, and the phantom loaded."""
+def make() -> tuple[Path, Path]:
+    """The extension's zip and the phantom's CT."""
     for command in (
         ["tools/build_extension.py", "--platform=linux-x64", f"--output={OUT}"],
         ["-m", "ctmc_addon", "phantom", str(OUT / "ct"), "--format", "nifti"],
     ):
         subprocess.run([sys.executable, *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     (package,) = OUT.glob("*.zip")
+    return package, OUT / "ct" / "volume-0.nii.gz"
+
+
+def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float = 200.0, *, shown: bool = True) -> None:
+    """Install the zip and go all the way to a render, a picture for every step."""
+    desk = Desk(root, OUT / "newcomer", newcomer.SIZE)
+    try:
+        seconds = newcomer.install(desk, package)
+        path = f"{desk.inside}/{ct.name}"
+        (shutil.copytree if ct.is_dir() else shutil.copyfile)(ct, desk.folder / ct.name)
+        desk.open()
+        newcomer.go(desk, path, threshold, seconds, keep_step if shown else lambda *_: None)
+    finally:
+        desk.close()
+
+
+def go_with(root: Path, ct: Path, threshold: float) -> None:
+    """The same with a CT of one's own, whose pictures are nobody else's."""
+    package, _ = make()
+    go_the_newcomers_way(root, package, ct, threshold, shown=False)
+
+
+def keep_step(number: int, picture: Image.Image) -> None:
+    """Keep a picture of the newcomer's way for the page."""
+    write(f"newcomer-{number}", picture)
+
+
+def prepare(desk: Desk, package: Path, ct: Path) -> None:
+    """A Blender with the extension, its sidebar open, and the phantom loaded."""
     desk.install(package)
-    volume = desk.bring(OUT / "ct" / "volume-0.nii.gz")
+    volume = desk.bring(ct)
     desk.open()
     desk.ask(SCENE)
     desk.wait("bring_tab('CTMC')")
@@ -106,25 +146,25 @@ def take(desk: Desk) -> None:
     keep(desk, "surface", rows["ctmc.surface_from"] - HEADING, rows["ctmc.alpha"] - HEADING - 52)
     desk.ask("bpy.context.scene.ctmc.preview = True")
     desk.wait(f"{QUIET} and {COUNTED}")
-    keep(desk, "preview", rows["ctmc.alpha"] - HEADING - 52, copy + 22)
+    keep(desk, "preview", rows["ctmc.alpha"] - HEADING - 52, copy + 28)
     desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.goal = 'reduction'; s.ratio = 0.1")
     desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
     desk.wait(f"{PROGRESS} > 0.6")
-    keep(desk, "reconstruct", rows["ctmc.goal"] - HEADING, copy + 22, view=False)
+    keep(desk, "reconstruct", rows["ctmc.goal"] - HEADING, copy + 28, view=False)
     desk.ask("del ours('ui.jobs').running().advance")
     desk.wait(IDLE)
     desk.ask("bpy.context.scene.ctmc_view.show_slice = False")
     desk.ask(BEGIN.format(operator="deviation_map"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     rows = rows_of(desk, up=False)
-    keep(desk, "results", rows["bpy.ops.ctmc.deviation_map()"] - 225, rows["bpy.ops.ctmc.adopt_settings()"] + 22)
+    keep(desk, "results", rows["bpy.ops.ctmc.measure()"] - 300, rows["bpy.ops.ctmc.adopt_settings()"] + 28)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
     desk.wait(f"{TABLE} is not None and {IDLE}")
     rows = rows_of(desk, up=False)
-    top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 22
+    top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
-    keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 22)
+    keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 28)
 
 
 def rows_of(desk: Desk, *, up: bool) -> dict[str, int]:
@@ -153,10 +193,14 @@ def keep(desk: Desk, name: str, top: int, bottom: int, *, view: bool = True) -> 
     """Keep a strip of the sidebar between two rows, with the viewport beside it unless told, as a small PNG."""
     left, _, width, _ = box(desk)
     desk.ask(LOOK_AT.format(distance=DISTANCE, x=left - VIEW // 2, y=(top + bottom) // 2))
-    part = desk.look(name).crop((left - (VIEW if view else 0), top, left + width, bottom))
+    write(name, desk.look(name).crop((left - (VIEW if view else 0), top, left + width, bottom)))
+
+
+def write(name: str, part: Image.Image) -> None:
+    """Keep a picture of the page, which must be small."""
     target = SHOWN / f"{name}.png"
     target.parent.mkdir(parents=True, exist_ok=True)
-    part.save(target, "PNG", optimize=True)
+    part.quantize(COLORS, dither=Image.Dither.NONE).save(target, "PNG", optimize=True)
     size = target.stat().st_size
     assert size <= MOST_BYTES, f"{target.name} has {size} bytes"
     print(f"{target.relative_to(ROOT)}: {part.width} x {part.height}, {size} bytes", flush=True)
