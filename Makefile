@@ -63,7 +63,7 @@ readme-pictures: setup  ## the pictures of README, rendered from the phantom; fi
 	@$(python) tools/make_readme_pictures.py
 
 sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
-	@PYTHONPATH=tests $(python) -m window.sidebar_pictures
+	@PYTHONPATH=tests $(python) -m window.sidebar_pictures $(ARGS)
 
 translations: setup  ## list what the sidebar shows in English for want of a translation
 	@PYTHONPATH=tests $(python) -m ui.strings_of_ours

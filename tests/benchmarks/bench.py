@@ -45,35 +45,40 @@ def main() -> int:
     options = arguments()
     if options.part:
         return child(options)
-    parts = options.only or list(PARTS)
-    found = {"machine": machine(), "command": command(options), "rows": [], "facts": {}}
-    if RESULTS.exists() and options.only:  # what was measured before stays
-        found = {**found, **{key: json.loads(RESULTS.read_text())[key] for key in ("rows", "facts")}}
-        found["rows"] = [row for row in found["rows"] if row["part"] not in parts]
-    busy = found["machine"]["load"]
-    if busy and busy > 1:
-        print(f"# The machine is busy (load {busy:.1f}): these numbers are for a first look")
+    busy = machine()["load"]
+    if busy and busy > 1 and not options.shared:
+        print(f"# The machine is busy (load {busy:.1f}): --shared measures processor time")
     print(header(), flush=True)
     status = 0
     with tempfile.TemporaryDirectory(prefix="ctmc-bench-") as scratch:
-        for part in parts:
+        for part in options.only or PARTS:
             answer = Path(scratch) / f"{part}.json"
+            about = {"command": command(options), "machine": machine()}
             done = subprocess.run(child_command(options, part, Path(scratch), answer), check=False)
             if not answer.exists():
                 print(f"The part {part} ended with status {done.returncode} and without a result", file=sys.stderr)
                 status = 1
                 continue
-            result = json.loads(answer.read_text())
-            found["rows"] += result["rows"]
-            found["facts"][part] = result["facts"]
-    RESULTS.parent.mkdir(parents=True, exist_ok=True)
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
-    judged = [row["met"] for row in found["rows"] if row["met"] is not None]
+            keep(part, about | json.loads(answer.read_text()))
+    found = kept()
+    judged = [row["met"] for known in found.values() for row in known["rows"] if row["met"] is not None]
     print(f"{sum(judged)} of {len(judged)} targets met; all numbers are in {RESULTS}")
     if options.write_docs:
         for path in documents.write(found):
             print(f"written: {path.relative_to(ROOT)}")
     return status
+
+
+def kept() -> dict[str, dict[str, Any]]:
+    """What is known of every part that was measured, now or before, in their order."""
+    found = json.loads(RESULTS.read_text())["parts"] if RESULTS.exists() else {}
+    return {part: found[part] for part in PARTS if part in found}
+
+
+def keep(part: str, known: dict[str, Any]) -> None:
+    """Put a part's numbers beside those of the others as soon as they are there: a run that is stopped loses one."""
+    RESULTS.parent.mkdir(parents=True, exist_ok=True)
+    RESULTS.write_text(json.dumps({"parts": {**kept(), part: known}}, indent=1) + "\n")
 
 
 def arguments() -> argparse.Namespace:
@@ -82,29 +87,36 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--only", choices=PARTS, action="append", help="run this part only; may be given again")
     parser.add_argument("--quick", action="store_true", help="3 calls instead of 9, for a first look")
     parser.add_argument("--repeats", type=int, help="calls of which the median counts")
+    parser.add_argument(
+        "--shared",
+        action="store_true",
+        help="others use the machine: processor time, least of the calls, one thread",
+    )
+    parser.add_argument("--row-seconds", type=float, default=60, help="begin no further round of a row after so long")
     parser.add_argument("--ct", type=Path, action="append", default=[], help="a CT of your own to measure as well")
-    parser.add_argument("--write-docs", action="store_true", help="renew docs/development/performance.md")
+    parser.add_argument(
+        "--write-docs", action="store_true", help="renew docs/development/performance.md, of the parts in bench.json"
+    )
     hidden = {"help": argparse.SUPPRESS}
     parser.add_argument("--part", **hidden)
     parser.add_argument("--scratch", type=Path, **hidden)
     parser.add_argument("--answer", type=Path, **hidden)
     options = parser.parse_args()
-    if options.write_docs and options.only:
-        parser.error("--write-docs needs all parts: the page holds the numbers of one run")
     options.repeats = options.repeats or (3 if options.quick else 9)
     return options
 
 
 def command(options: argparse.Namespace) -> str:
     """The command that repeats this run."""
-    given = " ".join(sys.argv[1:])
+    given = " ".join(word for word in sys.argv[1:] if word != "--write-docs")
     return f"make bench ARGS='{given}'" if given else "make bench"
 
 
 def child_command(options: argparse.Namespace, part: str, scratch: Path, answer: Path) -> list[str]:
     """The same program for one part."""
     asked = [sys.executable, "-m", "benchmarks.bench", "--part", part, "--repeats", str(options.repeats)]
-    asked += ["--scratch", str(scratch), "--answer", str(answer)]
+    asked += ["--scratch", str(scratch), "--answer", str(answer), "--row-seconds", str(options.row_seconds)]
+    asked += ["--shared"] if options.shared else []
     return asked + [word for path in options.ct for word in ("--ct", str(path))]
 
 
@@ -118,6 +130,8 @@ def child(options: argparse.Namespace) -> int:
         scratch=options.scratch,
         data=ROOT.parent / "shared" / "data",
         also=options.ct,
+        shared=options.shared,
+        row_seconds=options.row_seconds,
     )
     importlib.import_module(f"benchmarks.{options.part}").measure(session)
     answer = {"rows": [row.as_dict() for row in session.rows], "facts": session.facts}

@@ -11,7 +11,7 @@ from typing import Any
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
 
 from . import scenes
-from .measuring import Row, Session, timed
+from .measuring import Row, Session
 from .reading import dicom_folder
 
 FRAME = 1 / 60
@@ -85,13 +85,13 @@ def alpha(session: Session) -> None:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         return thing.evaluated_get(depsgraph).data.vertices[0].co.x
 
-    runs = [timed(move)[0] for _ in range(3 * session.repeats + 1)][1:]
+    runs = session.race({"CTMC": move}, 3 * session.repeats)["CTMC"]
     session.add(
         Row(
             session.part,
             f"alpha changed on {len(thing.data.vertices) / 1e6:.2f}M vertices, evaluated mesh ready",
             "one frame at 60 Hz",
-            sorted(runs)[len(runs) // 2],
+            session.typical(runs),
             FRAME,
             1.0,
             runs={"CTMC": runs},

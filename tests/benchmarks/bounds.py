@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
+from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.mesh.triangle_tree import TriangleTree
 from ctmc_addon.core.simplification.simplify import simplify
 
 from . import peers, scenes
-from .measuring import Row, Session, timed
+from .measuring import Row, Session
 from .simplify import SAMPLES, on_surface
 
 BOUNDS_MM = (0.1, 0.5, 1.0)
@@ -42,7 +42,7 @@ def measure(session: Session) -> None:
                 ladders[name].append((greatest(small, tree, on_full), len(small.faces)))
         session.say(f"{name} measured at {len(ladders[name])} sizes")
     for bound in BOUNDS_MM:
-        seconds, small = timed(lambda bound=bound: simplify(mesh, max_error=bound))
+        seconds, small = session.timed(lambda bound=bound: simplify(mesh, max_error=bound))
         reached = greatest(small, tree, on_full)
         work = f"QEM, {len(mesh.faces) / 1e3:.0f}k triangles, max_error {bound:g} mm"
         note = f"{seconds:.1f} s; {'closed' if small.closed else 'OPEN'}"

@@ -14,29 +14,33 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "development" / "performance.md"
 PICTURE = ROOT / "docs" / "pictures" / "growth.png"
-TITLES = {
-    "extraction": "Extraction",
-    "patient": "Patients and masks",
-    "simplify": "Simplification",
-    "small_components": "Simplification with thousands of small components",
-    "bounds": "Simplification to an error",
-    "reading": "Reading",
-    "processes": "Whole processes",
-    "blender": "In Blender",
-}
+WITH_ROWS = (
+    "extraction",
+    "patient",
+    "many_labels",
+    "simplify",
+    "small_components",
+    "bounds",
+    "reading",
+    "processes",
+    "blender",
+)
+"""Parts that have rows on the page."""
 
 
 def write(found: dict[str, Any]) -> list[Path]:
-    """Renew the page and its picture; returns what was written."""
-    facts = found["facts"]
-    extraction = facts.get("extraction", {})
-    sections = {"run": run_text(found["machine"], found["command"]), "rows": rows_text(found["rows"])}
+    """Renew what the page says of every part that was measured, and the picture; returns what was written."""
+    sections = {"run": run_text([known["machine"] for known in found.values()][-1])}
+    for part in WITH_ROWS:
+        if part in found:
+            sections[f"the rows of {part}"] = rows_text(found[part])
+    extraction = found["extraction"]["facts"] if "extraction" in found else {}
     if "stages" in extraction:
         sections["stages"] = stages_text(extraction["stages"], extraction["bandwidth"])
     written = [PAGE]
-    if "growth" in facts:
-        sections["growth"] = growth_text(facts["growth"])
-        draw(facts["growth"], PICTURE)
+    if "growth" in found:
+        sections["growth"] = growth_text(found["growth"]["facts"])
+        draw(found["growth"]["facts"], PICTURE)
         written.append(PICTURE)
     page = PAGE.read_text(encoding="utf-8")
     for name, text in sections.items():
@@ -59,25 +63,23 @@ def table(names: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in [names, rule, *rows])
 
 
-def run_text(machine: dict[str, Any], command: str) -> str:
-    """Where, when and how it was measured."""
+def run_text(machine: dict[str, Any]) -> str:
+    """Where it was measured, and against what."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
-    busy = machine["load"] and machine["load"] > 1
-    note = " **Other work was running: seconds and ratios are rough.**" if busy else ""
     return (
-        f"{machine['date']}, `{command}`: {machine['processor']}, {machine['cores']} cores, {machine['memory']}, "
-        f"{machine['system']}, Python {machine['python']}. {versions}.{note}"
+        f"{machine['processor']}, {machine['cores']} cores, {machine['memory']}, {machine['system']}, "
+        f"Python {machine['python']}. {versions}."
     )
 
 
-def rows_text(rows: list[dict[str, Any]]) -> str:
-    """A table for every part; targets are for whoever runs the benchmark and not for the page."""
-    texts = []
-    for part, title in TITLES.items():
-        lines = [row_cells(row) for row in rows if row["part"] == part]
-        if lines:
-            texts.append(f"### {title}\n\n" + table(["work", "peer", "CTMC", "peer", "ratio"], lines))
-    return "\n\n".join(texts)
+def rows_text(known: dict[str, Any]) -> str:
+    """When and how a part was measured, and its rows; targets are for whoever runs the benchmark, not for the page."""
+    load = known["machine"]["load"] or 0
+    busy = f", load {load:.0f} at the start" if load > 1 else ""
+    lines = [row_cells(row) for row in known["rows"]]
+    return f"{known['machine']['date']}, `{known['command']}`{busy}.\n\n" + table(
+        ["work", "peer", "CTMC", "peer", "ratio"], lines
+    )
 
 
 def row_cells(row: dict[str, Any]) -> list[str]:

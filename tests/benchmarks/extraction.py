@@ -19,7 +19,7 @@ from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.volume.volume import Volume
 
 from . import peers, scenes
-from .measuring import Row, Session, bandwidth, least_seconds, median_seconds, peak_bytes, stage_seconds
+from .measuring import Row, Session, bandwidth, least_seconds, peak_bytes, stage_seconds
 
 VTK = "vtkFlyingEdges3D"
 STRIDES = {(2, 2, 1): 0.39, (3, 3, 1): 0.21}  # of the time at stride 1: 61 % and 79 % saved
@@ -50,19 +50,20 @@ def measure(session: Session) -> None:
     against_vtk(session, f"{work}, normals", dense, scenes.DENSE_THRESHOLD, True, {1: 1.0, 2: 1.0, None: None})
     memory(session, "dense", dense, scenes.DENSE_THRESHOLD, None)
 
-    widths = {threads: bandwidth(threads) for threads in (1, 2)}
+    widths = {threads: bandwidth(session, threads) for threads in session.threads}
     session.facts["bandwidth"] = widths
-    strides(session, "sparse", sparse, scenes.EDGE, widths[2])
-    strides(session, "dense", dense, scenes.DENSE_THRESHOLD, widths[2])
+    strides(session, "sparse", sparse, scenes.EDGE, widths[session.threads[-1]])
+    strides(session, "dense", dense, scenes.DENSE_THRESHOLD, widths[session.threads[-1]])
     few = np.ascontiguousarray(dense[:: dense.shape[0] // 29][:29])
-    strides(session, "29 slices", few, scenes.DENSE_THRESHOLD, widths[2])
+    strides(session, "29 slices", few, scenes.DENSE_THRESHOLD, widths[session.threads[-1]])
     session.facts["stages"] = {
         f"{name}, {threads} thread{'s' if threads > 1 else ''}": stages(session, values, at, threads, widths[threads])
         for name, values, at in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD))
-        for threads in (1, 2)
+        for threads in session.threads
     }
     preview(session, sparse, dense)
-    predicted(session, sparse, dense)
+    if not session.shared:  # the prediction is of elapsed time
+        predicted(session, sparse, dense)
 
 
 def sized(values: NDArray[Any], threshold: float) -> str:
@@ -88,6 +89,8 @@ def against_vtk(
 ) -> None:
     """So many threads each; None is both as installed: CTMC with all it uses, VTK with one."""
     for threads, target in targets.items():
+        if session.shared and threads != 1:
+            continue
         how = "as installed" if threads is None else f"{threads} thread{'s' if threads > 1 else ''} each"
         session.compare(
             work,
@@ -129,7 +132,7 @@ def strides(session: Session, name: str, values: NDArray[Any], threshold: float,
     least = {stride: least_at(values, threshold, stride, width) for stride in sides}
     for stride, target in STRIDES.items():
         runs = {name: seconds[name] for name in (str(stride), str((1, 1, 1)))}
-        ours, whole = (float(np.median(taken)) for taken in runs.values())
+        ours, whole = (session.typical(taken) for taken in runs.values())
         limit = least[stride] / least[(1, 1, 1)]
         session.add(
             Row(
@@ -160,7 +163,7 @@ def stages(
 ) -> list[dict[str, Any]]:
     """For every stage of an extraction: seconds, the bytes it must read and write at least, and their seconds."""
     grid = make_grid(values)
-    seconds = stage_seconds(lambda: extract_steps(grid, threshold, False, threads), session.repeats)
+    seconds = stage_seconds(session, lambda: extract_steps(grid, threshold, False, threads))
     counts = finish(count_steps(grid, threshold))
     bits = values.size / 8
     found = 5 * counts.active  # of every active voxel its place (int32) and its case
@@ -198,7 +201,7 @@ def preview(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None
                 session.part,
                 f"preview, {name}, threshold changed: count and extract at stride {' x '.join(map(str, stride))}",
                 f"{PREVIEW_MS} ms",
-                median_seconds(call, session.repeats),
+                session.seconds(call),
                 PREVIEW_MS / 1000,
                 1.0,
             )
@@ -221,7 +224,7 @@ def predicted(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> No
         volume, settings = Volume(values, np.eye(4)), ReconstructionSettings(**chosen)
         estimate = finish(cost_estimate_steps(FieldCache(volume), settings))
         estimated = estimate.seconds - CALIBRATION.blender_face * estimate.faces
-        took = median_seconds(partial(reconstruct, volume, settings), 3)
+        took = session.seconds(partial(reconstruct, volume, settings), 3)
         session.add(
             Row(
                 session.part,

@@ -7,7 +7,6 @@ its cube; balls in a cube of one size change the triangles alone.
 
 from __future__ import annotations
 
-import statistics
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ def measure(session: Session) -> None:
     session.facts["threads"] = [
         threads_point(session, name, values, at, threads)
         for name, values, at in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD))
-        for threads in (1, 2)
+        for threads in session.threads
     ]
     session.facts["stride"] = [stride_point(session, dense, stride) for stride in STRIDES]
     session.facts["summary"] = summary(session.facts)
@@ -62,7 +61,7 @@ def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str
         "bytes": values.nbytes,
         "peak_bytes": peak,
         "result_bytes": 12 * (counts.faces + counts.vertices),
-        **{name: statistics.median(taken) for name, taken in seconds.items()},
+        **{name: session.typical(taken) for name, taken in seconds.items()},
     }
 
 
@@ -78,7 +77,7 @@ def threads_point(session: Session, name: str, values: NDArray[Any], at: float, 
         "threads": threads,
         "bytes": values.nbytes,
         "peak_bytes": peak_bytes(call, mesh_bytes),
-        **{key: statistics.median(taken) for key, taken in seconds.items()},
+        **{key: session.typical(taken) for key, taken in seconds.items()},
     }
 
 
@@ -96,7 +95,7 @@ def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[st
         "triangles": counts.faces,
         "bytes": values.nbytes,
         "peak_bytes": peak_bytes(call, mesh_bytes),
-        "seconds": statistics.median(session.race({"seconds": call})["seconds"]),
+        "seconds": session.seconds(call),
     }
 
 

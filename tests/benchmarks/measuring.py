@@ -3,11 +3,15 @@
 
 Everything that is compared runs in one process, one call after the other and round again, so that a
 slow minute of the machine falls on all alike. A result is let go only when the clock has stopped.
+
+On a machine that others use (`Session.shared`) the clock is processor time, and the least of the calls counts: waiting
+for one's turn is not in it, and what others do to the caches can only add. What two threads gain cannot be told there.
 """
 
 from __future__ import annotations
 
 import gc
+import os
 import statistics
 import time
 import tracemalloc
@@ -20,6 +24,7 @@ from typing import Any
 import numpy as np
 
 Call = Callable[[], Any]
+Clock = Callable[[], float]
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Row:
     work, peer : str
         What was done, and what it is compared with.
     ours, theirs : float
-        Medians; `theirs` may be a limit such as one frame at 60 Hz.
+        Medians, or the least; `theirs` may be a limit such as one frame at 60 Hz.
     target : float or None
         The ratio ours / theirs is to stay at or below this; None where no promise is made.
     unit : str
@@ -99,6 +104,10 @@ class Session:
         A folder for the run's own files, and the folder of real CT.
     also : list of Path
         More CT to measure.
+    shared : bool
+        Whether others use the machine.
+    row_seconds : float
+        After so long no further round of calls begins.
     """
 
     part: str
@@ -108,22 +117,52 @@ class Session:
     scratch: Path
     data: Path
     also: list[Path] = field(default_factory=list)
+    shared: bool = False
+    row_seconds: float = 60.0
     rows: list[Row] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def threads(self) -> tuple[int, ...]:
+        """The numbers of threads that are measured."""
+        return (1,) if self.shared else (1, 2)
+
+    @property
+    def clock(self) -> Clock:
+        """Seconds since some moment."""
+        return processor_seconds if self.shared else time.perf_counter
+
+    def typical(self, seconds: list[float]) -> float:
+        """What counts of the seconds of equal calls."""
+        return min(seconds) if self.shared else statistics.median(seconds)
+
+    def seconds(self, call: Call, repeats: int | None = None) -> float:
+        """Typical seconds of a call."""
+        return self.typical(self.race({"call": call}, repeats)["call"])
+
+    def timed(self, call: Call) -> tuple[float, Any]:
+        """Seconds of one call, and its result."""
+        return timed(call, self.clock)
 
     def add(self, row: Row) -> None:
         """Keep a row and show it."""
         self.rows.append(row)
         self.show(row)
 
-    def race(self, calls: dict[str, Call], repeats: int | None = None) -> dict[str, list[float]]:
-        """Seconds of every call, made in turn `repeats` times after one round that does not count."""
+    def race(self, calls: dict[str, Call], repeats: int | None = None, warm: bool = True) -> dict[str, list[float]]:
+        """Seconds of every call, made in turn `repeats` times, or until `row_seconds` are over.
+
+        With `warm` the first round does not count, unless it alone takes as long.
+        """
         seconds: dict[str, list[float]] = {name: [] for name in calls}
-        for turn in range(1 + (repeats or self.repeats)):
+        end = time.perf_counter() + self.row_seconds
+        for turn in range(warm + (repeats or self.repeats)):
+            if turn and time.perf_counter() > end:
+                break
+            if turn == 1 and warm:
+                seconds = {name: [] for name in calls}
             for name, call in calls.items():
-                taken, _ = timed(call)
-                if turn:
-                    seconds[name].append(taken)
+                seconds[name].append(self.timed(call)[0])
         return seconds
 
     def compare(
@@ -133,31 +172,33 @@ class Session:
         peers: dict[str, tuple[Call, float | None]],
         note: str = "",
         repeats: int | None = None,
+        warm: bool = True,
     ) -> dict[str, float]:
-        """Race `ours` against every peer (its call and its target) and add a row for each; returns the medians."""
-        seconds = self.race({"CTMC": ours, **{name: call for name, (call, _) in peers.items()}}, repeats)
-        medians = {name: statistics.median(taken) for name, taken in seconds.items()}
+        """Race `ours` against every peer (its call and its target) and add a row for each; returns what counts."""
+        seconds = self.race({"CTMC": ours, **{name: call for name, (call, _) in peers.items()}}, repeats, warm)
+        typical = {name: self.typical(taken) for name, taken in seconds.items()}
         for name, (_, target) in peers.items():
             runs = {"CTMC": seconds["CTMC"], name: seconds[name]}
-            self.add(Row(self.part, work, name, medians["CTMC"], medians[name], target, note=note, runs=runs))
-        return medians
+            self.add(Row(self.part, work, name, typical["CTMC"], typical[name], target, note=note, runs=runs))
+        return typical
 
 
-def timed(call: Call) -> tuple[float, Any]:
+def processor_seconds() -> float:
+    """Processor time of this process, and of those that it has waited for (to 10 ms; not on Windows)."""
+    others = os.times()
+    return time.process_time() + others.children_user + others.children_system
+
+
+def timed(call: Call, clock: Clock = time.perf_counter) -> tuple[float, Any]:
     """Seconds of a call and its result, with no garbage collection in between."""
     gc.collect()
     gc.disable()
     try:
-        start = time.perf_counter()
+        start = clock()
         result = call()
-        return time.perf_counter() - start, result
+        return clock() - start, result
     finally:
         gc.enable()
-
-
-def median_seconds(call: Call, repeats: int) -> float:
-    """Median of `repeats` calls after one that does not count."""
-    return statistics.median([timed(call)[0] for _ in range(repeats + 1)][1:])
 
 
 def peak_bytes(call: Call, returned: Callable[[Any], int]) -> int:
@@ -174,22 +215,22 @@ def peak_bytes(call: Call, returned: Callable[[Any], int]) -> int:
         tracemalloc.stop()
 
 
-def stage_seconds(make_steps: Callable[[], Any], repeats: int) -> dict[str, float]:
-    """Median seconds between the steps of long work, by the message of the step that ends them."""
+def stage_seconds(session: Session, make_steps: Callable[[], Any]) -> dict[str, float]:
+    """Typical seconds between the steps of long work, by the message of the step that ends them."""
     runs: list[dict[str, float]] = []
-    for _ in range(repeats + 1):
+    for _ in range(session.repeats + 1):
         gc.collect()
         taken: dict[str, float] = {}
-        before = time.perf_counter()
+        before = session.clock()
         for step in make_steps():
-            now = time.perf_counter()
+            now = session.clock()
             taken[step.message] = taken.get(step.message, 0.0) + now - before
             before = now
         runs.append(taken)
-    return {stage: statistics.median([run.get(stage, 0.0) for run in runs[1:]]) for stage in runs[-1]}
+    return {stage: session.typical([run.get(stage, 0.0) for run in runs[1:]]) for stage in runs[-1]}
 
 
-def bandwidth(threads: int, size: int = 1 << 28, repeats: int = 7) -> dict[str, float]:
+def bandwidth(session: Session, threads: int, size: int = 1 << 28) -> dict[str, float]:
     """Bytes a second this machine reads and writes with so many threads.
 
     Written into memory that is in use already: what fresh memory costs on top is the system's page faults.
@@ -204,7 +245,7 @@ def bandwidth(threads: int, size: int = 1 << 28, repeats: int = 7) -> dict[str, 
         def write() -> None:
             list(pool.map(lambda part: block[part].fill(1), parts))
 
-        return {"read": size / median_seconds(read, repeats), "write": size / median_seconds(write, repeats)}
+        return {"read": size / session.seconds(read), "write": size / session.seconds(write)}
 
 
 def least_seconds(read: float, written: float, width: dict[str, float]) -> float:

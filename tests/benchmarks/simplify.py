@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
+from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.mesh.triangle_tree import TriangleTree
 from ctmc_addon.core.simplification.simplify import simplify
 
 from . import peers, scenes

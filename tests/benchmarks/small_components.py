@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
+from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.mesh.triangle_tree import TriangleTree
 from ctmc_addon.readers import read_volume
 
 from . import peers, scenes
-from .measuring import Row, Session, timed
+from .measuring import Row, Session
 from .simplify import VTK, on_surface, ours
 
 LEVELS = {0.5: 0.9, 0.8: 0.85, 0.9: None, 0.95: None}  # reduction: target of the mean error against VTK's
@@ -35,7 +35,7 @@ def measure(session: Session) -> None:
             work = f"{name}, {len(mesh.faces) / 1e3:.0f}k triangles in {mesh.components} components to {1 - level:.0%}"
             known = {}
             for peer, call in calls(mesh, level).items():
-                seconds, small = timed(call)
+                seconds, small = session.timed(call)
                 there, back = TriangleTree(small).distances(points), tree.distances(on_surface(small, SAMPLES))
                 known[peer] = (float(there.mean() + back.mean()) / 2, seconds, small)
             error, seconds, small = known.pop("CTMC")

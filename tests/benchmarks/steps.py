@@ -27,8 +27,9 @@ from ctmc_addon.blender.surface.readback import own_mesh
 from ctmc_addon.cli.phantom.files import write_dicom_steps, write_nifti_steps
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
-from ctmc_addon.ui.operators import load, reconstruct, results
-from ctmc_addon.ui.operators.placing import SurfaceRequest
+from ctmc_addon.ui.operators.ct import load
+from ctmc_addon.ui.operators.surface import reconstruct, results
+from ctmc_addon.ui.operators.surface.placing import SurfaceRequest
 from ctmc_addon.ui.state import measurements, surfaces, volumes
 from ctmc_addon.ui.viewport import live, preview
 

@@ -9,7 +9,7 @@ import pytest
 from benchmarks import documents, growth, patient, peers, processes
 from benchmarks.accuracy import PAGE as ACCURACY
 from benchmarks.bench import PARTS
-from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, stage_seconds, timed
+from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, processor_seconds, stage_seconds, timed
 
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.progress import Step
@@ -33,6 +33,33 @@ def test_competitors_run_in_turn_and_the_first_round_does_not_count(session):
     assert [len(runs) for runs in session.rows[0].runs.values()] == [3, 3]
 
 
+def test_no_round_begins_after_the_time_of_a_row_and_one_counts_in_any_case(session):
+    session.row_seconds = 0.0
+    assert session.race({"ours": lambda: None, "peer": lambda: None}).keys() == {"ours", "peer"}
+    assert [len(runs) for runs in session.race({"ours": lambda: None}, warm=False).values()] == [1]
+
+
+@pytest.mark.parametrize(
+    ("shared", "clock", "typical", "threads"),
+    [(False, time.perf_counter, 3.0, (1, 2)), (True, processor_seconds, 1.0, (1,))],
+)
+def test_on_a_shared_machine_processor_time_and_the_least_of_the_calls_count(session, shared, clock, typical, threads):
+    session.shared = shared
+    assert session.clock is clock
+    assert session.typical([4.0, 1.0, 3.0]) == typical
+    assert session.threads == threads
+
+
+def test_the_rows_of_a_part_say_when_how_and_beside_whom_they_were_measured():
+    row = Row("part", "work", "peer", 1.0, 2.0, note="all of it").as_dict()
+    known = {"command": "make x", "machine": {"date": "D", "load": 7.2}, "rows": [row]}
+    text = documents.rows_text(known)
+    assert text.startswith("D, `make x`, load 7 at the start.\n\n| work |")
+    assert text.endswith("| work (all of it) | peer | 1 s | 2 s | 0.50 |")
+    known["machine"]["load"] = 0.3
+    assert documents.rows_text(known).startswith("D, `make x`.\n")
+
+
 def test_a_call_is_timed_without_what_comes_before_and_after():
     seconds, result = timed(lambda: time.sleep(0.02) or 42)
     assert result == 42
@@ -47,13 +74,13 @@ def test_the_peak_is_what_is_held_beside_the_result():
     assert peak_bytes(call, lambda result: result.nbytes) == pytest.approx(1 << 20, rel=0.02)
 
 
-def test_stages_are_named_after_the_steps_that_end_them():
+def test_stages_are_named_after_the_steps_that_end_them(session):
     def steps():
         time.sleep(0.02)
         yield Step(0.5, "first")
         yield Step(1.0, "second")
 
-    seconds = stage_seconds(steps, 2)
+    seconds = stage_seconds(session, steps)
     assert list(seconds) == ["first", "second"]
     assert seconds["first"] >= 0.02
 
@@ -100,7 +127,10 @@ def test_only_what_stands_between_the_markers_is_replaced():
 
 @pytest.mark.parametrize(
     ("page", "names"),
-    [(documents.PAGE, ["run", "rows", "stages", "growth"]), (ACCURACY, ["geometry", "alpha", "normals", "tumours"])],
+    [
+        (documents.PAGE, ["run", "stages", "growth", *(f"the rows of {part}" for part in documents.WITH_ROWS)]),
+        (ACCURACY, ["geometry", "alpha", "normals", "tumours"]),
+    ],
     ids=lambda value: value.name if isinstance(value, Path) else "",
 )
 def test_the_pages_have_the_markers(page, names):
@@ -142,4 +172,4 @@ def test_blenders_mesher_places_a_ball_where_it_is():
 
 def test_every_part_can_be_loaded_and_has_its_title():
     assert {patient.__name__, processes.__name__} <= {f"benchmarks.{part}" for part in PARTS}
-    assert set(documents.TITLES) <= set(PARTS)
+    assert set(documents.WITH_ROWS) <= set(PARTS)
