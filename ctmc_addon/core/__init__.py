@@ -23,17 +23,17 @@ from .mesh.distance.triangle_tree import distances
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .pipeline import (
-    Reconstruction,
-    Stage,
+    STREAMED_NOTE,
     described_pieces_steps,
-    full_steps,
     reconstruct,
     reconstruct_steps,
+    result_and_full_steps,
     simplified_steps,
     without_small_steps,
 )
 from .preview import Preview, PreviewResult
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
+from .reconstruction import Reconstruction, Stage
 from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .version import VERSION
@@ -45,6 +45,7 @@ __all__ = [
     "GOALS",
     "NO_THREAD",
     "PAUSE",
+    "STREAMED_NOTE",
     "VERSION",
     "CostEstimate",
     "CtmcError",
@@ -80,7 +81,6 @@ __all__ = [
     "each_label_steps",
     "equal_part",
     "finish",
-    "full_steps",
     "give_back",
     "is_allowed",
     "map_steps",
@@ -92,6 +92,7 @@ __all__ = [
     "reconstruct_labels_steps",
     "reconstruct_steps",
     "require_memory",
+    "result_and_full_steps",
     "side_by_side_steps",
     "simplified_steps",
     "simplify",

@@ -15,22 +15,19 @@ import numpy as np
 from .errors import CtmcError, MeshError
 from .extraction.grid import Grid, make_grid
 from .extraction.marching_cubes import Counts, count_steps, extract_steps
+from .fitting import Fitting
 from .memory import available_bytes
-from .pipeline import Reconstruction
+from .pipeline import STREAMED_NOTE
 from .progress import PAUSE, Stages, Steps, timed_steps
+from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
-from .simplification.simplify import memory_needed, simplify_steps
+from .simplification.simplify import simplify_steps
 from .volume.scalar_field import ScalarField, scalar_field_steps
 from .volume.thresholding import check_threshold
 from .volume.volume import Volume
 
-# Bytes: positions at both ends of alpha and normals are 36 a vertex, triangles 12; Blender keeps about as much again
-# with keys, edges and corners; the built-in simplifier its edges, quadrics and costs.
-VERTEX_BYTES, FACE_BYTES, ACTIVE_BYTES = 36, 12, 40
-BLENDER_VERTEX_BYTES, BLENDER_FACE_BYTES = 60, 52
 MOST_STRIDE = 16
 BOUNDED_COLLAPSES = 20  # collapses that a triangle costs with a maximum error: 10 on smooth surfaces, 35 on bone
-BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
 BALL_SAMPLES = 112  # along an axis of the ball that a fresh process is measured on
 
 
@@ -125,6 +122,8 @@ class Calibration:
 
     def learn(self, estimate: CostEstimate, result: Reconstruction, blender_seconds: float) -> None:
         """Take over the seconds of a real surface; `blender_seconds` are those after its last stage."""
+        if STREAMED_NOTE in result.notes:
+            return  # its stages ran into each other
         seconds = {stage.name: stage.seconds for stage in result.stages}
         removed = result.full_faces - len(result.mesh.faces)
         counted = estimate.faces + estimate.vertices
@@ -195,14 +194,15 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
         check_threshold(field.level, grid.window_values, field.kind, field.place, grid.upper)
         raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
     seconds = stages.seconds["Counting"]
+    available = available_bytes() if cache.memory_limit is None else cache.memory_limit
     estimate = CostEstimate(
         voxels=grid.voxels,
         vertices=counts.vertices,
         faces=counts.faces,
-        memory=memory_of(counts, settings, field, cache.volume),
+        memory=memory_of(counts.faces, settings, field, cache.volume, available),
         seconds=cache.seconds + seconds + seconds_after_counting(counts, settings),
         counting_seconds=seconds,
-        available=available_bytes() if cache.memory_limit is None else cache.memory_limit,
+        available=available,
     )
     if not estimate.fits:
         looking = remedy_steps(cache, field, settings, estimate)
@@ -215,36 +215,28 @@ def grid_of(field: ScalarField, settings: ReconstructionSettings, stride: tuple[
     return make_grid(field.values, stride, settings.close_border, field.window_in_values, settings.upper)
 
 
-def simplified_faces(faces: int, settings: ReconstructionSettings) -> int:
-    """Return how many triangles the simplifier will leave, as far as that can be predicted."""
-    if not settings.simplifies:
-        return faces
-    if settings.target_faces is not None:
-        return min(faces, settings.target_faces)
-    return round(faces * (1.0 - (BOUNDED_REDUCTION if settings.reduction is None else settings.reduction)))
-
-
 def seconds_after_counting(counts: Counts, settings: ReconstructionSettings) -> float:
     """Return the seconds of all that follows the first passes."""
     work = CALIBRATION
     seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.blender_face)
-    if settings.simplifies and settings.simplifier == "builtin":
-        if settings.max_error_mm is not None:
-            seconds += counts.faces * work.bounded_face
-        else:
-            seconds += (counts.faces - simplified_faces(counts.faces, settings)) * work.collapse
+    fitting = Fitting(counts.faces, settings)
+    if fitting.simplifies and settings.max_error_mm is not None:
+        seconds += counts.faces * work.bounded_face
+    else:
+        seconds += (counts.faces - fitting.left) * work.collapse
     return seconds
 
 
-def memory_of(counts: Counts, settings: ReconstructionSettings, field: ScalarField, volume: Volume) -> int:
-    """Return the peak, bytes: of smoothing, or of its values, the surface, and the larger of simplifier and Blender."""
+def memory_of(
+    faces: int, settings: ReconstructionSettings, field: ScalarField, volume: Volume, available: int | None
+) -> int:
+    """Return the peak, bytes: of smoothing, or of its values and the surface; simplified as extracted if it must be."""
     smoothed = 0 if np.may_share_memory(field.values, volume.values) else field.values.nbytes
-    surface = VERTEX_BYTES * counts.vertices + FACE_BYTES * counts.faces + ACTIVE_BYTES * counts.active
-    builtin = settings.simplifies and settings.simplifier == "builtin"
-    left = simplified_faces(counts.faces, settings) if builtin else counts.faces
-    blender = (BLENDER_FACE_BYTES + BLENDER_VERTEX_BYTES // 2) * left
-    extracting = smoothed + surface + max(memory_needed(counts.faces, settings.max_error_mm) if builtin else 0, blender)
-    return max(field.working_bytes, extracting)
+    fitting = Fitting(faces, settings)
+    needed = max(field.working_bytes, smoothed + fitting.held)
+    if available is not None and needed > available and fitting.simplifies:
+        needed = max(field.working_bytes, smoothed + fitting.streamed)
+    return needed
 
 
 def remedy_steps(
@@ -266,6 +258,7 @@ def remedy_steps(
             counts = yield from count_steps(grid, field.level, cache.threads, settings.topology)
         except CtmcError:
             break
-        if memory_of(counts, settings, field, cache.volume) <= estimate.available:
+        needed = memory_of(counts.faces, settings, field, cache.volume, estimate.available)
+        if needed <= estimate.available:
             return f"stride {wider[0]} {wider[1]} {wider[2]} would fit, or a smaller region"
     return "choose a smaller region"

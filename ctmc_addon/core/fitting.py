@@ -24,8 +24,9 @@ from .volume.volume import Volume
 
 T = TypeVar("T")
 
-FACE_BYTES = 128  # of a triangle in memory: 45 while it is extracted, then 36 and 92 to measure it (tracemalloc)
-LEFT_BYTES = 128  # of a triangle that simplification leaves
+HELD_BYTES = 50  # of a triangle of the full surface while it is extracted and simplified (tracemalloc)
+FACE_BYTES = 128  # of one that stays: 36, and 92 to measure it; a mesh in Blender takes less, after that
+BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
 SLABS_BYTES = 128 << 20  # of the slabs at work
 MOST_STRIDE = 16
 ROUNDED = 0.9  # of the triangles that would fit are proposed
@@ -49,21 +50,45 @@ class Fitting:
     written_bytes: int = 0
 
     @property
+    def simplifies(self) -> bool:
+        """Whether the built-in simplifier has a goal, so that the full surface need not be there as a whole."""
+        return self.settings.simplifies and self.settings.simplifier == "builtin"
+
+    @property
+    def left(self) -> int:
+        """Triangles after simplification, as far as that can be predicted."""
+        if not self.simplifies:
+            return self.faces
+        return min(self.faces, self._goal.target(self.faces) or round(self.faces * (1.0 - BOUNDED_REDUCTION)))
+
+    @property
+    def held(self) -> int:
+        """Bytes, about, where the full surface is held."""
+        if not self.simplifies:
+            return self.faces * (FACE_BYTES + self.written_bytes)
+        at_once = memory_needed(self.faces, self.settings.max_error_mm)
+        return self.faces * HELD_BYTES + max(at_once, self.left * (FACE_BYTES + self.written_bytes))
+
+    @property
+    def streamed(self) -> int:
+        """Bytes, about, where it is simplified as it is extracted."""
+        at_once = memory_needed(min(self.faces, self._goal.sizes[1]), self.settings.max_error_mm)
+        return max(at_once, self.left * self.written_bytes) + self.left * FACE_BYTES
+
+    @property
     def needed(self) -> int:
-        """Bytes, about."""
-        settings = self.settings
-        if not (settings.simplifies and settings.simplifier == "builtin"):
-            return SLABS_BYTES + self.faces * (FACE_BYTES + self.written_bytes)
-        goal = Goal(settings.reduction, settings.target_faces, settings.max_error_mm)
-        left = goal.target(self.faces) or self.faces // 10
-        at_once = memory_needed(min(self.faces, goal.sizes[1]), settings.max_error_mm)
-        return SLABS_BYTES + max(at_once, left * self.written_bytes) + left * LEFT_BYTES
+        """The least bytes, about, of a volume that is not in memory."""
+        return SLABS_BYTES + (self.streamed if self.simplifies else self.held)
+
+    @property
+    def _goal(self) -> Goal:
+        return Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
 
     def most_triangles(self, there: int) -> int:
         """How many triangles simplification may leave in so many bytes; 0 where it does not fit."""
         goal = Goal(target_faces=1)
         room = there - SLABS_BYTES - memory_needed(min(self.faces, goal.sizes[1]), None)
-        return max(0, int(ROUNDED * room / (LEFT_BYTES + self.written_bytes)))
+        return max(0, int(ROUNDED * room / (FACE_BYTES + self.written_bytes)))
 
 
 def advised_steps(

@@ -15,8 +15,9 @@ from typing import NamedTuple, TypeVar
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, ThresholdError
 from .memory import available_bytes
 from .parallel import side_by_side_steps, worker_count
-from .pipeline import Reconstruction, reconstruct_steps
+from .pipeline import reconstruct_steps
 from .progress import Stages, Steps, finish
+from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from .volume.region import region_box

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from .errors import MemoryLimitError
 from .extraction.grid import check_stride, make_grid
 from .extraction.marching_cubes import extract_steps
-from .memory import refusal
+from .memory import give_back, refusal
 from .mesh.components import keep_components_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
-from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import PAUSE, Stages, Steps, finish
+from .reconstruction import Reconstruction, Stage
 from .settings import ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
 from .simplification.simplify import Simplification, simplification_steps
@@ -35,7 +35,6 @@ from .streaming import (
     in_memory,
     slab_surface_steps,
 )
-from .version import VERSION
 from .volume.affine import transform_faces, transform_normals, transform_points
 from .volume.region import Box, region_box
 from .volume.scalar_field import ScalarField, refinement_of
@@ -50,106 +49,9 @@ EXTRACTION_STAGES = {
     "Keeping components": 3,
 }
 SIMPLIFICATION_STAGES = {"Simplifying": 33, "Averaging normals": 2}
-OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
+STREAMED_NOTE = "The full surface does not fit in memory: it was simplified as it was extracted."
 STREAMED_REMEDY = "ask for fewer triangles, or use a larger stride or a region"
 POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
-
-
-class Stage(NamedTuple):
-    """A stage's name and how many seconds it worked."""
-
-    name: str
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """A finished surface and how it came about; carries no patient identifiers.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        In RAS+ mm, at the alpha of the settings; simplified if the built-in simplifier was asked for.
-    surface : Surface or None
-        In RAS+ mm, both ends of alpha; None after the built-in simplifier, which fixes alpha.
-    settings : ReconstructionSettings
-    threshold : float
-        The gray value that was used: the setting, Otsu's, or half of a label's 0 and 1.
-    full_faces : int
-        Triangles before simplification.
-    voxels_visited : int
-        Cells of the strided grid inside the region, skipped or not.
-    stages : tuple of Stage
-        In the order they ran.
-    spacing_mm : (x, y, z) float
-        Of the volume.
-    notes : tuple of str
-        What was assumed, by the reader and here.
-    name : str
-        The volume's name.
-    removed_components : int
-        Small components that the built-in simplifier removed as a whole.
-    slice_steps : int
-        Steps from slice to slice of a label that was smoothed as constrained.
-    wrong_side : int or None
-        Samples of the label on the wrong side of the surface at stride 1, before simplification; None for a threshold.
-    label_name : str
-        What the volume calls the label; empty where it has no name.
-    label_color : (red, green, blue) int or None
-        sRGB from 0 to 255, where the volume has one for the label.
-    measured : Measures or None
-        Of a surface that was written piece by piece; its mesh is empty.
-    """
-
-    mesh: TriangleMesh
-    surface: Surface | None
-    settings: ReconstructionSettings
-    threshold: float
-    full_faces: int
-    voxels_visited: int
-    stages: tuple[Stage, ...]
-    spacing_mm: tuple[float, float, float]
-    notes: tuple[str, ...]
-    name: str
-    removed_components: int = 0
-    slice_steps: int = 1
-    wrong_side: int | None = None
-    label_name: str = ""
-    label_color: tuple[int, int, int] | None = None
-    measured: Measures | None = None
-
-    @property
-    def measures(self) -> Measures:
-        """Of the mesh, or of the pieces that were written."""
-        return self.measured or self.mesh.measures
-
-    def report(self) -> dict[str, Any]:
-        """Return counts, measures and settings as plain data for JSON."""
-        measures = self.measures
-        return {
-            "name": self.name,
-            "version": VERSION,
-            "label": self.settings.label,
-            "label_name": self.label_name,
-            "faces": measures.faces,
-            "vertices": measures.vertices,
-            "full_faces": self.full_faces,
-            "volume_mm3": measures.enclosed_volume,
-            "area_mm2": measures.area,
-            "closed": measures.closed,
-            "euler": measures.euler,
-            "parts": measures.components,
-            "removed_components": self.removed_components,
-            "threshold": self.threshold,
-            "voxels_visited": self.voxels_visited,
-            "smoothing": self.settings.smoothing_method,
-            "slice_steps": self.slice_steps,
-            "wrong_side": self.wrong_side,
-            "stages": [stage._asdict() for stage in self.stages],
-            "settings": self.settings.to_dict(),
-            "spacing_mm": list(self.spacing_mm),
-            "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
-        }
 
 
 def reconstruct(
@@ -200,19 +102,28 @@ def reconstruct_steps(
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
-    may_stream = _simplifies(settings)
-    streams = may_stream and isinstance(field, FieldSlabs)
+    holds = not (_simplifies(settings) and isinstance(field, FieldSlabs))
     if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
-        streams = streams and not in_memory(field.volume, settings, field.window, memory_limit)
-    if not streams:
-        try:
-            full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
-            return (yield from _simplified_steps(stages, full, settings, memory_limit))
-        except (MemoryLimitError, MemoryError):
-            if not may_stream:
-                raise
-    # The surface is simplified while it is extracted: the values, or the whole surface beside them, do not fit.
-    return (yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers, normals))
+        holds = holds or in_memory(field.volume, settings, field.window, memory_limit)
+    making = _result_and_full_steps(
+        stages, field, volume, settings, threads, memory_limit, workers, normals, holds=holds
+    )
+    return (yield from making)[0]
+
+
+def result_and_full_steps(
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
+) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+    """`reconstruct` as steps, and what `full_steps` returns where that fits in memory.
+
+    None in its place where it does not: the surface was then simplified as it was extracted.
+    """
+    stages = Stages(_extraction_of(settings) | _simplification_of(settings))
+    field = yield from _field_steps(stages, volume, settings, threads, memory_limit)
+    return (yield from _result_and_full_steps(stages, field, volume, settings, threads, memory_limit, None, True))
 
 
 def full_steps(
@@ -290,6 +201,34 @@ def _field_steps(
     check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
     preparing = field_steps(volume, settings, threads, memory_limit, by_workers)
     return (yield from stages.run("Preparing values", preparing))
+
+
+def _result_and_full_steps(
+    stages: Stages,
+    field: ScalarField | FieldSlabs,
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None,
+    memory_limit: int | None,
+    workers: SlabWorkers | None,
+    normals: bool,
+    holds: bool = True,
+) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+    """The surface, and the full one where it is held and fits: else it is simplified while it is extracted."""
+
+    def held_steps() -> Steps[tuple[Reconstruction, Reconstruction]]:
+        full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
+        return (yield from _simplified_steps(stages, full, settings, memory_limit)), full
+
+    if holds:
+        try:
+            return (yield from held_steps())
+        except (MemoryLimitError, MemoryError):
+            if not _simplifies(settings):
+                raise
+        give_back()  # the full surface, which went with its steps
+    result = yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers, normals)
+    return (replace(result, notes=(*result.notes, STREAMED_NOTE)) if holds else result), None
 
 
 def _full_steps(

@@ -13,7 +13,6 @@ from ctmc_addon.core import (
     Volume,
     cost_estimate_steps,
     finish,
-    full_steps,
     marching_cubes,
     reconstruct,
     reconstruct_steps,
@@ -27,6 +26,7 @@ from ctmc_addon.core.errors import (
     SettingsError,
     ThresholdError,
 )
+from ctmc_addon.core.pipeline import full_steps
 
 
 def ball(size=(40, 36, 30), radius=9.0, spacing=(1.0, 1.0, 1.0), where=0.5):

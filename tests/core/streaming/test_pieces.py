@@ -1,13 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The pieces of a surface, one after the other, are the mesh of the volume in memory."""
 
+import weakref
+
 import numpy as np
 import pytest
 from core.streaming.test_surface import AFFINE, REGION, fetched, waves
 
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core import (
+    STREAMED_NOTE,
+    MemoryLimitError,
+    ReconstructionSettings,
+    Volume,
+    finish,
+    pipeline,
+    reconstruct,
+    result_and_full_steps,
+)
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.pipeline import reconstruct_steps
+from ctmc_addon.core.simplification.simplify import memory_needed
 from ctmc_addon.core.simplification.streaming import reduce_pieces
 from ctmc_addon.core.streaming import surface_pieces_steps
 from ctmc_addon.core.volume import SlabVolume
@@ -88,6 +100,39 @@ def test_pieces_in_any_order_have_the_same_triangles(fetched):
         for points, corners in ((vertices, faces), (mesh.vertices, mesh.faces))
     )
     assert ours == theirs
+
+
+def test_a_full_surface_is_gone_before_it_is_simplified_as_it_is_extracted(fetched, monkeypatch):
+    fetched(5 * 2 * 21 * 70)
+    settings = ReconstructionSettings(threshold=120.0, reduction=0.9)
+    volume = Volume(waves()[:, :, :16], AFFINE)
+    whole, full = finish(result_and_full_steps(volume, settings, 2))
+    assert (len(full.mesh.faces), full.surface is not None) == (whole.full_faces, True)
+    limit = memory_needed(whole.full_faces, None) - 1
+    monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 1000)
+    held = []
+
+    def full_steps(*given):
+        made = yield from full_surface_steps(*given)
+        held.append(weakref.ref(made))
+        return made
+
+    def streamed_steps(*given):
+        assert [one() for one in held] == [None]
+        return (yield from streaming_steps(*given))
+
+    full_surface_steps, streaming_steps = pipeline._full_steps, pipeline._streamed_steps
+    monkeypatch.setattr(pipeline, "_full_steps", full_steps)
+    monkeypatch.setattr(pipeline, "_streamed_steps", streamed_steps)
+    result, full = finish(result_and_full_steps(volume, settings, 2, limit))
+    assert full is None
+    assert STREAMED_NOTE in result.notes
+    assert STREAMED_NOTE not in whole.notes
+    assert len(result.mesh.faces) == len(whole.mesh.faces)
+    fetched_too = finish(reconstruct_steps(SlabVolume.of(volume), settings, 2, limit))
+    assert result.mesh.vertices.tobytes() == fetched_too.mesh.vertices.tobytes()
+    with pytest.raises(MemoryLimitError, match="triangles needs about"):
+        finish(result_and_full_steps(volume, ReconstructionSettings(threshold=120.0), 2, 1000))
 
 
 @pytest.mark.parametrize("stride", [(1, 1, 1), (2, 1, 3)])

@@ -56,10 +56,13 @@ class SurfaceRequest:
 
 @dataclass(frozen=True)
 class FinishedSurface:
-    """A surface and what it was asked for: before and after simplification, measured in so many seconds."""
+    """A surface and what it was asked for: before and after simplification, measured in so many seconds.
+
+    `full` is None where the surface was simplified as it was extracted.
+    """
 
     request: SurfaceRequest
-    full: Reconstruction
+    full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
     measuring_seconds: float = 0.0

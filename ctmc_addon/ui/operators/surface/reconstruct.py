@@ -20,7 +20,7 @@ from ....core import (
     Steps,
     Volume,
     each_label_steps,
-    full_steps,
+    result_and_full_steps,
     simplified_steps,
     without_small_steps,
 )
@@ -34,7 +34,7 @@ from ...viewport import preview
 from . import placing
 from .placing import FinishedSurface, NewMesh, SurfaceRequest
 
-SURFACE_STAGES = {"Extracting the surface": 50, "Simplifying": 30, "Measuring": 17}
+SURFACE_STAGES = {"Reconstructing": 80, "Measuring": 17}
 JOB_STAGES = {"Reconstructing": 97, "Adding the surface": 3}
 
 
@@ -153,20 +153,28 @@ def surface_steps(
     memory_limit: int | None,
 ) -> Steps[FinishedSurface]:
     """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
-    settings, stages = request.settings, Stages(SURFACE_STAGES)
-    extracting, simplifying, measuring = SURFACE_STAGES
-    if full is None:
+    stages = Stages(SURFACE_STAGES)
+    reconstructing, measuring = SURFACE_STAGES
+    if full is not None:
+        making = remade_steps(full, request.settings, memory_limit)
+    else:
         assert volume is not None, "the caller has one of the two"
-        work = full_steps(volume, settings, threads, memory_limit)
-        full = yield from stages.run(extracting, work)
+        making = result_and_full_steps(volume, request.settings, threads, memory_limit)
+    result, full = yield from stages.run(reconstructing, making)
+    measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh)
+    measurement = yield from stages.run(measuring, measuring_steps)
+    return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
+
+
+def remade_steps(
+    full: Reconstruction, settings: ReconstructionSettings, memory_limit: int | None
+) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+    """The surface that the settings ask for, of the full one of other settings; and the full one of these."""
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
     if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
-        removing = without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
-        full = yield from stages.run(extracting, removing)
-    result = yield from stages.run(simplifying, simplified_steps(full, settings, memory_limit))
-    measurement = yield from stages.run(measuring, measurement_steps(result.mesh, full.mesh))
-    return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
+        full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
+    return (yield from simplified_steps(full, settings, memory_limit)), full
 
 
 def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:
@@ -179,7 +187,7 @@ def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Se
     scene_session.full = {
         surfaces.origin(surface.request.fingerprint, surface.request.settings): surface.full
         for surface in finished
-        if surface.request.fingerprint
+        if surface.request.fingerprint and surface.full is not None
     }
     preview.hide()
     return placing.summary(objects, finished)

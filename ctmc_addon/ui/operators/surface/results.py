@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
-from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
-from ....core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ....blender.surface import as_shown, own_mesh, require_editable, require_provenance, settings_of
+from ....core import STREAMED_NOTE, CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
 from ....core.mesh import ReferenceSurface, vertex_distances_steps
 from ....reporting.command_line import command_line
 from ... import jobs
@@ -58,7 +58,11 @@ def measure_steps(
 
 def has_full(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the full surface of the active one is in memory, with the reason if not."""
-    if surfaces.origin_of(context.view_layer.objects.active) not in session.of(context.scene).full:
+    obj = context.view_layer.objects.active
+    if surfaces.origin_of(obj) not in session.of(context.scene).full:
+        if STREAMED_NOTE in require_provenance(obj).notes:
+            operator.poll_message_set("The full surface does not fit in memory; use a larger stride or a region first")
+            return False
         operator.poll_message_set("The full surface is not in memory; reconstruct again first")
         return False
     return True

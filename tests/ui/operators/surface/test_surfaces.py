@@ -100,6 +100,62 @@ def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loade
         bpy.ops.ctmc.figure_sheet(filepath=str(tmp_path / "sheet.png"))
 
 
+@pytest.fixture
+def too_large(loaded, monkeypatch):
+    """The ball under a memory limit below which it is simplified as it is extracted alone; the limit."""
+    from ctmc_addon.core.simplification.simplify import memory_needed
+    from ctmc_addon.core.simplification.streaming import reduce_pieces
+    from ctmc_addon.core.streaming import parts
+    from ctmc_addon.ui.operators.surface import reconstruct as operators
+    from ctmc_addon.ui.properties.preferences import Machine
+
+    bpy.ops.ctmc.reconstruct(new=True)
+    limit = memory_needed(len(active().data.polygons), None) - 1
+    bpy.data.objects.remove(active())
+    session.clear()
+    monkeypatch.setattr(parts, "SLAB_BYTES", 1)
+    monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 200)
+    monkeypatch.setattr(reduce_pieces, "LAST_FACES", 400)
+    monkeypatch.setattr(operators, "machine", lambda: Machine(memory_limit=limit))
+    return limit
+
+
+def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, too_large, ball_file):
+    from ui.drawing import drawn
+
+    from ctmc_addon.core.cost_estimate import FieldCache
+    from ctmc_addon.ui.panels import results
+    from ctmc_addon.ui.state.cost_estimates import estimate_steps
+
+    loaded.ctmc.reduction = 0.9
+    settings = loaded.ctmc.to_settings()
+    volume = read_volume(ball_file, spacing=(1, 1, 2))
+    assert finish(estimate_steps(FieldCache(volume, memory_limit=too_large), (settings,))).refusal == ""
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    expected = reconstruct(volume, settings, memory_limit=too_large)
+    seen = evaluated_triangles(active())
+    assert seen.faces.tobytes() == expected.mesh.faces.tobytes()
+    assert seen.vertices.tobytes() == expected.mesh.vertices.tobytes()
+    assert expected.mesh.closed
+    assert len(seen.faces) <= 0.1 * expected.full_faces == 0.1 * read_provenance(active()).full_faces
+    assert session.of(loaded).full == {}
+    assert active().data.shape_keys is None
+    assert "simplified as it was extracted" in " ".join(drawn(results.CTMC_PT_results).texts)
+    with pytest.raises(RuntimeError, match="larger stride or a region"):
+        bpy.ops.ctmc.deviation_map()
+
+
+def test_a_surface_that_was_never_whole_takes_another_goal_and_no_other_simplifier(loaded, too_large):
+    loaded.ctmc.reduction = 0.9
+    bpy.ops.ctmc.reconstruct()
+    loaded.ctmc.reduction = 0.95
+    assert bpy.ops.ctmc.simplify() == {"FINISHED"}
+    assert len(active().data.polygons) <= 0.05 * read_provenance(active()).full_faces
+    volumes._loaded.clear()
+    with pytest.raises(RuntimeError, match="its full surface is not in memory; load its CT again"):
+        bpy.ops.ctmc.simplify()
+
+
 def test_a_deleted_target_becomes_a_new_object(loaded):
     bpy.ops.ctmc.reconstruct()
     conclude = finish(steps_of(loaded, target=active().session_uid))
@@ -195,7 +251,7 @@ def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file
 
     bpy.ops.ctmc.reconstruct()
     full = len(active().data.polygons)
-    monkeypatch.setattr(operators, "full_steps", None)  # extraction would fail
+    monkeypatch.setattr(operators, "result_and_full_steps", None)  # extraction would fail
     for reduction in (0.5, 0.9, 0.25):
         loaded.ctmc.reduction = reduction
         assert bpy.ops.ctmc.simplify() == {"FINISHED"}
