@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from unicodedata import east_asian_width
 
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 
@@ -84,22 +85,32 @@ def directions(orientation: str) -> tuple[str, str, str]:
 def in_lines(text: str, width: int) -> list[str]:
     """Return a sentence in lines of at most `width` letters; text without spaces, such as Chinese, breaks anywhere.
 
+    A Chinese letter takes the room of two.
+
     Examples
     --------
     >>> in_lines("a threshold of 40 is low", 12)
     ['a threshold', 'of 40 is low']
+    >>> in_lines("体素体素", 5)
+    ['体素', '体素']
     """
     lines, line = [], ""
     for word in text.split(" "):
         remainder = word
-        while len(remainder) > width:
+        while letters(remainder) > width:
             lines += [line] if line else []
             line = ""
-            lines.append(remainder[:width])
-            remainder = remainder[width:]
-        if line and len(line) + 1 + len(remainder) > width:
+            end = next(end for end in range(len(remainder), 0, -1) if letters(remainder[:end]) <= width or end == 1)
+            lines.append(remainder[:end])
+            remainder = remainder[end:]
+        if line and letters(line) + 1 + letters(remainder) > width:
             lines.append(line)
             line = remainder
         else:
             line = f"{line} {remainder}" if line else remainder
     return [*lines, line] if line else lines
+
+
+def letters(text: str) -> int:
+    """How many Latin letters take the room of a text."""
+    return sum(2 if east_asian_width(letter) in "FW" else 1 for letter in text)
