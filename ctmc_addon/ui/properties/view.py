@@ -48,14 +48,26 @@ def choose(view: Any, window: float, level: float) -> None:
     notify(view.id_data.ctmc, "window")
 
 
+def positions_of(view: Any) -> list[float]:
+    """Where the slice of each plane lies; a file of version 0.2 has one position for all."""
+    if not view.is_property_set("positions"):
+        # Blender 5 keeps what is registered apart from what a user has added.
+        stored = view.bl_system_properties_get() if hasattr(view, "bl_system_properties_get") else view
+        if stored is not None and "position" in stored:
+            return [float(stored["position"])] * len(PLANES)
+    return list(view.positions)
+
+
 def get_position(view: Any) -> float:
     """Where the slice of the present plane lies."""
-    return float(view.positions[list(PLANES).index(view.plane)])
+    return positions_of(view)[list(PLANES).index(view.plane)]
 
 
 def set_position(view: Any, position: float) -> None:
     """The slider of the position was moved."""
-    view.positions[list(PLANES).index(view.plane)] = position
+    positions = positions_of(view)
+    positions[list(PLANES).index(view.plane)] = position
+    view.positions = positions
 
 
 def get_window(view: Any) -> float:

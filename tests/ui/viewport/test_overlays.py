@@ -44,6 +44,18 @@ def test_stepping_moves_by_one_slice_and_stops_at_the_ends(scene, volume):
     assert view.position == 0.0
 
 
+def test_a_file_of_version_0_2_keeps_its_slice(scene, volume):
+    view = scene.ctmc_view
+    stored = view.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else view
+    stored["position"] = 0.75
+    assert view.position == 0.75
+    view.plane = "coronal"
+    assert view.position == 0.75
+    view.position = 0.25
+    view.plane = "axial"
+    assert view.position == 0.75
+
+
 def test_the_tint_follows_threshold_and_labels(scene, volume):
     settings = scene.ctmc
     assert viewport.wanted_labels(settings) == ()
