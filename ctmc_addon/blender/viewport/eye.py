@@ -40,6 +40,12 @@ def is_held(space: Any, view: Any) -> bool:
     return bool(view.view_perspective == "CAMERA" or space.lock_object is not None or space.lock_cursor)
 
 
+def region_of(area: Any, view: Any) -> Any:
+    """The region of a viewport that shows this view: one of four in quad view."""
+    regions = [region for region in area.regions if region.type == "WINDOW"]
+    return next((region for region in regions if region.data == view), regions[0])
+
+
 def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: str = "") -> None:
     """Bring a box into the part of a viewport that no sidebar covers, seen from `side`, else as it is seen now.
 
@@ -53,11 +59,12 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
         view.view_rotation = rotation_from(side)
     if view.view_perspective == "CAMERA":
         view.view_perspective = "PERSP"
-    region = next(region for region in area.regions if region.type == "WINDOW")
+    region = region_of(area, view)
     covered = dict.fromkeys(SIDEBARS, 0.0)
     for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
         if bar.type in ("UI", "TOOLS") and bar.alignment in covered and bar.width > 1:
-            covered[bar.alignment] += min(bar.width, 0.6 * region.width)
+            over = min(region.x + region.width, bar.x + bar.width) - max(region.x, bar.x)
+            covered[bar.alignment] += min(max(over, 0), 0.6 * region.width)
     free = region.width - sum(covered.values())
     longer = max(region.width, region.height, 1)
     # As far away as the shorter free side needs it for the sphere about the box.

@@ -188,6 +188,8 @@ def draw() -> None:
     context, opened = bpy.context, current()
     if opened is None or context.area is None or context.area.as_pointer() != opened.area:
         return
+    if context.region != next(region for region in context.area.regions if region.type == "WINDOW"):
+        return  # one of the other three in quad view
     strip = strip_of(context.area, context.scene)
     if strip is not None:
         draw_strip(strip, shown_of(strip, context.scene))

@@ -58,7 +58,10 @@ class CTMC_OT_view(Needs, bpy.types.Operator):
         return translate(SIDES[properties.side][1])
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move the eye of this viewport; where the pointer is in none, of all of the screen."""
+        """Move the eye of this viewport; where the pointer is in none, of all of the screen.
+
+        In quad view the four come to the CT, and the one that turns looks from the side.
+        """
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
         area = context.area
@@ -67,7 +70,8 @@ class CTMC_OT_view(Needs, bpy.types.Operator):
             return {"FINISHED"}
         side = "" if self.side == AS_IT_IS else self.side
         space = area.spaces.active
-        frame(area, space, space.region_3d, volume_box(volume) * machine().scale, side)
+        for view in space.region_quadviews or [space.region_3d]:
+            frame(area, space, view, volume_box(volume) * machine().scale, side if view == space.region_3d else "")
         session.redraw_viewports()
         return {"FINISHED"}
 

@@ -15,7 +15,7 @@ from ...properties.preferences import machine
 from ...state import session
 from ...translations import translate
 from ...viewport import rulers
-from ...viewport.mouse import is_inside, ray_under, viewport_at
+from ...viewport.mouse import ray_under, viewport_at, window_under
 
 
 class Measure:
@@ -69,7 +69,7 @@ class Measure:
             found = self.under(context, area, event)
             rulers.pending.next_place = None if found is None else found[1]
             area.tag_redraw()
-        elif event.type == "LEFTMOUSE" and event.value == "PRESS" and is_inside(area, event):
+        elif event.type == "LEFTMOUSE" and event.value == "PRESS" and window_under(area, event):
             found = self.under(context, area, event)
             if found is None:
                 self.report({"WARNING"}, translate("There is no surface under the mouse"))
