@@ -2,7 +2,7 @@
 """Slices of the CT as objects that stay and render, and surfaces that are cut open at them."""
 
 from .cut import CUT, cut_at_slice, require_cuttable
-from .follow import cross_at, pack_pictures, refresh
+from .follow import cross_at, pack_pictures, refresh, show_window
 from .plane import SLICE, add_slice, is_slice
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "pack_pictures",
     "refresh",
     "require_cuttable",
+    "show_window",
 ]

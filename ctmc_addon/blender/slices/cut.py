@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...core import MeshError
 from ..ct_box import link_beside_ct
 from .cut_nodes import cut_nodes
+from .material import picture_coordinates
 from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
@@ -57,7 +58,7 @@ def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeT
     arrow.empty_display_type, arrow.empty_display_size = "SINGLE_ARROW", ARROW * diagonal
     arrow.parent, arrow.matrix_local = plane, Matrix(frame(corners).tolist())
     link_beside_ct(scene, arrow, plane[SLICE])
-    tree = cut_nodes(name, arrow, plane.data.materials[0], diagonal)
+    tree = cut_nodes(name, arrow, plane, picture_coordinates(corners), diagonal)
     tree[CUT] = plane
     return tree
 

@@ -21,7 +21,10 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
+from .material import UV
 from .node_builder import Nodes
 
 NEAR = 1e-6  # of the reach of the slice: closer to the plane is on it; a few roundings of float32
@@ -29,14 +32,19 @@ OFFSET = 1e-5  # of the reach: the cut lies so far below the slice, on whose sam
 EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same point are so close
 
 
-def cut_nodes(name: str, plane: bpy.types.Object, cap: bpy.types.Material, reach: float) -> bpy.types.NodeTree:
+def cut_nodes(
+    name: str, plane: bpy.types.Object, cut: bpy.types.Object, coordinates: NDArray[np.float64], reach: float
+) -> bpy.types.NodeTree:
     """A node group that keeps what lies below a plane and caps it.
 
     Parameters
     ----------
     plane : Object
         Its local x and y axes span the plane; what has a positive z is taken away.
-    cap : Material
+    cut : Object
+        The slice, whose material the cap has.
+    coordinates : (2, 3) float64
+        Where on its picture a place lies, as `picture_coordinates` has it.
     reach : float
         How large the slice is, Blender units.
     """
@@ -46,9 +54,7 @@ def cut_nodes(name: str, plane: bpy.types.Object, cap: bpy.types.Material, reach
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     nodes = Nodes(tree)
     surface = nodes.add("NodeGroupInput").outputs[0]
-    info = nodes.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
-    info.inputs["Object"].default_value = plane
-    to_surface = info.outputs["Transform"]
+    to_surface = nodes.transform_of(plane)
     to_plane = nodes.of("FunctionNodeInvertMatrix", to_surface)
     at = nodes.of("GeometryNodeInputPosition")
     height = nodes.math("ADD", nodes.z_of(nodes.of("FunctionNodeTransformPoint", at, to_plane)), OFFSET * reach)
@@ -100,8 +106,12 @@ def cut_nodes(name: str, plane: bpy.types.Object, cap: bpy.types.Material, reach
     in_surface = nodes.of("FunctionNodeTransformPoint", below_slice, to_surface)
     lifted = nodes.of("GeometryNodeSetPosition", filled, None, in_surface)
     material = nodes.add("GeometryNodeSetMaterial")
-    material.inputs["Material"].default_value = cap
-    nodes.link(lifted, material.inputs[0])
+    material.inputs["Material"].default_value = cut.data.materials[0]
+    to_slice = nodes.of("FunctionNodeInvertMatrix", nodes.transform_of(cut))
+    at_slice = nodes.of("FunctionNodeTransformPoint", at, to_slice)
+    shares = [nodes.of("ShaderNodeVectorMath", at_slice, weights, operation="DOT_PRODUCT") for weights in coordinates]
+    on_picture = nodes.of("ShaderNodeCombineXYZ", *(nodes.math("ADD", share, 0.5) for share in shares))
+    nodes.link(nodes.stored(lifted, UV, on_picture), material.inputs[0])
 
     whole = nodes.join(below, rim, material.outputs[0])
     merge = nodes.add("GeometryNodeMergeByDistance")

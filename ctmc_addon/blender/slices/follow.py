@@ -11,8 +11,9 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 from ...core import Volume
-from ...core.volume import resliced, slice_corners, slice_through
-from .plane import AIR, PLANE, SHOWN, SLICE, is_slice, paint
+from ...core.volume import AIR, resliced, slice_corners, slice_through
+from .material import pack, paint, picture_of, set_window, show_in_solid
+from .plane import PLANE, SHOWN, SLICE, is_slice, outside_body
 
 STILL = 1e-3  # mm that a slice may be off before its picture is taken again
 
@@ -22,11 +23,10 @@ def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
     return np.array([obj.matrix_world @ corner.co for corner in obj.data.vertices], np.float64) / scale
 
 
-def picture_of(obj: bpy.types.Object) -> bpy.types.Image | None:
-    """The picture of a slice; None where someone has taken it away."""
-    trees = [material.node_tree for material in obj.data.materials if material is not None]
-    nodes = [node for tree in trees if tree is not None for node in tree.nodes if node.type == "TEX_IMAGE"]
-    return next((node.image for node in nodes if node.image is not None), None)
+def pictures_of(obj: bpy.types.Object) -> list[tuple[bpy.types.Material, bpy.types.Image]]:
+    """The materials of a slice that have its picture still, with it."""
+    found = [(material, picture_of(material)) for material in obj.data.materials]
+    return [(material, picture) for material, picture in found if picture is not None]
 
 
 def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
@@ -46,25 +46,33 @@ def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: flo
     """
     moved = 0
     for obj in slices_of(scene, fingerprint):
-        corners, picture = corners_of(obj, scale), picture_of(obj)
+        corners, pictures = corners_of(obj, scale), pictures_of(obj)
         shown = np.array(obj.get(SHOWN, ()), np.float64)
         is_still = shown.size == corners.size and np.abs(shown - corners.ravel()).max() < STILL
-        if picture is None or (is_still and not again):
+        if not pictures or (is_still and not again):
             continue
-        columns, rows = picture.size
-        outside = AIR if volume.kind == "HU" else 0.0
-        paint(picture, resliced(volume, corners, (rows, columns), outside))
+        for material, picture in pictures:
+            columns, rows = picture.size
+            values = resliced(volume, corners, (rows, columns), AIR if volume.kind == "HU" else 0.0)
+            paint(material, values, outside_body(volume, values, corners))
         obj[SHOWN] = corners.ravel().tolist()
         moved += 1
     return moved
 
 
+def show_window(scene: bpy.types.Scene, fingerprint: str, window: float, level: float) -> None:
+    """Give the slices of a CT another window and level."""
+    for obj in slices_of(scene, fingerprint):
+        for material, _ in pictures_of(obj):
+            set_window(material, window, level)
+            show_in_solid(material)
+
+
 def pack_pictures() -> None:
     """Put the pictures that were taken anew into the .blend that is being saved."""
     for obj in bpy.data.objects:
-        picture = picture_of(obj) if is_slice(obj) and obj.library is None else None
-        if picture is not None and picture.is_dirty:
-            picture.pack()
+        for material, _ in pictures_of(obj) if is_slice(obj) and obj.library is None else ():
+            pack(material)
 
 
 def cross_at(

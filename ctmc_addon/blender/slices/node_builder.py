@@ -120,6 +120,20 @@ class Nodes:
             self.tree.links.new(geometry, node.inputs[0])
         return node.outputs[0]
 
+    def transform_of(self, obj: bpy.types.Object) -> Any:
+        """Where an object is, in the space of the one that has the modifier."""
+        info = self.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
+        info.inputs["Object"].default_value = obj
+        return info.outputs["Transform"]
+
+    def stored(self, geometry: Any, name: str, value: Any) -> Any:
+        """A geometry whose corners keep a place on a picture under a name."""
+        node = self.add("GeometryNodeStoreNamedAttribute", data_type="FLOAT2", domain="CORNER")
+        node.inputs["Name"].default_value = name
+        self.link(geometry, node.inputs["Geometry"])
+        self.link(value, next(socket for socket in node.inputs if socket.enabled and socket.name == "Value"))
+        return node.outputs[0]
+
     def arrange(self) -> None:
         """Give every node a place, so that the editor shows them beside each other."""
         for number, node in enumerate(self.tree.nodes):

@@ -22,6 +22,7 @@ from .labels import (
     labels_region,
     require_labels,
 )
+from .outside import AIR, ends_of_body, outside_air
 from .region import (
     EDGES,
     Box,
@@ -59,6 +60,7 @@ from .tissues import TISSUES, surface_name, tissue_name
 from .volume import Placed, Volume
 
 __all__ = [
+    "AIR",
     "ALL",
     "EDGES",
     "PLANES",
@@ -80,6 +82,7 @@ __all__ = [
     "chosen_labels_steps",
     "converted_region",
     "default_window",
+    "ends_of_body",
     "fitting_stride",
     "grabbed_limit",
     "histogram_bars",
@@ -89,6 +92,7 @@ __all__ = [
     "moved_limit",
     "moved_region",
     "otsu",
+    "outside_air",
     "position_through",
     "quick_threshold",
     "region_axes",

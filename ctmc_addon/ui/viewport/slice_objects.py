@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that are moved by hand show the CT where they are, while it is in memory."""
+"""Slices that are moved show the CT where they are, while it is in memory; window and level follow the sidebar."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from typing import Any
 
 import bpy
 
-from ...blender.slices import is_slice, pack_pictures, refresh
+from ...blender.slices import is_slice, pack_pictures, refresh, show_window
 from ..properties.preferences import machine
-from ..state import volumes
+from ..properties.view import window_and_level
+from ..state import change_events, session, volumes
+
+MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # what colors Solid shading
 
 
 def show(scene: bpy.types.Scene, *, again: bool = False) -> None:
@@ -17,6 +20,21 @@ def show(scene: bpy.types.Scene, *, again: bool = False) -> None:
     ct = volumes.loaded(scene)
     if ct is not None:
         refresh(scene, ct.volume, ct.statistics.fingerprint, machine().scale, again=again)
+
+
+def follow(properties: Any, name: str) -> None:
+    """A setting of the scene has changed: slices have the sidebar's window and level."""
+    if name == "window":
+        scene: bpy.types.Scene = properties.id_data
+        show_window(scene, properties.volume_fingerprint, *window_and_level(scene.ctmc_view))
+
+
+def show_pictures() -> None:
+    """Let Solid shading show pictures, where it shows the colors of materials; what has none keeps its color."""
+    for area in session.viewports():
+        shading = area.spaces.active.shading
+        if shading.color_type == MATERIAL:
+            shading.color_type = PICTURE
 
 
 def after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
@@ -46,11 +64,13 @@ HANDLERS = {
 
 def register() -> None:
     """Listen for changes."""
+    change_events.subscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
     """Listen no more."""
+    change_events.unsubscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)

@@ -6,7 +6,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.slices import CUT, add_slice, cut_at_slice, is_slice
+from ctmc_addon.blender.slices import CUT, add_slice, cut_at_slice, is_slice, show_window
+from ctmc_addon.blender.slices.material import SOLID, UV, picture_coordinates, picture_of
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import MeshError, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.volume import PLANES, slice_at, slice_corners, slice_through
@@ -40,21 +41,70 @@ def test_a_slice_stands_where_the_patient_has_it_and_holds_its_values(scene, pla
     obj = add_slice(scene, volume, section, plane, 400, 40, SCALE)
     assert is_slice(obj)
     assert np.abs(world_corners(obj) / SCALE - slice_corners(volume, section)).max() < 1e-3  # mm
-    picture = next(node.image for node in obj.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
+    picture = picture_of(obj.data.materials[0])
     assert picture.packed_file is not None
     pixels = np.array(picture.pixels[:]).reshape(31, 31, -1)[..., 0]
     expected = np.take(volume.values, section.index, axis=2 - section.axis)
     np.testing.assert_array_equal(pixels, expected)
 
 
-def test_a_slice_survives_saving(scene, tmp_path):
-    obj = add_slice(scene, ball(), slice_at(ball(), "axial", 0.5), "axial", 400, 40, SCALE)
+def body():
+    """A square of 40 HU with a hole of -900 HU in air of -1000 HU."""
+    values = np.full((3, 31, 31), -1000, np.int16)
+    values[:, 5:25, 5:25], values[:, 10:20, 10:20] = 40, -900
+    return Volume(values, STRAIGHT, name="body", kind="HU")
+
+
+def pixels_of(picture):
+    return np.array(picture.pixels[:]).reshape(31, 31, 4)
+
+
+def test_air_around_the_body_alone_is_transparent_and_survives_saving(scene, tmp_path):
+    volume = body()
+    obj = add_slice(scene, volume, slice_at(volume, "axial", 0.5), "axial", 400, 40, SCALE)
     name = obj.name
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "case.blend"))
     picture = bpy.data.images[name]
     assert picture.is_float
-    assert max(picture.pixels[:]) == 300
+    np.testing.assert_array_equal(pixels_of(picture)[..., 0], volume.values[1])
+    np.testing.assert_array_equal(pixels_of(picture)[..., 3], volume.values[1] > -1000)
+
+
+def test_solid_shading_shows_the_grays_of_window_and_level(scene):
+    volume = body()
+    obj = add_slice(scene, volume, slice_at(volume, "axial", 0.5), "axial", 400, 40, SCALE, "ours")
+    tree = obj.data.materials[0].node_tree
+    shown = tree.nodes.active.image
+    assert shown == picture_of(obj.data.materials[0], SOLID)
+    assert np.unique(pixels_of(shown)[5:25, 5:25, 0]) == pytest.approx([0.0, 0.5], abs=0.01)
+    np.testing.assert_array_equal(pixels_of(shown)[..., 3], volume.values[1] > -1000)
+    show_window(scene, "ours", 1600.0, -600.0)
+    assert np.unique(pixels_of(shown)[5:25, 5:25, 0]) == pytest.approx([0.3125, 0.9], abs=0.01)
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_place_of_the_picture_lies_where_the_uv_map_says(scene, plane):
+    volume = ball(AFFINE)
+    obj = add_slice(scene, volume, slice_at(volume, plane, 0.5), plane, 400, 40, SCALE)
+    corners = np.array([vertex.co for vertex in obj.data.vertices])
+    found = 0.5 + corners @ picture_coordinates(corners).T
+    places = [obj.data.uv_layers[UV].uv[loop].vector[:] for loop in obj.data.polygons[0].loop_indices]
+    np.testing.assert_allclose(found, places, atol=1e-6)
+
+
+def test_the_cap_has_the_uv_map_of_its_slice(scene):
+    surface, slice_object, *_ = cut_ball(scene, "coronal")
+    mesh = surface.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    names = [material and material.name for material in mesh.materials]
+    index = names.index(slice_object.data.materials[0].name)
+    loops = [loop for face in mesh.polygons if face.material_index == index for loop in face.loop_indices]
+    places = np.array([mesh.uv_layers[UV].uv[loop].vector for loop in loops])
+    points = np.array([surface.matrix_world @ mesh.vertices[mesh.loops[loop].vertex_index].co for loop in loops])
+    corners = np.array([slice_object.matrix_world @ vertex.co for vertex in slice_object.data.vertices])
+    expected = 0.5 + (points - corners.mean(axis=0)) @ picture_coordinates(corners - corners.mean(axis=0)).T
+    assert len(loops) > 20
+    np.testing.assert_allclose(places, expected, atol=1e-4)
 
 
 def cut_ball(scene, plane, affine=STRAIGHT):
@@ -160,7 +210,7 @@ def test_the_cut_shows_the_gray_values_of_the_ct(scene, tmp_path):
     assert pixels[0, 0, 3] == 0
     for away in (0.5, 3.5, 7.5):
         distance = np.hypot(away, 0.5)
-        assert pixels[10, int(10 + away), 0] == pytest.approx((300 - 10 * distance - 100) / 300, abs=0.02)
+        assert pixels[10, int(10 + away), 0] == pytest.approx(((300 - 10 * distance - 100) / 300) ** 2.2, abs=0.02)
 
 
 def test_a_light_is_not_cut(scene):

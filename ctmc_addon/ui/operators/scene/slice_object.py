@@ -16,6 +16,7 @@ from ...properties.preferences import machine
 from ...properties.view import window_and_level
 from ...state import volumes
 from ...translations import translate
+from ...viewport import slice_objects
 
 
 def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
@@ -60,6 +61,7 @@ class CTMC_OT_add_slice(bpy.types.Operator):
             obj = add_slice(scene, ct.volume, section, plane, window, level, scale, ct.statistics.fingerprint)
             obj.select_set(True)
             context.view_layer.objects.active = obj
+        slice_objects.show_pictures()
         self.report({"INFO"}, translate("Slices that were added: {count}").format(count=len(sections)))
         return {"FINISHED"}
 
@@ -104,6 +106,7 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
             return jobs.refuse(self, context.scene.session_uid, error)
         # The cut shows the same picture at the same place.
         plane.hide_set(True)
+        slice_objects.show_pictures()
         self.report({"INFO"}, translate("Surfaces that were cut: {count}").format(count=len(surfaces)))
         return {"FINISHED"}
 

@@ -6,6 +6,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.blender.slices.material import WINDOW, picture_of
 from ctmc_addon.core.volume import slice_at, transform_points
 from ctmc_addon.ui.state import volumes
 
@@ -58,7 +59,7 @@ def test_in_edit_mode_no_slice_is_added_and_nothing_is_cut(scene, surface):
 
 
 def pixels_of(obj):
-    picture = next(node.image for node in obj.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
+    picture = picture_of(obj.data.materials[0])
     columns, rows = picture.size
     return np.array(picture.pixels[:]).reshape(rows, columns, -1)[..., 0]
 
@@ -77,6 +78,14 @@ def test_slices_meet_at_a_picked_point_and_show_the_ct_there(scene, surface):
         np.testing.assert_allclose(pixels_of(added[plane]), expected[plane], atol=0.02)
         scene.ctmc_view.plane = plane
         assert slice_at(volume, plane, scene.ctmc_view.position).index == index[axis]
+
+
+def test_added_slices_follow_window_and_level_of_the_sidebar(scene, surface):
+    bpy.ops.ctmc.add_slice()
+    (material,) = bpy.context.object.data.materials
+    scene.ctmc_view.window, scene.ctmc_view.level = 50.0, 130.0
+    gray = next(node for node in material.node_tree.nodes if node.label == WINDOW)
+    assert (gray.inputs["From Min"].default_value, gray.inputs["From Max"].default_value) == (105.0, 155.0)
 
 
 def test_a_slice_that_is_moved_by_hand_shows_the_ct_there_and_is_saved_so(scene, surface, tmp_path):

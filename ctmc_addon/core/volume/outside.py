@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The air around the body in a slice: what hangs together with the slice's border, and not air in lung or bowel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+AIR = -800.0  # HU; air at and below it
+
+
+def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR) -> NDArray[np.bool_]:
+    """Where the samples of a slice, (rows, columns), are at or below `air` and joined by such to its border.
+
+    Parameters
+    ----------
+    ends : int, optional
+        The axis at whose ends the body goes on, 0 or 1: lungs that are cut off there are not outside.
+
+    Examples
+    --------
+    >>> body = np.array([[-1000, -1000, -1000, -1000], [40, 40, 40, -1000], [40, -900, 40, -1000], [40, 40, 40, -1000]])
+    >>> outside_air(body).astype(int).tolist()
+    [[1, 1, 1, 1], [0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 1]]
+    """
+    is_air = values <= air
+    border = np.ones(values.shape, bool)
+    rows, columns = (slice(None) if axis == ends else slice(1, -1) for axis in (0, 1))
+    border[rows, columns] = False
+    reached = is_air & border
+    # Whole runs at once, along rows and columns in turn: a body has few bays that take more than a few turns.
+    along = (run_numbers(is_air), run_numbers(is_air.T).T)
+    before = -1
+    while before != (before := np.count_nonzero(reached)):
+        for numbers in along:
+            is_reached = np.zeros(values.size + 1, bool)
+            is_reached[numbers[reached]] = True
+            reached = is_air & is_reached[numbers]
+    return reached
+
+
+def ends_of_body(corners_mm: NDArray[np.float64]) -> int | None:
+    """The axis of a slice that runs along the body, 0 down its rows or 1 along them; None for an axial one.
+
+    `corners_mm` are (4, 3) RAS+ mm, as `slice_corners` has them.
+
+    Examples
+    --------
+    >>> ends_of_body(np.array([[0, 0, 0], [9, 0, 0], [9, 0, 5], [0, 0, 5.0]]))
+    0
+    """
+    sides = np.stack([corners_mm[3] - corners_mm[0], corners_mm[1] - corners_mm[0]])  # (2, 3)
+    along = np.abs(sides[:, 2]) / np.linalg.norm(sides, axis=1)
+    return int(along.argmax()) if along.max() > 0.7 else None
+
+
+def run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """A number for every run along the rows of a mask, from 1.
+
+    Examples
+    --------
+    >>> run_numbers(np.array([[True, True, False, True], [True, False, False, True]])).tolist()
+    [[1, 1, 1, 2], [3, 3, 3, 4]]
+    """
+    begins = mask.copy()
+    begins[:, 1:] &= ~mask[:, :-1]
+    return np.cumsum(begins.ravel()).reshape(mask.shape)
