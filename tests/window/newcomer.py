@@ -17,6 +17,7 @@ from window.desk import Desk
 from window.scenes import IDLE, LOADED, QUIET, choose_file
 
 SIZE = (1180, 900)
+RENDER_MENU = ((126, 14), (168, 38))  # of the bar at the top, and its first line, Render Image
 PICKER = (28, -220)  # pixels from the field of a color to a yellow in the wheel that opens above it
 # File browser and render in the same window, as only that can be photographed, and a picture that a processor renders.
 BEGIN = """
@@ -133,14 +134,20 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         x, y = person.see("ctmc_view.plane", 0.5)
         desk.click()
         person.press("bpy.ops.ctmc.add_slice()", 0.3)
-    with person.step("Put the camera where the viewport looks, render"):
+    with person.step("Frame it, put the camera where the viewport looks, render"):
         person.over_view()
+        for key in ("n", "KP_Decimal"):  # without the sidebar, what is selected stands in the middle
+            desk.key(key)
+            desk.ask("answer = 'seen'")
         desk.hand("keydown", "ctrl", "keydown", "alt", "key", "KP_0")
         desk.ask("answer = 'pressed'")
-        for key in ("alt", "ctrl"):  # let go before the next key comes, which would be another with it
-            desk.hand("keyup", key)
+        for words in (("keyup", "alt"), ("keyup", "ctrl"), ("key", "alt")):  # 5.2 takes Alt as held until it comes alone
+            desk.hand(*words)
             desk.ask("answer = 'let go'")
-        desk.key("F12")
+        for place in RENDER_MENU:
+            desk.move(*place)
+            desk.click()
+            desk.ask("answer = 'open'")
         desk.wait(RENDERED)
     print(f"From the zip to the render: {before + sum(person.seconds):.0f} s", flush=True)
 

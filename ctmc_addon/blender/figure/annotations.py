@@ -77,10 +77,10 @@ class Board:
         obj.visible_shadow = obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = False
         return obj
 
-    def local(self, x: float, y: float, before_mm: float = 0.0) -> Vector:
-        """(x, y) of the page in the camera's space, `before_mm` behind the board."""
+    def local(self, x: float, y: float, behind: float = 0.0) -> Vector:
+        """(x, y) of the page in the camera's space, `behind` mm behind the board."""
         width, height = self.size_mm
-        return Vector((x - width / 2, y - height / 2, -before_mm)) * self.unit - Vector((0.0, 0.0, self.depth))
+        return Vector((x - width / 2, y - height / 2, -behind)) * self.unit - Vector((0.0, 0.0, self.depth))
 
     def text(
         self,

@@ -8,14 +8,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from ... import readers
-from ...core import ReconstructionSettings, Stages, Step, Steps, Volume
+from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
-from ...core.volume import SlabVolume, label_extents_steps, slabs_of
+from ...core.volume import SlabVolume, ValueFacts, label_extents_steps, value_facts_steps
 from ...reporting.formatting import SIDES, kind_text
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
@@ -45,32 +43,11 @@ def run(args: argparse.Namespace) -> None:
         reading = needed_steps(source, Path(args.input), reading_of(args), ReconstructionSettings(), several=True)
         volume = progress.finish(stages.run("Reading values", reading))
         volume = replace(volume, name=args.name or volume.name)
-        values = progress.finish(stages.run("Looking at the values", value_facts_steps(volume)))
+        held = volume.values if isinstance(volume, Volume) else volume
+        values = progress.finish(stages.run("Looking at the values", value_facts_steps(held)))
         labels = progress.finish(stages.run("Counting the labels", labels_steps(volume)))
     facts = facts_of(volume, source, values, labels)
     print(json_text(facts) if args.json else text_of(facts, source.series), end="" if args.json else "\n")
-
-
-class ValueFacts(NamedTuple):
-    """Lowest and highest finite value, infinite where there is none, and how many are not finite."""
-
-    low: float
-    high: float
-    not_finite: int
-
-
-def value_facts_steps(volume: Volume | SlabVolume) -> Steps[ValueFacts]:
-    """Look at all values once."""
-    values = volume.values if isinstance(volume, Volume) else volume
-    low, high, broken, done = math.inf, -math.inf, 0, 0
-    for slab in slabs_of(values):
-        yield Step(done / values.shape[0], "Looking at the values")
-        done += len(slab)
-        finite = slab[np.isfinite(slab)] if slab.dtype.kind == "f" else slab
-        broken += slab.size - finite.size
-        if finite.size:
-            low, high = min(low, float(finite.min())), max(high, float(finite.max()))
-    return ValueFacts(low, high, broken)
 
 
 def facts_of(

@@ -52,9 +52,18 @@ from .slices import (
     slice_through,
     slice_values,
     stepped_position,
+    where_ray_meets,
     windowed,
 )
-from .statistics import VolumeStatistics, histogram_picture, slabs_of, value_range, volume_statistics_steps
+from .statistics import (
+    ValueFacts,
+    VolumeStatistics,
+    histogram_picture,
+    slabs_of,
+    value_facts_steps,
+    value_range,
+    volume_statistics_steps,
+)
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .volume import Placed, Volume
@@ -74,6 +83,7 @@ __all__ = [
     "SlabVolume",
     "SliceIndex",
     "SliceReader",
+    "ValueFacts",
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
@@ -123,9 +133,11 @@ __all__ = [
     "transform_points",
     "used_threshold_steps",
     "value_at",
+    "value_facts_steps",
     "value_range",
     "volume_box",
     "volume_statistics_steps",
+    "where_ray_meets",
     "windowed",
     "with_moved_face",
 ]

@@ -111,6 +111,29 @@ def slice_corners(volume: Volume, section: SliceIndex) -> NDArray[np.float64]:
     return transform_points(volume.affine, corners)
 
 
+def where_ray_meets(corners: NDArray[np.float64], origin: Sequence[float], direction: Sequence[float]) -> float | None:
+    """Return how many `direction`s a ray goes to a slice; None where it passes, runs along it or leads away.
+
+    Parameters
+    ----------
+    corners : (4, 3) ndarray of float64
+        Of the slice, as `slice_corners` returns them; any unit.
+    origin, direction : three floats
+        Of the ray, in the same space and unit.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [1.0, 1.0, 2.0], [0.0, 1.0, 2.0]])
+    >>> where_ray_meets(square, (0.5, 0.5, 0.0), (0.0, 0.0, 0.5))
+    4.0
+    """
+    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0], -np.array(direction, float)], axis=1)
+    if abs(np.linalg.det(sides)) < 1e-12:
+        return None
+    right, below, way = np.linalg.solve(sides, np.array(origin, float) - corners[0]).tolist()
+    return float(way) if 0 <= right <= 1 and 0 <= below <= 1 and way > 0 else None
+
+
 def windowed(
     values: NDArray[Any],
     window: float,

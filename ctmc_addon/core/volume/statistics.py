@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -33,6 +34,34 @@ def slabs_of(values: NDArray[Any] | SlabVolume) -> Iterator[NDArray[Any]]:
         yield values[start:end] if isinstance(values, np.ndarray) else values.slab(start, end)
 
 
+class ValueFacts(NamedTuple):
+    """Lowest and highest finite value, NaN where there is none, and how many are not finite."""
+
+    low: float
+    high: float
+    not_finite: int
+
+
+def value_facts_steps(values: NDArray[Any] | SlabVolume) -> Steps[ValueFacts]:
+    """Look at all values once.
+
+    Examples
+    --------
+    >>> finish(value_facts_steps(np.array([[[np.nan, 2.0], [-1.0, np.inf]]])))
+    ValueFacts(low=-1.0, high=2.0, not_finite=2)
+    """
+    lows, highs, broken, done = [], [], 0, 0
+    for slab in slabs_of(values):
+        yield Step(done / values.shape[0], "Looking at the values")
+        done += len(slab)
+        finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
+        broken += slab.size - finite.size
+        if finite.size:
+            lows.append(float(finite.min()))
+            highs.append(float(finite.max()))
+    return ValueFacts(min(lows, default=math.nan), max(highs, default=math.nan), broken)
+
+
 def value_range(values: NDArray[Any] | SlabVolume) -> tuple[float, float]:
     """Return the lowest and the highest finite value; NaN twice where there is none.
 
@@ -41,13 +70,7 @@ def value_range(values: NDArray[Any] | SlabVolume) -> tuple[float, float]:
     >>> value_range(np.array([[[np.nan, 2.0], [-1.0, np.inf]]]))
     (-1.0, 2.0)
     """
-    lows, highs = [], []
-    for slab in slabs_of(values):
-        finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
-        if finite.size:
-            lows.append(finite.min())
-            highs.append(finite.max())
-    return (float(min(lows)), float(max(highs))) if lows else (float("nan"), float("nan"))
+    return finish(value_facts_steps(values))[:2]
 
 
 Histogram = tuple[NDArray[np.int64], float, float]

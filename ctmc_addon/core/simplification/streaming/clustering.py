@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A first, quick reduction of a dense surface: vertices join one of their neighbors, all in one round.
 
-Seeds are vertices no two of which are neighbors. Every other vertex joins the nearest seed beside it, and each cluster
-becomes one vertex where its quadrics are least. A round leaves a bit more than a third of the triangles, in the time of
-a few rounds of edge collapse. In the last round the cheapest clusters alone are made, as many as the goal needs. What
-does not keep the surface's topology is taken back, cluster by cluster: a cluster must be a disk (Euler number 1), an
-edge must have two triangles, and no triangle may turn over. The border stays. Clusters: Rossignac and Borrel 1993,
-doi:10.1007/978-3-642-78114-8_29; their quadrics: Lindstrom 2000, doi:10.1145/344779.344912.
+A cluster is a seed, a vertex no neighbor of which is a seed, with the vertices beside it that join it: every other
+vertex joins the nearest seed beside it. Each cluster becomes one vertex where its quadrics are least. A round leaves a
+bit more than a third of the triangles, in the time of a few rounds of edge collapse. In the last round the cheapest
+clusters alone are made, as many as the goal needs. What does not keep the surface's topology is taken back, cluster by
+cluster: a cluster must be a disk (Euler number 1), an edge must have two triangles, and no triangle may turn over. The
+border stays. Clusters: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29; their quadrics: Lindstrom 2000,
+doi:10.1145/344779.344912.
 
 The quadric of a cluster is the sum of those of its vertices, from round to round, so it remembers the planes of all
 triangles at first: that keeps the volume, and they are worked out once. No list of edges is made, which would take as

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import bpy
-import numpy as np
 from bpy.props import FloatVectorProperty
 
 from ....blender.rulers import hit, patient_mm
 from ....blender.slices import cross_at
 from ....core import Volume
-from ....core.volume import PLANES, position_through, slice_at, slice_corners, value_at
+from ....core.volume import PLANES, position_through, slice_at, slice_corners, value_at, where_ray_meets
 from ...needs import Needs
 from ...properties.preferences import machine
 from ...state import session, volumes
@@ -25,12 +24,11 @@ from ...viewport.mouse import ray_under, viewport_at
 def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
     """Where a ray meets the slice that is drawn, world space; None where it passes."""
     view = scene.ctmc_view
-    corners = slice_corners(volume, slice_at(volume, view.plane, view.position)) * machine().scale
-    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0], -np.array(direction)], axis=1)
-    if not view.show_slice or abs(np.linalg.det(sides)) < 1e-12:
+    if not view.show_slice:
         return None
-    right, below, way = np.linalg.solve(sides, np.array(origin) - corners[0]).tolist()
-    return origin + direction * way if 0 <= right <= 1 and 0 <= below <= 1 and way > 0 else None
+    corners = slice_corners(volume, slice_at(volume, view.plane, view.position)) * machine().scale
+    way = where_ray_meets(corners, origin, direction)
+    return None if way is None else origin + direction * way
 
 
 def found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
