@@ -139,9 +139,14 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         for key in ("n", "KP_Decimal"):  # without the sidebar, what is selected stands in the middle
             desk.key(key)
             desk.ask("answer = 'seen'")
+        desk.turn_wheel(*desk.ask(FREE), up=False, clicks=2)  # and leaves room around it
         desk.hand("keydown", "ctrl", "keydown", "alt", "key", "KP_0")
         desk.ask("answer = 'pressed'")
-        for words in (("keyup", "alt"), ("keyup", "ctrl"), ("key", "alt")):  # 5.2 takes Alt as held until it comes alone
+        for words in (
+            ("keyup", "alt"),
+            ("keyup", "ctrl"),
+            ("key", "alt"),
+        ):  # held until it comes alone, in 5.2
             desk.hand(*words)
             desk.ask("answer = 'let go'")
         for place in RENDER_MENU:
