@@ -18,7 +18,7 @@ from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed
 from .simplification.streaming.reduce_pieces import Goal
-from .streaming import counted_faces_steps
+from .streaming import counted_faces_steps, widest_slices
 from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
@@ -29,6 +29,7 @@ FACE_BYTES = 128  # of one that stays: 36, and 92 to measure it; a mesh in Blend
 BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
 SLABS_BYTES = 128 << 20  # of the slabs at work
 MOST_STRIDE = 16
+LOOKING = "Looking for what fits"
 ROUNDED = 0.9  # of the triangles that would fit are proposed
 
 
@@ -43,11 +44,14 @@ class Fitting:
     settings : ReconstructionSettings
     written_bytes : int
         Of a triangle while files are written, beside those of the surface.
+    in_pieces : bool
+        Whether it is written as it is extracted.
     """
 
     faces: int
     settings: ReconstructionSettings
     written_bytes: int = 0
+    in_pieces: bool = False
 
     @property
     def simplifies(self) -> bool:
@@ -78,7 +82,9 @@ class Fitting:
     @property
     def needed(self) -> int:
         """The least bytes, about, of a volume that is not in memory."""
-        return SLABS_BYTES + (self.streamed if self.simplifies else self.held)
+        if self.simplifies:
+            return SLABS_BYTES + self.streamed
+        return SLABS_BYTES + (0 if self.in_pieces else self.held)
 
     @property
     def _goal(self) -> Goal:
@@ -98,31 +104,37 @@ def advised_steps(
     written_bytes: int = 0,
     threads: int | None = None,
     memory_limit: int | None = None,
+    in_pieces: bool = False,
 ) -> Steps[T]:
-    """The same steps; where memory does not suffice, the error says what would fit.
+    """The steps of `making`; a lack of memory becomes a `MemoryLimitError` with settings that were checked to fit.
 
     Parameters
     ----------
-    making : Steps
-        That make the surface of the volume with the settings.
+    making : steps
+        Make the surface of the volume with the settings.
     written_bytes : int
         Of a triangle while files are written.
+    in_pieces : bool
+        Whether the surface is written as it is extracted.
     """
     there = available_bytes() if memory_limit is None else memory_limit
-    stages = Stages({"Reconstructing": 9, "Looking for what fits": 1})
+    stages = Stages({"Reconstructing": 9, LOOKING: 1})
     try:
         return (yield from stages.run("Reconstructing", making))
     except (MemoryLimitError, MemoryError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not isinstance(error, CtmcError) and str(error) != NO_THREAD:
             raise
-        if settings.smoothing_method == "constrained" or there is None:
+        if there is None:
             raise
-        refused = error.with_traceback(None)  # what was made until then goes
+        refused = error.with_traceback(None)  # what was made until then goes, and what its cause still holds
+        refused.__cause__ = refused.__context__ = None
     give_back()
-    looking = refusal_steps(volume, settings, there, written_bytes, threads)
+    looking = refusal_steps(volume, settings, there, written_bytes, threads, in_pieces)
     try:
-        sentence = yield from stages.run("Looking for what fits", looking)
-    except (CtmcError, MemoryError):
+        sentence = yield from stages.run(LOOKING, looking)
+    except (MemoryLimitError, MemoryError):  # even a slab at a time
+        sentence = slab_refusal(volume, settings, there)
+    except CtmcError:
         sentence = ""
     if not sentence:
         raise refused
@@ -135,30 +147,59 @@ def refusal_steps(
     there: int,
     written_bytes: int = 0,
     threads: int | None = None,
+    in_pieces: bool = False,
 ) -> Steps[str]:
-    """What a surface needs, what there is, and settings that fit, all counted; empty where it should fit."""
-    stages = Stages({"Counting triangles": 1, "Looking for what fits": 1})
-    faces = yield from stages.run("Counting triangles", counted_faces_steps(volume, settings, threads))
-    fitting = Fitting(faces, settings, written_bytes)
-    if fitting.needed <= there:
+    """Why a surface was refused, and settings that fit, all counted; empty where none is known."""
+    what = smoothing = ""
+    if settings.smoothing_method == "constrained":  # which is not done a slab at a time
+        what, smoothing = f"smoothing label {settings.label} as constrained", "smoothing gaussian"
+        settings = replace(settings, smoothing="gaussian")
+    stages = Stages({"Counting triangles": 1, LOOKING: 1})
+    counting = counted_faces_steps(volume, settings, threads, there)
+    fitting = Fitting((yield from stages.run("Counting triangles", counting)), settings, written_bytes, in_pieces)
+    fits = fitting.needed <= there  # as far as is known: it was refused
+    if smoothing and fits:
+        return _refused(what, there, f"{smoothing} would fit")
+    room = fitting.needed // 2 if fits else there
+    proposals = yield from stages.run(LOOKING, _proposals_steps(volume, fitting, room, threads))
+    if fits and not proposals:
         return ""
-    wider = yield from stages.run("Looking for what fits", _stride_steps(volume, fitting, there, threads))
+    together = f"{smoothing} with " if smoothing else ""
+    advice = f"{together}{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
+    what = what or f"a surface of {fitting.faces} triangles"
+    if fits or smoothing:
+        return _refused(what, there, advice)
+    return f"{what} needs about {amount(fitting.needed)} of memory and {amount(there)} are available; {advice}"
+
+
+def _refused(what: str, there: int, advice: str) -> str:
+    """The sentence where nobody knows how much is needed."""
+    return f"{what} needs more than the {amount(there)} of memory that are available; {advice}"
+
+
+def _proposals_steps(volume: Volume | SlabVolume, fitting: Fitting, room: int, threads: int | None) -> Steps[list[str]]:
+    """Changes of the settings each of which fits into so many bytes."""
+    wider = yield from _stride_steps(volume, fitting, room, threads)
     proposals = [] if wider is None else [wider]
-    most = fitting.most_triangles(there)
+    most, settings = fitting.most_triangles(room), fitting.settings
     if most >= 1000 and settings.simplifier != "decimate" and not settings.max_error_mm:
-        proposals.append(f"target_faces {most // 1000 * 1000}")
-    advice = f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
-    return (
-        f"a surface of {faces} triangles needs about {amount(fitting.needed)} of memory with these settings and "
-        f"{amount(there)} are available; {advice}"
-    )
+        proposals.append(f"target_faces {min(most, fitting.faces - 1) // 1000 * 1000}")
+    return proposals
+
+
+def slab_refusal(volume: Volume | SlabVolume, settings: ReconstructionSettings, there: int) -> str:
+    """Why values cannot even be fetched slab by slab, and a region that can."""
+    x, y, _ = volume.size
+    side = widest_slices(volume, settings, there)
+    advice = f"choose a region of at most {side} x {side} voxels across" if side < max(x, y) else "choose a region"
+    return _refused("a slab of this volume", there, advice if side > 1 else "give it more memory")
 
 
 def _stride_steps(volume: Volume | SlabVolume, fitting: Fitting, there: int, threads: int | None) -> Steps[str | None]:
     """The smallest wider stride that fits."""
     for stride in _wider(volume, fitting, there):
         settings = replace(fitting.settings, stride=stride)
-        faces = yield from counted_faces_steps(volume, settings, threads)
+        faces = yield from counted_faces_steps(volume, settings, threads, there)
         if replace(fitting, faces=faces, settings=settings).needed <= there:
             return "stride " + " ".join(map(str, stride))
     return None

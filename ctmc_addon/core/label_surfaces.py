@@ -13,7 +13,8 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, ThresholdError
-from .memory import available_bytes
+from .fitting import advised_steps
+from .memory import available_bytes, refusal
 from .parallel import side_by_side_steps, worker_count
 from .pipeline import reconstruct_steps
 from .progress import Stages, Steps, finish
@@ -102,8 +103,8 @@ def reconstruct_labels_steps(
         if run.label not in extents:  # raises, with the labels that there are
             yield from reconstruct_steps(volume, run, threads, memory_limit)
 
-    def work_steps(at: int, threads: int, limit: int | None) -> Steps[Reconstruction]:
-        return (yield from reconstruct_steps(volume, runs[at], threads, limit))
+    def work_steps(at: int, threads: int, limit: int | None, beside: bool) -> Steps[Reconstruction]:
+        return (yield from reconstruct_steps(volume, runs[at], threads, limit, streams=not beside))
 
     results = yield from stages.run(making, each_label_steps(volume, runs, work_steps, threads, memory_limit))
     surfaces, left_out = [], []
@@ -128,7 +129,7 @@ def label_title(volume: Volume | SlabVolume, label: int) -> str:
 def each_label_steps(
     volume: Volume | SlabVolume,
     runs: Sequence[ReconstructionSettings],
-    work_steps: Callable[[int, int, int | None], Steps[Result]],
+    work_steps: Callable[[int, int, int | None, bool], Steps[Result]],
     threads: int | None = None,
     memory_limit: int | None = None,
 ) -> Steps[list[Result | CtmcError]]:
@@ -140,7 +141,8 @@ def each_label_steps(
     runs : sequence of ReconstructionSettings
         Alike but for their labels.
     work_steps : function
-        Takes the number of a run, threads and memory limit; driven in threads of its own.
+        Takes the number of a run, threads, memory limit, and whether others run beside it: what does not fit then is
+        tried again alone, before it is simplified as it is extracted. Driven in threads of its own.
     """
     box, workers = region_box(volume, runs[0]), worker_count(threads)
     extents = yield from label_extents_steps(volume, box, threads)  # not once for each
@@ -159,15 +161,23 @@ def each_label_steps(
     limit = available_bytes() if memory_limit is None else memory_limit
     made: dict[int, Result | CtmcError] = {}
 
-    def tried_steps(at: int, threads: int, limit: int | None) -> Steps[Result | CtmcError]:
+    def tried_steps(at: int, at_once: int) -> Steps[Result | CtmcError]:
+        threads, beside = workers // at_once, at_once > 1
+        share = limit // at_once if beside and limit is not None else memory_limit
+        working = work_steps(at, threads, share, beside)
+        if not beside:
+            working = advised_steps(working, volume, runs[at], 0, threads, share)
         try:
-            return (yield from work_steps(at, threads, limit))
+            with refusal("this surface", "choose a region", share):
+                return (yield from working)
+        except MemoryLimitError as error:
+            label = runs[at].label
+            return error if label is None or beside else MemoryLimitError(f"{label_title(volume, label)}: {error}")
         except CtmcError as error:
             return error
 
     def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
-        share = memory_limit if at_once == 1 or limit is None else limit // at_once
-        works = [lambda at=at: tried_steps(at, workers // at_once, share) for at in which]
+        works = [lambda at=at: tried_steps(at, at_once) for at in which]
         weights = [work[at] for at in which]
         results = yield from stages.run(name, side_by_side_steps(works, weights, at_once))
         made.update(zip(which, results, strict=True))

@@ -95,18 +95,21 @@ def reconstruct_steps(
     memory_limit: int | None = None,
     workers: SlabWorkers | None = None,
     normals: bool = True,
+    streams: bool = True,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels.
 
     `workers` extract slabs of a volume that is fetched, with the same bytes. Without `normals` streaming makes none.
+    Without `streams` a surface that does not fit in memory is refused, and not simplified as it is extracted.
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
-    holds = not (_simplifies(settings) and isinstance(field, FieldSlabs))
+    streams = streams and _simplifies(settings)
+    holds = not (streams and isinstance(field, FieldSlabs))
     if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
         holds = holds or in_memory(field.volume, settings, field.window, memory_limit)
     making = _result_and_full_steps(
-        stages, field, volume, settings, threads, memory_limit, workers, normals, holds=holds
+        stages, field, volume, settings, threads, memory_limit, workers, normals, holds, streams
     )
     return (yield from making)[0]
 
@@ -116,14 +119,19 @@ def result_and_full_steps(
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
+    streams: bool = True,
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
-    """`reconstruct` as steps, and what `full_steps` returns where that fits in memory.
+    """`reconstruct_steps`, and what `full_steps` returns where that fits in memory.
 
     None in its place where it does not: the surface was then simplified as it was extracted.
     """
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit)
-    return (yield from _result_and_full_steps(stages, field, volume, settings, threads, memory_limit, None, True))
+    streams = streams and _simplifies(settings)
+    making = _result_and_full_steps(
+        stages, field, volume, settings, threads, memory_limit, None, normals=True, holds=True, streams=streams
+    )
+    return (yield from making)
 
 
 def full_steps(
@@ -212,9 +220,10 @@ def _result_and_full_steps(
     memory_limit: int | None,
     workers: SlabWorkers | None,
     normals: bool,
-    holds: bool = True,
+    holds: bool,
+    streams: bool,
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
-    """The surface, and the full one where it is held and fits: else it is simplified while it is extracted."""
+    """The surface, and the full one: held where it fits and `holds`, simplified as it is extracted if it `streams`."""
 
     def held_steps() -> Steps[tuple[Reconstruction, Reconstruction]]:
         full = yield from _full_steps(stages, field, volume, settings, threads, memory_limit, workers)
@@ -224,7 +233,7 @@ def _result_and_full_steps(
         try:
             return (yield from held_steps())
         except (MemoryLimitError, MemoryError):
-            if not _simplifies(settings):
+            if not streams:
                 raise
         give_back()  # the full surface, which went with its steps
     result = yield from _streamed_steps(stages, field, volume, settings, threads, memory_limit, workers, normals)

@@ -18,6 +18,9 @@ from ctmc_addon.core import (
     reconstruct_labels_steps,
 )
 from ctmc_addon.core.errors import MemoryLimitError
+from ctmc_addon.core.simplification.simplify import memory_needed
+from ctmc_addon.core.simplification.streaming import reduce_pieces
+from ctmc_addon.core.streaming import parts
 from ctmc_addon.core.volume import SlabVolume
 from ctmc_addon.core.volume import labels as labels_of_volume
 
@@ -77,6 +80,18 @@ def test_values_that_are_fetched_give_the_same_bytes():
     for first, second in zip(
         fetched.surfaces, reconstruct_labels(organs(), ReconstructionSettings()).surfaces, strict=True
     ):
+        same(first, second)
+
+
+def test_what_does_not_fit_beside_other_labels_is_made_whole_alone(monkeypatch):
+    monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 300)
+    monkeypatch.setattr(parts, "SLAB_BYTES", 1)
+    boxes = np.kron([[1, 2], [3, 4]], np.pad(np.ones((8, 8)), 2))
+    values = np.pad(np.broadcast_to(boxes, (8, 24, 24)), ((2, 2), (0, 0), (0, 0))).astype(np.uint8)
+    volume, settings = Volume(values, AFFINE, kind="label"), ReconstructionSettings(reduction=0.9, smoothing="none")
+    whole = reconstruct_labels(volume, settings).surfaces
+    limit = memory_needed(whole[0].full_faces, None) + 1
+    for first, second in zip(reconstruct_labels(volume, settings, None, 2, limit).surfaces, whole, strict=True):
         same(first, second)
 
 

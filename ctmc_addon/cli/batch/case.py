@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, finish
+from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, advised_steps, finish
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import SUFFIXES
 from ...core.volume import SlabVolume
@@ -125,9 +125,13 @@ class Case:
         settings = settings_of(output)
         volume = self.read(settings, bool(output["labels"]))
         reading = Stage("Reading", time.perf_counter() - start)
-        surfaces = finish(surfaces_steps(volume, settings, output["labels"], task["threads"]))
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
+        making = surfaces_steps(volume, settings, output["labels"], task["threads"])
+        if not output["labels"]:
+            written_bytes = outputs.triangle_bytes(settings.simplifier)
+            making = advised_steps(making, volume, settings, written_bytes, task["threads"])
+        surfaces = finish(making)
         surfaces, _ = finish(written_steps(surfaces, outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]

@@ -112,7 +112,8 @@ def run(args: argparse.Namespace) -> None:
         )
         in_pieces_too = written_in_pieces(outputs, settings, choices)
         if not in_pieces_too and is_only_choice(settings, choices):
-            making = advised_steps(making, volume, settings, outputs.triangle_bytes(settings.simplifier), args.threads)
+            written_bytes = outputs.triangle_bytes(settings.simplifier)
+            making = advised_steps(making, volume, settings, written_bytes, args.threads)
         surfaces: Surfaces | None = None
         try:
             surfaces = progress.finish(stages.run("Reconstructing", making))
@@ -122,6 +123,7 @@ def run(args: argparse.Namespace) -> None:
         if surfaces is None:
             give_back()
             in_pieces = written_pieces_steps(volume, settings, args.threads, outputs)
+            in_pieces = advised_steps(in_pieces, volume, settings, 0, args.threads, in_pieces=True)
             result, files = progress.finish(stages.run("Writing", in_pieces))
             print(summary(result, volume, files))
             return

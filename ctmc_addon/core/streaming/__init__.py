@@ -7,7 +7,7 @@ volume in memory), `pieces` (where the surface does not fit either), `kept_piece
 `piece_measures` (area, volume and the like).
 """
 
-from .choice import field_steps, fits_in_memory, in_memory
+from .choice import field_steps, fits_in_memory, in_memory, widest_slices
 from .field_slabs import FieldSlabs
 from .piece_measures import PieceMeasures
 from .pieces import SurfaceFacts, counted_faces_steps, field_pieces_steps, surface_pieces_steps
@@ -29,4 +29,5 @@ __all__ = [
     "slab_result_steps",
     "slab_surface_steps",
     "surface_pieces_steps",
+    "widest_slices",
 ]

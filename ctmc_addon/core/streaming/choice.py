@@ -10,10 +10,11 @@ from ..memory import available_bytes, require
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
 from ..volume.region import Box
-from ..volume.scalar_field import ScalarField, field_box, field_window_steps, scalar_field_steps
+from ..volume.scalar_field import ScalarField, field_box, field_window_steps, reach_of_settings, scalar_field_steps
 from ..volume.slabs import SlabVolume
 from ..volume.volume import Volume
 from .field_slabs import FieldSlabs, field_slabs_steps
+from .parts import WORK_BYTES, WORK_FACTOR
 
 SMALL_BYTES = 1 << 26  # that are read into memory even under a stride, where they fit
 SHARE = 0.25  # of the memory, that values may take beside the surface
@@ -66,6 +67,16 @@ def fits_in_memory(value_bytes: int, memory_limit: int | None = None) -> bool:
     """Return whether so many bytes leave enough memory for a surface beside them."""
     limit = available_bytes() if memory_limit is None else memory_limit
     return limit is None or value_bytes <= SHARE * limit
+
+
+def widest_slices(volume: Volume | SlabVolume, settings: ReconstructionSettings, limit: int) -> int:
+    """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
+    values = volume.values if isinstance(volume, Volume) else volume
+    smooths = settings.smoothing_method == "gaussian"
+    voxel_bytes = WORK_FACTOR * settings.stride[2] * (4 if smooths else values.dtype.itemsize)
+    if smooths:
+        voxel_bytes += 4 * (2 * reach_of_settings(volume.spacing, settings)[2] + 1)
+    return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)
 
 
 def bytes_in_memory(volume: SlabVolume, settings: ReconstructionSettings, window: Box) -> int:

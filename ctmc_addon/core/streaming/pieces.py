@@ -140,10 +140,13 @@ def field_pieces_steps(
 
 
 def counted_faces_steps(
-    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None = None
+    volume: Volume | SlabVolume,
+    settings: ReconstructionSettings,
+    threads: int | None = None,
+    memory_limit: int | None = None,
 ) -> Steps[int]:
     """Triangles of a surface before simplification, counted slab by slab."""
-    field = yield from field_steps(volume, settings, threads)
+    field = yield from field_steps(volume, settings, threads, memory_limit)
     axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
     values = field if isinstance(field, FieldSlabs) else ValuesOfField(field)
     maker = PartMaker(values, axes, float(field.level), False, settings.topology, worker_count(threads), settings.upper)

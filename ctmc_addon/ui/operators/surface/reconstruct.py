@@ -19,6 +19,7 @@ from ....core import (
     Stages,
     Steps,
     Volume,
+    advised_steps,
     each_label_steps,
     result_and_full_steps,
     simplified_steps,
@@ -113,6 +114,8 @@ def surfaces_steps(
     if volume is None or len(requests) == 1:
         [request], limits = requests, machine()
         making = surface_steps(volume, request, full, limits.threads, limits.memory_limit)
+        if full is None and volume is not None:
+            making = advised_steps(making, volume, request.settings, 0, limits.threads, limits.memory_limit)
         finished = [(yield from stages.run(reconstructing, making))]
     else:
         finished = yield from stages.run(reconstructing, labels_steps(volume, requests))
@@ -133,8 +136,8 @@ def labels_steps(volume: Volume | SlabVolume, requests: Sequence[SurfaceRequest]
     """Make the surfaces of several labels, side by side."""
     runs, limits = [request.settings for request in requests], machine()
 
-    def work_steps(number: int, threads: int, limit: int | None) -> Steps[FinishedSurface]:
-        return (yield from surface_steps(volume, requests[number], None, threads, limit))
+    def work_steps(number: int, threads: int, limit: int | None, beside: bool) -> Steps[FinishedSurface]:
+        return (yield from surface_steps(volume, requests[number], None, threads, limit, streams=not beside))
 
     made = yield from each_label_steps(volume, runs, work_steps, limits.threads, limits.memory_limit)
     finished = []
@@ -151,15 +154,19 @@ def surface_steps(
     full: Reconstruction | None,
     threads: int | None,
     memory_limit: int | None,
+    streams: bool = True,
 ) -> Steps[FinishedSurface]:
-    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
+    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this.
+
+    `streams` is that of `reconstruct_steps`.
+    """
     stages = Stages(SURFACE_STAGES)
     reconstructing, measuring = SURFACE_STAGES
     if full is not None:
         making = remade_steps(full, request.settings, memory_limit)
     else:
         assert volume is not None, "the caller has one of the two"
-        making = result_and_full_steps(volume, request.settings, threads, memory_limit)
+        making = result_and_full_steps(volume, request.settings, threads, memory_limit, streams)
     result, full = yield from stages.run(reconstructing, making)
     measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh)
     measurement = yield from stages.run(measuring, measuring_steps)
