@@ -18,7 +18,8 @@ from .vdb import GRID
 
 THRESHOLD, WINDOW, LEVEL = "Threshold", "Window", "Level"
 """Labels of the nodes that hold them."""
-GLOW = 0.12  # of the light that a part scatters at most
+GLOW = 0.22  # of the light that a part scatters at most
+BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends it
 
 
 @dataclass(frozen=True)
@@ -51,17 +52,15 @@ class Appearance:
 
 
 APPEARANCES = {
-    "bone": Appearance(
-        "Bone", "Bone, spongy bone included", 180.0, 150.0, 2.0, 900.0, 500.0, ((0.55, 0.35, 0.2), BONE)
-    ),
+    "bone": Appearance("Bone", "Bone, spongy bone included", 180.0, 150.0, 2.0, 500.0, 430.0, ((0.6, 0.45, 0.3), BONE)),
     "vessels": Appearance(
         "Vessels",
         "Vessels with contrast medium in red, bone in white",
-        130.0,
-        90.0,
+        150.0,
+        80.0,
         1.5,
-        260.0,
-        260.0,
+        240.0,
+        270.0,
         ((0.55, 0.02, 0.01), (0.85, 0.78, 0.62)),
     ),
     "soft": Appearance(
@@ -82,7 +81,7 @@ APPEARANCES = {
         1.0,
         500.0,
         -150.0,
-        ((0.5, 0.22, 0.12), (0.8, 0.5, 0.36)),
+        ((0.62, 0.34, 0.22), (0.9, 0.64, 0.5)),
     ),
 }
 
@@ -112,6 +111,7 @@ def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.type
         element.color = (*color, 1.0)
     shader = tree.nodes.new("ShaderNodeVolumePrincipled")
     shader.inputs["Density Attribute"].default_value = ""
+    shader.inputs["Anisotropy"].default_value = BACK
     density = _math(tree, "MULTIPLY", opacity, value_of["Density"])
     tree.links.new(density, shader.inputs["Density"])
     # Light is scattered once in EEVEE and by Cycles' defaults, which leaves dense parts dark: they glow a little.

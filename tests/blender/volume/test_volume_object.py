@@ -139,7 +139,7 @@ def test_threshold_and_window_reach_the_material_of_the_cts_volumes_alone(scene,
         nodes = obj.data.materials[0].node_tree.nodes
         return {node.label: node.outputs[0].default_value for node in nodes if node.type == "VALUE"}
 
-    assert numbers(ours) == {"Threshold": 77, "Width": 150, "Window": 900, "Level": 5, "Density": 200}
+    assert numbers(ours) == {"Threshold": 77, "Width": 150, "Window": 500, "Level": 5, "Density": 200}
     assert numbers(other)["Threshold"] == APPEARANCES["bone"].threshold
 
 
