@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from unicodedata import east_asian_width
 
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
@@ -82,10 +82,10 @@ def directions(orientation: str) -> tuple[str, str, str]:
     return x, y, z
 
 
-def in_lines(text: str, width: int) -> list[str]:
-    """Return a sentence in lines of at most `width` letters; text without spaces, such as Chinese, breaks anywhere.
+def in_lines(text: str, width: float, measure: Callable[[str], float] | None = None) -> list[str]:
+    """Return a sentence in lines not wider than `width`; text without spaces, such as Chinese, breaks anywhere.
 
-    A Chinese letter takes the room of two.
+    Without a `measure` of a text's width, it is counted in letters, of which a Chinese one takes the room of two.
 
     Examples
     --------
@@ -94,20 +94,23 @@ def in_lines(text: str, width: int) -> list[str]:
     >>> in_lines("体素体素", 5)
     ['体素', '体素']
     """
+    measure = measure or letters
     lines, line = [], ""
     for word in text.split(" "):
         remainder = word
-        while letters(remainder) > width:
+        while measure(remainder) > width:
             lines += [line] if line else []
             line = ""
-            end = next(end for end in range(len(remainder), 0, -1) if letters(remainder[:end]) <= width or end == 1)
+            end = next(end for end in range(len(remainder), 0, -1) if measure(remainder[:end]) <= width or end == 1)
+            if end == len(remainder):  # a single letter, wider than the line
+                break
             lines.append(remainder[:end])
             remainder = remainder[end:]
-        if line and letters(line) + 1 + letters(remainder) > width:
+        joined = f"{line} {remainder}" if line else remainder
+        if line and measure(joined) > width:
             lines.append(line)
-            line = remainder
-        else:
-            line = f"{line} {remainder}" if line else remainder
+            joined = remainder
+        line = joined
     return [*lines, line] if line else lines
 
 

@@ -7,7 +7,7 @@ plane across the axis that runs most towards the head or feet. Positions are RAS
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ PLANES = {"axial": "IS", "coronal": "PA", "sagittal": "LR"}
 HU_WINDOW = (400.0, 40.0)
 TINT = (1.0, 0.28, 0.12)
 TINT_SHARE = 0.45
+DIM = 0.5  # of the color of a label that no surface is made of
 
 
 @dataclass(frozen=True)
@@ -177,6 +178,25 @@ def windowed(
     for channel, tint in enumerate(TINT):
         colors[..., channel] = gray + share * np.float32(tint)
     return colors
+
+
+def in_label_colors(
+    values: NDArray[Any], colors: Mapping[int, Sequence[float]], chosen: Collection[int]
+) -> NDArray[np.float32]:
+    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: those chosen bright, others dim, 0 black.
+
+    Examples
+    --------
+    >>> in_label_colors(np.array([[0, 1, 2]]), {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[2])[0, :, :3].tolist()
+    [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    found, numbers = np.unique(values, return_inverse=True)
+    table = np.zeros((len(found), 4), np.float32)
+    table[:, 3] = 1.0
+    for row, value in zip(table, found.tolist(), strict=True):
+        row[:3] = np.multiply(colors.get(value, (0.0, 0.0, 0.0)), 1.0 if value in chosen else DIM)
+    picture: NDArray[np.float32] = table[numbers.reshape(values.shape)]
+    return picture
 
 
 def default_window(volume: Volume, low: float, high: float) -> tuple[float, float]:

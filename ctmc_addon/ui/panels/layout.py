@@ -8,14 +8,16 @@ from typing import Any
 import bpy
 
 from ...core import described
-from ...reporting.formatting import in_lines
+from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
 from ..state import volumes
 from ..translations import OURS, translate
 
-LETTER = 6.3  # pixels of a letter at Blender's usual size
-MARGIN = 60.0  # pixels of a panel beside its text
+FONT, POINTS = 0, 11.0  # of Blender's panels at its usual size
+LETTER = 6.3  # pixels of a letter, where Blender measures no text
+MARGIN = 84.0  # pixels of a panel beside a text that has an icon and stands in a box
+NARROWEST = 100.0  # pixels of a text
 NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 
 
@@ -99,11 +101,20 @@ def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any
     return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
 
 
+def text_width(text: str) -> float:
+    """How wide a text is in Blender's own font, pixels at its usual size."""
+    import blf
+
+    blf.size(FONT, POINTS)
+    return float(blf.dimensions(FONT, text)[0]) or LETTER * letters(text)
+
+
 def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
     """A sentence in as many lines as the panel's width asks for."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(in_lines(text, max(16, int((width_of(context) - MARGIN) / LETTER)))):
+    room = max(NARROWEST, width_of(context) - MARGIN)
+    for number, line in enumerate(in_lines(text, room, text_width)):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 

@@ -15,6 +15,7 @@ from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
     EDGES,
+    in_label_colors,
     region_corners,
     side_positions,
     slice_at,
@@ -31,6 +32,7 @@ from . import deviation
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
+DISPLAY_GAMMA = 2.2
 LETTER_PIXELS = 16.0
 
 _handlers: list[Any] = []
@@ -52,6 +54,11 @@ def wanted_labels(settings: Any) -> tuple[int, ...]:
     return tuple(item.value for item in settings.labels if item.chosen) or (settings.label,)
 
 
+def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
+    """The colors of the list of labels, as they appear: what is stored are amounts of light."""
+    return {item.value: tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color) for item in settings.labels}
+
+
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     """The slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
@@ -61,10 +68,14 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     upper = settings.upper if settings.use_upper and not labels else None
     window, level = window_and_level(view)
     scale = machine().scale
-    key = (place, window, level, above, upper, labels, scale)
+    colors = label_colors(settings) if labels and volume.kind == "label" else {}
+    key = (place, window, level, above, upper, labels, scale, tuple(colors.items()))
     if _last.get("volume") is not volume or _last.get("key") != key:
-        colors = windowed(slice_values(volume, place), window, level, above, labels, upper)
-        drawn = Picture(colors, slice_corners(volume, place) * scale)
+        values = slice_values(volume, place)
+        shown = windowed(values, window, level, above, labels, upper)
+        if colors:
+            shown = in_label_colors(values, colors, labels)
+        drawn = Picture(shown, slice_corners(volume, place) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
     return last

@@ -78,7 +78,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
             return PASS
         if self.dragging:
             return self.follow(context, event, strip, x)
-        in_area = 0 <= x < region.width and 0 <= y < region.height
+        in_area = 0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
         inside = strip.holds(x, y)
         if event.type == "MOUSEMOVE":
             self.look(context, area, strip, x if inside else None)

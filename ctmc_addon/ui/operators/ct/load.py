@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -138,10 +139,16 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected)
+        chosen = len(self.files) if path == self.directory else 0
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen)
 
-    def steps(self, path: Path, reading: dict[str, Any], scene: int, expected: str) -> Steps[jobs.Conclusion]:
-        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any."""
+    def steps(
+        self, path: Path, reading: dict[str, Any], scene: int, expected: str, chosen: int
+    ) -> Steps[jobs.Conclusion]:
+        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any.
+
+        So many files of the folder were `chosen`; all of it is read.
+        """
         stages = Stages(STAGES)
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
@@ -161,6 +168,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         if selected is not None:
             time, _ = source.selected_time(reading["series"], reading["time"])
             reading = {**reading, "time": time if selected.times > 1 else None}
+        slices = volume.size[2] if file is None else file.size[2]
+        if 1 < chosen < slices:
+            note = f"the whole folder was read, {slices} slices, not the {chosen} files that were chosen"
+            volume = replace(volume, notes=(*volume.notes, note))
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
             path,

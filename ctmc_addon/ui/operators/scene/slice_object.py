@@ -10,10 +10,10 @@ from bpy.props import BoolProperty
 
 from ....blender.slices import add_slice, cut_at_slice, is_slice
 from ....core import MeshError
-from ....core.volume import PLANES, slice_at, slice_through
+from ....core.volume import PLANES, slice_at, slice_through, value_at
 from ... import jobs
 from ...properties.preferences import machine
-from ...properties.view import window_and_level
+from ...properties.view import positions_of, window_and_level
 from ...state import volumes
 from ...translations import translate
 from ...viewport import slice_objects
@@ -37,7 +37,10 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
     three: BoolProperty(
         name="Three Planes",
-        description="Add an axial, a coronal and a sagittal slice that cross at the 3D cursor",
+        description=(
+            "Add an axial, a coronal and a sagittal slice that cross at the 3D cursor; where that is outside the CT, "
+            "those that the sidebar has chosen"
+        ),
         default=False,
     )
 
@@ -50,9 +53,12 @@ class CTMC_OT_add_slice(bpy.types.Operator):
         """Add them, and select them alone."""
         scene = context.scene
         ct, view, scale = volumes.require_loaded(scene), scene.ctmc_view, machine().scale
-        if self.three:
-            point_mm = [value / scale for value in scene.cursor.location]
-            sections = {plane: slice_through(ct.volume, plane, point_mm) for plane in PLANES}
+        cursor_mm = [value / scale for value in scene.cursor.location]
+        if self.three and value_at(ct.volume, cursor_mm) is not None:
+            sections = {plane: slice_through(ct.volume, plane, cursor_mm) for plane in PLANES}
+        elif self.three:
+            chosen = zip(PLANES, positions_of(view), strict=True)
+            sections = {plane: slice_at(ct.volume, plane, position) for plane, position in chosen}
         else:
             sections = {view.plane: slice_at(ct.volume, view.plane, view.position)}
         bpy.ops.object.select_all(action="DESELECT")

@@ -50,6 +50,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         text = text.format(number=place.index + 1, count=place.count, place=slice_position_text(volume, place))
         layout.label(text=text, translate=False)
         column = layout.column(align=True)
+        column.active = not (volume.kind == "label" and context.scene.ctmc.use_label)  # it is shown in their colors
         unit = " [HU]" if volume.kind == "HU" else ""
         column.prop(view, "window", text=translate("Window") + unit, translate=False)
         column.prop(view, "level", text=translate("Level") + unit, translate=False)

@@ -63,7 +63,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     draw_name(layout, translate("Name"), NAMES).prop(stored, "volume_name", text="", placeholder=volume.name)
     facts = [
         (translate("Size"), f"{columns} x {rows} x {slices}"),
-        (translate("Spacing"), f"{x:.4g} x {y:.4g} x {z:.4g} mm"),
+        (translate("Spacing [mm]"), f"{x:.4g} x {y:.4g} x {z:.4g}"),
         (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
         (
             translate("Values"),
@@ -82,7 +82,9 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         column = layout.column(align=True)
         for axis, name in enumerate(("x", "y", "z")):
             text = f"{translate('Spacing')} {name}"
-            draw_name(column, text, NAMES).prop(stored, "spacing", index=axis, text="")
+            is_given = stored.spacing[axis] > 0
+            field = draw_name(column, text, NAMES)
+            field.prop(stored, "spacing", index=axis, text="" if is_given else translate("auto"), translate=False)
         row = draw_name(column, translate("Flip"), NAMES)
         for letter, sides in SIDES_OF_AXES.items():
             row.prop(stored, f"flip_{letter}", text=sides, translate=False, toggle=True)

@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.slices.material import WINDOW, picture_of
-from ctmc_addon.core.volume import slice_at, transform_points
+from ctmc_addon.core.volume import slice_at, slice_corners, transform_points
 from ctmc_addon.ui.state import volumes
 
 
@@ -27,6 +27,17 @@ def test_three_slices_cross_at_the_cursor(scene, surface):
     for obj, axis in zip(sorted(added, key=lambda obj: obj.name), (2, 1, 0), strict=True):  # axial, coronal, sagittal
         assert obj.location[axis] == pytest.approx(scene.cursor.location[axis], abs=0.011)  # half a slice
         assert obj.name.split(" ")[1] == ("sagittal", "coronal", "axial")[axis]
+
+
+def test_with_the_cursor_outside_the_ct_the_three_chosen_slices_are_added(scene, surface):
+    scene.cursor.location = (50.0, 0.0, 0.0)
+    scene.ctmc_view.positions = (0.25, 0.5, 0.75)
+    bpy.ops.ctmc.add_slice(three=True)
+    volume = volumes.current(scene)
+    for obj in bpy.context.selected_objects:
+        scene.ctmc_view.plane = plane = obj["ctmc_slice_plane"]
+        corners = slice_corners(volume, slice_at(volume, plane, scene.ctmc_view.position))
+        assert np.array(obj.location) / 0.01 == pytest.approx(corners.mean(axis=0), abs=1e-3)
 
 
 def test_selected_surfaces_are_cut_at_the_slice_that_is_shown_and_at_the_active_one(scene, surface):
