@@ -14,11 +14,13 @@ from setup_environment import BLENDERS, SetupError, say, set_up
 
 WITH_BLENDER = ["tests/blender", "tests/ui", "tests/extension"]
 WITHOUT_BLENDER = ["tests/core", "tests/reporting", "tests/readers"]
-TESTS = {  # the rest runs in Blender 5.0, by `make test`
-    "4.2.23": [*WITH_BLENDER, *WITHOUT_BLENDER],
-    "4.5.15": WITH_BLENDER,
+# What takes long and is the same everywhere runs once: by `make test`, or here in Blender 5.0.
+REPEATED = ["-m", "not window and not packaging and not once"]
+TESTS = {
+    "4.2.23": [*REPEATED, *WITH_BLENDER, *WITHOUT_BLENDER],
+    "4.5.15": [*REPEATED, *WITH_BLENDER],
     "5.0.1": ["tests"],
-    "5.2.3": ["tests"],
+    "5.2.3": [*REPEATED, "tests"],
 }
 
 

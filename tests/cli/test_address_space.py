@@ -40,6 +40,7 @@ def limited(more_bytes, *words):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("mebibytes", [1024, 120])
 def test_a_surface_under_a_limit_has_the_bytes_of_one_without(ctmc, volume, tmp_path, mebibytes):
     words = ["reconstruct", volume, "--threshold", "132", "--threads", "1", "--normals", "mesh", "-o"]
@@ -61,6 +62,7 @@ def test_tiles_are_unpacked_without_a_thread_for_which_there_is_no_memory(ctmc, 
     assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
 
 
+@pytest.mark.once
 def test_a_surface_that_is_written_as_it_is_extracted_has_its_report(volume, tmp_path):
     words = ["reconstruct", volume, "--threshold", "132", "--threads", "1", "-o", tmp_path / "a.stl"]
     done = limited(160 << 20, *words, "--report", tmp_path / "a.json")

@@ -97,6 +97,7 @@ def with_default_handlers():
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no such signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_while_a_surface_is_written_leaves_nothing(tmp_path, number, code):

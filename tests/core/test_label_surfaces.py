@@ -52,6 +52,7 @@ def same(first, second):
     }
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "settings",
     [

@@ -237,6 +237,7 @@ def test_the_same_bytes_with_any_number_of_threads(threads):
         assert getattr(one, name).tobytes() == getattr(many, name).tobytes()
 
 
+@pytest.mark.once
 def test_steps_rise_to_one_and_can_be_closed_at_each():
     volume = Volume(ball(), np.eye(4))
     settings = ReconstructionSettings(threshold=0.0, smoothing_mm=1.0, keep_parts=1, reduction=0.5)

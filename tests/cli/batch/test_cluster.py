@@ -22,6 +22,7 @@ def distributed():
     return pytest.importorskip("distributed", reason="dask.distributed is not installed")
 
 
+@pytest.mark.once
 def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_path):
     z, y, x = np.ogrid[:20, :20, :20]
     ball = (9 - np.sqrt((x - 9.5) ** 2 + (y - 9.5) ** 2 + (z - 9.5) ** 2)).clip(0).astype(np.float32)

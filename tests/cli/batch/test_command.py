@@ -78,6 +78,7 @@ def done(scene, cases, tmp_path_factory):
     return folder
 
 
+@pytest.mark.once
 def test_the_summary_has_a_row_for_every_case(done):
     rows = summary(done)
     assert [list(row) for row in rows] == [COLUMNS] * 3
@@ -206,6 +207,7 @@ def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_pa
     assert f"<td>{row['faces']}</td><td>-</td>" in (out / "summary.html").read_text("utf-8")
 
 
+@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
     for number in range(5):

@@ -160,6 +160,7 @@ def test_decimate_reports_what_was_written(ctmc, phantom_folder, tmp_path):
     assert said["faces"] == pytest.approx(said["full_faces"] / 2, abs=4)
 
 
+@pytest.mark.once
 def test_a_figure_is_a_picture_with_red_and_yellow(ctmc, phantom_folder, tmp_path):
     image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
     flags = ["--label", "2", "--simplify", "0.9", "--figure", tmp_path / "f.png"]
@@ -249,6 +250,7 @@ def test_what_only_blender_does_says_what_to_install(tmp_path, monkeypatch, flag
     assert files_in(tmp_path) == []
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("suffix", ["stl", "ply"])
 def test_stl_and_ply_need_no_blender_and_are_the_same_bytes(ctmc, phantom_folder, tmp_path, suffix):
     words = ["reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "--space", "lps"]

@@ -165,6 +165,7 @@ def test_wrong_usage_has_exit_code_2(ctmc, words):
     assert outcome.errors[0].startswith("usage: ctmc")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("there", [False, True])
 @pytest.mark.parametrize(
     "fails",

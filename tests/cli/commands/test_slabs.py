@@ -29,6 +29,7 @@ def write_foam(path, slices=360):
     np.save(path, values)
 
 
+@pytest.mark.once
 def test_a_lost_worker_costs_its_slab_and_the_bytes_are_those_of_one_machine(cluster, tmp_path):
     write_foam(tmp_path / "foam.npy")
     words = (tmp_path / "foam.npy", "--threshold", "0.3", "--normals", "gradient")
@@ -44,6 +45,7 @@ def test_a_lost_worker_costs_its_slab_and_the_bytes_are_those_of_one_machine(clu
     assert (tmp_path / "there.ply").read_bytes() == (tmp_path / "here.ply").read_bytes()
 
 
+@pytest.mark.once
 def test_what_a_worker_refuses_is_one_sentence(cluster, tmp_path):
     write_foam(tmp_path / "foam.npy", 8)
     address = cluster.stdout.readline().strip()

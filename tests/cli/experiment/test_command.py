@@ -44,6 +44,7 @@ def voxels(phantom_folder, tmp_path_factory):
     return folder
 
 
+@pytest.mark.once
 def test_voxels_writes_a_row_for_every_side_and_nothing_else(voxels):
     assert names_in(voxels) == FILES
     assert is_png(voxels / "plot.png")
@@ -141,6 +142,7 @@ def test_alpha_has_figure_8_in_numbers(ctmc, segmentation, tmp_path):
     assert all(0 < row["shape_worst"] < row["shape_mean"] <= 1 for row in rows)
 
 
+@pytest.mark.once
 def test_alpha_has_a_picture_of_every_alpha(ctmc, segmentation, tmp_path):
     outcome = ctmc("experiment", "alpha", segmentation, *SOFT, "--alphas", "0.25", "-o", tmp_path)
     assert outcome.code == 0, outcome.errors

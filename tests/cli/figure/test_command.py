@@ -37,6 +37,7 @@ def test_several_labels_stand_in_one_figure(ctmc, ct, tmp_path):
         assert image.mode == "RGBA"
 
 
+@pytest.mark.once
 def test_a_sheet_prints_what_its_captions_say(ctmc, ct, tmp_path):
     words = ("--label", 2, "--strides", 1, 2, "--levels", 0, 50, "--dpi", 40, "--soften", 2, "--deviation")
     done = ctmc("figure", "sheet", ct, *words, "-o", tmp_path / "sheet.png")

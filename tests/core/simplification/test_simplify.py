@@ -198,6 +198,7 @@ def test_the_same_input_gives_the_same_bytes():
 # A maximum error
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("share", [0.005, 0.05])
 def test_a_maximum_error_is_kept_both_ways_and_many_triangles_go(share):
     mesh = bumpy()

@@ -106,6 +106,7 @@ def test_cavities_go_and_stay_with_what_is_around_them(fetched, affine, limits, 
     assert assert_same(Volume(values, affine), settings) > 0
 
 
+@pytest.mark.once
 def test_a_cavity_with_nothing_around_it_counts_as_a_component(fetched):
     values = 100 - nested()
     fetched(values[0].nbytes)
@@ -147,6 +148,7 @@ def test_a_surface_that_is_simplified_while_it_is_extracted_has_the_same_compone
     assert simplified.mesh.volume == pytest.approx(full.volume, rel=0.02)
 
 
+@pytest.mark.once
 def test_steps_go_forward_and_the_values_can_be_let_go_at_any_time(fetched):
     values = nested()
     fetched(values[0].nbytes)
@@ -161,6 +163,7 @@ def test_steps_go_forward_and_the_values_can_be_let_go_at_any_time(fetched):
         steps.close()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("limits", [(1, 0.0), (3, 10.0)])
 def test_bone_of_a_patient(fetched, monkeypatch, limits):
     path = SHARED / "ircadb01_abdomen"

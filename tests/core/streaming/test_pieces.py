@@ -135,6 +135,7 @@ def test_a_full_surface_is_gone_before_it_is_simplified_as_it_is_extracted(fetch
         finish(result_and_full_steps(volume, ReconstructionSettings(threshold=120.0), 2, 1000))
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("stride", [(1, 1, 1), (2, 1, 3)])
 def test_a_surface_simplified_while_it_is_extracted_is_the_same_without_normals(fetched, monkeypatch, stride):
     fetched(5 * 2 * 21 * 70)

@@ -73,6 +73,7 @@ def test_the_bytes_are_those_of_one_machine(settings, count, slab_bytes, monkeyp
     assert [start for start, _ in workers.layers] == [0, *ends[:-1]]  # every layer once
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("extra", [{}, {"keep_parts": 3}])
 def test_a_surface_that_is_simplified_as_it_comes_is_that_of_one_machine(monkeypatch, extra):
     monkeypatch.setattr(parts, "SLAB_BYTES", 1 << 14)

@@ -99,6 +99,7 @@ def test_every_type_of_values_gives_the_bytes_of_the_volume_in_memory(fetched, d
     assert len(assert_same(values, settings)) > 2
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("extra", [{}, {"stride": (1, 1, 2)}, {"close_border": True}, {"region": REGION}])
 @pytest.mark.parametrize("smoothing", ["none", "gaussian", "constrained"])
 def test_a_label_gives_the_bytes_of_the_volume_in_memory(fetched, smoothing, extra):
@@ -180,6 +181,7 @@ def test_every_slice_is_fetched_once(fetched):
     assert reader.slices == [0, 4, 8, 12, 16, 20, 22]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "extra", [{}, {"close_border": True, "keep_parts": 3}, {"topology": "trilinear", "stride": (2, 2, 1)}]
 )

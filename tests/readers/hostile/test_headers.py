@@ -139,6 +139,7 @@ META = {
 }  # fmt: skip
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("name", "head", "sign", "fields"), [("ct.nhdr", "NRRD0004\n", ": ", NRRD), ("ct.mhd", "", " = ", META)]
 )

@@ -38,6 +38,7 @@ def small_batches(monkeypatch):
     monkeypatch.setattr(reduce_pieces, "BOUNDED_BATCH_FACES", 4000)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("goal", "noise", "last_faces"),  # all at once, and in stretches
     [
@@ -65,6 +66,7 @@ def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, last_face
         assert result.mesh.volume == pytest.approx(mesh.volume, rel=0.02)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"max_error": 0.3}])
 def test_a_piece_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypatch):
     sizes = []
@@ -89,6 +91,7 @@ def test_a_piece_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypat
     assert result.mesh.euler == mesh.euler + 2 * result.handles_cut
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("noise", [0.0, 0.25])
 def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
     mesh = foam(noise=noise)
@@ -96,6 +99,7 @@ def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
     assert surface_distance(streamed, mesh).mean < 1.1 * surface_distance(whole, mesh).mean
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"target_faces": 2000}, {"max_error": 0.3}])
 def test_the_result_does_not_depend_on_the_threads(goal):
     mesh = foam(32, noise=0.1)
@@ -104,6 +108,7 @@ def test_the_result_does_not_depend_on_the_threads(goal):
     assert first.faces.tobytes() == second.faces.tobytes()
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_a_maximum_error_holds_both_ways(noise):
     mesh = foam(32, 16.0, noise)
