@@ -98,14 +98,14 @@ def test_where_even_a_slab_does_not_fit_a_region_is_named_that_does(labels):
     def refused(volume, monkeypatch):
         monkeypatch.setattr(fitting, "counted_faces_steps", lambda *_: failing_steps())
         with pytest.raises(MemoryLimitError) as said:
-            finish(fitting.advised_steps(failing_steps(), volume, SETTINGS, memory_limit=WORK_BYTES + 4 * 20 * 20))
+            finish(fitting.advised_steps(failing_steps(), volume, SETTINGS, memory_limit=WORK_BYTES + 8 * 20 * 20))
         return str(said.value)
 
     with pytest.MonkeyPatch.context() as monkeypatch:
         sentence = refused(labels, monkeypatch)
     assert sentence.endswith("choose a region of at most 20 x 20 voxels across")
     gaussian = replace(SETTINGS, smoothing="gaussian", smoothing_mm=1.0)
-    assert widest_slices(labels, gaussian, WORK_BYTES + 20 * 20 * (4 * 4 + 4 * (2 * 4 + 1))) == 20
+    assert widest_slices(labels, gaussian, WORK_BYTES + 20 * 20 * (8 * 4 + 4 * (2 * 4 + 1))) == 20
 
 
 def test_another_error_stays_what_it_is(file):

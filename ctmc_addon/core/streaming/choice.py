@@ -73,7 +73,7 @@ def widest_slices(volume: Volume | SlabVolume, settings: ReconstructionSettings,
     """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
     values = volume.values if isinstance(volume, Volume) else volume
     smooths = settings.smoothing_method == "gaussian"
-    voxel_bytes = WORK_FACTOR * settings.stride[2] * (4 if smooths else values.dtype.itemsize)
+    voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * (4 if smooths else values.dtype.itemsize)
     if smooths:
         voxel_bytes += 4 * (2 * reach_of_settings(volume.spacing, settings)[2] + 1)
     return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)

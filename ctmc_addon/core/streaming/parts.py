@@ -150,7 +150,7 @@ class PartMaker:
         """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""
         layer_bytes = int(np.prod(self.values.shape[1:], dtype=np.int64)) * self.values.dtype.itemsize
         x, y, z = self.axes
-        at_work = WORK_BYTES + WORK_FACTOR * (high - low) * z.stride * layer_bytes
+        at_work = WORK_BYTES + WORK_FACTOR * ((high - low) * z.stride + 1) * layer_bytes
         require_or_killed(at_work, "extracting a slab of this volume", "choose a region, or give it more memory")
         part, slices = z.part(low, min(high + 1, z.count)), self.values.shape[0]
         continues = high < z.count
