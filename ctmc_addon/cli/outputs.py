@@ -15,6 +15,7 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from .blender_host import blender_at_work, objects_of
 from .file_names import file_names
+from .label_writer import LabelWriter, label_writer
 from .surfaces import Surfaces
 
 # Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and to write it.
@@ -78,6 +79,15 @@ class Outputs:
         suffixes = [suffix for suffix in own if suffix not in mesh_files.SUFFIXES]
         return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
 
+    @contextmanager
+    def label_writer(self, simplifier: str) -> Iterator[LabelWriter | None]:
+        """Who writes each of several surfaces as soon as it is made; None where they have to be there together."""
+        if self.folder is None or self.surfaces or self.blender_needed_for(simplifier):
+            yield None
+            return
+        with label_writer(self.folder, self.suffix, self.space) as writer:
+            yield writer
+
     def triangle_bytes(self, simplifier: str) -> int:
         """Bytes that Blender takes for each triangle; 0 where it is not needed."""
         if not self.blender_needed_for(simplifier):
@@ -127,7 +137,10 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
             if path.suffix.lower() in mesh_files.SUFFIXES:
                 yield Step(0.8, f"Writing {path.name}")
                 with timed(stages, f"Writing {path.suffix.lower()}"):
-                    surfaces.results[numbers[0]].mesh.save(places[path], outputs.space)
+                    if surfaces.files:
+                        surfaces.files[numbers[0]].replace(places[path])
+                    else:
+                        surfaces.results[numbers[0]].mesh.save(places[path], outputs.space)
         surfaces = with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")

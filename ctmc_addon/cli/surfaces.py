@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from ..core import (
@@ -21,6 +23,7 @@ from ..core import (
 from ..core.streaming import SlabWorkers
 from ..core.volume import ALL, SlabVolume, chosen_labels_steps, region_box
 from .file_names import file_key, printable
+from .label_writer import LabelWriter
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Surfaces:
         A sentence for each that could not be made.
     times : tuple of int
         Of each surface, from 1 on, rising; empty where they are not of several times.
+    files : tuple of Path
+        Where each surface is written already, its mesh gone; empty where all are held.
     """
 
     name: str
@@ -45,6 +50,7 @@ class Surfaces:
     names: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     times: tuple[int, ...] = ()
+    files: tuple[Path, ...] = ()
 
     @property
     def are_several(self) -> bool:
@@ -84,10 +90,12 @@ def surfaces_steps(
     threads: int | None = None,
     workers: SlabWorkers | None = None,
     normals: bool = True,
+    writer: LabelWriter | None = None,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
-    `workers` and `normals` are those of `reconstruct_steps`, for a single surface.
+    `workers` and `normals` are those of `reconstruct_steps`, for a single surface; of several each is written by a
+    `writer` before the next is made.
 
     Raises
     ------
@@ -106,8 +114,11 @@ def surfaces_steps(
         result = yield from stages.run(making, reconstruct_steps(volume, settings, threads, None, workers, normals))
         return Surfaces(volume.name, (result,))
     wanted = None if ALL in choices else labels
-    made = yield from stages.run(making, reconstruct_labels_steps(volume, settings, wanted, threads))
-    return Surfaces(volume.name, tuple(made.surfaces), names_of(made.surfaces), tuple(made.left_out))
+    make_steps = None if writer is None else partial(writer.make_steps, volume)
+    work = reconstruct_labels_steps(volume, settings, wanted, threads, make_steps=make_steps)
+    made = yield from stages.run(making, work)
+    files = () if writer is None else tuple(writer.path_of(result.settings) for result in made.surfaces)
+    return Surfaces(volume.name, tuple(made.surfaces), names_of(made.surfaces), tuple(made.left_out), files=files)
 
 
 def may_be_several(choices: Sequence[int | str]) -> bool:

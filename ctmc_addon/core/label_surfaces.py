@@ -26,6 +26,7 @@ from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
 Result = TypeVar("Result")
+MakeSteps = Callable[[ReconstructionSettings, int, int | None, bool], Steps[Reconstruction]]
 STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
 
@@ -90,8 +91,13 @@ def reconstruct_labels_steps(
     labels: Sequence[int] | None = None,
     threads: int | None = None,
     memory_limit: int | None = None,
+    make_steps: MakeSteps | None = None,
 ) -> Steps[LabelSurfaces]:
-    """`reconstruct_labels` as steps; closing the generator cancels."""
+    """`reconstruct_labels` as steps; closing the generator cancels.
+
+    `make_steps` takes the place of `reconstruct_steps`, to write each surface before the next is made: it is given
+    settings, threads, memory limit, and whether other labels are made beside it.
+    """
     stages = Stages(STAGES)
     finding, making = STAGES
     box = region_box(volume, settings)
@@ -104,9 +110,13 @@ def reconstruct_labels_steps(
             yield from reconstruct_steps(volume, run, threads, memory_limit)
 
     def work_steps(at: int, threads: int, limit: int | None, beside: bool) -> Steps[Reconstruction]:
+        if make_steps is not None:
+            return (yield from make_steps(runs[at], threads, limit, beside))
         return (yield from reconstruct_steps(volume, runs[at], threads, limit, streams=not beside))
 
-    results = yield from stages.run(making, each_label_steps(volume, runs, work_steps, threads, memory_limit))
+    in_pieces = make_steps is not None
+    work = each_label_steps(volume, runs, work_steps, threads, memory_limit, in_pieces)
+    results = yield from stages.run(making, work)
     surfaces, left_out = [], []
     for label, result in zip(chosen, results, strict=True):
         if isinstance(result, Reconstruction):
@@ -132,6 +142,7 @@ def each_label_steps(
     work_steps: Callable[[int, int, int | None, bool], Steps[Result]],
     threads: int | None = None,
     memory_limit: int | None = None,
+    in_pieces: bool = False,
 ) -> Steps[list[Result | CtmcError]]:
     """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
 
@@ -143,6 +154,8 @@ def each_label_steps(
     work_steps : function
         Takes the number of a run, threads, memory limit, and whether others run beside it: what does not fit then is
         tried again alone, before it is simplified as it is extracted. Driven in threads of its own.
+    in_pieces : bool
+        That of `advised_steps`.
     """
     box, workers = region_box(volume, runs[0]), worker_count(threads)
     extents = yield from label_extents_steps(volume, box, threads)  # not once for each
@@ -166,7 +179,7 @@ def each_label_steps(
         share = limit // at_once if beside and limit is not None else memory_limit
         working = work_steps(at, threads, share, beside)
         if not beside:
-            working = advised_steps(working, volume, runs[at], 0, threads, share)
+            working = advised_steps(working, volume, runs[at], 0, threads, share, in_pieces)
         try:
             with refusal("this surface", "choose a region", share):
                 return (yield from working)

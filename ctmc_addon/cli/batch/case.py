@@ -127,12 +127,12 @@ class Case:
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
-        making = surfaces_steps(volume, settings, output["labels"], task["threads"])
-        if not output["labels"]:
-            written_bytes = outputs.triangle_bytes(settings.simplifier)
-            making = advised_steps(making, volume, settings, written_bytes, task["threads"])
-        surfaces = finish(making)
-        surfaces, _ = finish(written_steps(surfaces, outputs))
+        with outputs.label_writer(settings.simplifier) as writer:
+            making = surfaces_steps(volume, settings, output["labels"], task["threads"], writer=writer)
+            if not output["labels"]:
+                written_bytes = outputs.triangle_bytes(settings.simplifier)
+                making = advised_steps(making, volume, settings, written_bytes, task["threads"])
+            surfaces, _ = finish(written_steps(finish(making), outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         report = report_of(surfaces)
@@ -180,7 +180,7 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
     report = surfaces.report()
     if not surfaces.are_several:
         return report
-    faces = sum(len(result.mesh.faces) for result in surfaces.results)
+    faces = sum(result.measures.faces for result in surfaces.results)
     return report | {"faces": faces, "volume_mm3": None, "stages": []}
 
 

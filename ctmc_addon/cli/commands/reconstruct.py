@@ -103,12 +103,13 @@ def run(args: argparse.Namespace) -> None:
         own_folder(outputs.folder or Path(args.output).parent),
         Progress() as progress,
         workers_of(args.scheduler, source, reading_of(args)) as workers,
+        outputs.label_writer(settings.simplifier) as writer,
     ):
         volume = progress.finish(
             stages.run("Reading", fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler)))
         )
         making = measured_steps(
-            surfaces_steps(volume, settings, choices, args.threads, workers, outputs.hold_normals), outputs
+            surfaces_steps(volume, settings, choices, args.threads, workers, outputs.hold_normals, writer), outputs
         )
         in_pieces_too = written_in_pieces(outputs, settings, choices)
         if not in_pieces_too and is_only_choice(settings, choices):
@@ -142,7 +143,7 @@ def measured_steps(making: Steps[Surfaces], outputs: Outputs) -> Steps[Surfaces]
     surfaces = yield from making
     for result in surfaces.results:
         yield Step(1.0, "Measuring the surface")
-        result.mesh.measures  # noqa: B018  (kept by the mesh)
+        result.measures  # noqa: B018  (kept by the mesh)
     outputs.require_memory(surfaces)
     return surfaces
 
@@ -281,7 +282,7 @@ def summary_of_several(
     rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "parts")]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
-        measures = result.mesh.measures
+        measures = result.measures
         milliliters = f"{measures.milliliters:.3f}" if measures.closed else "-"
         facts = (milliliters, f"{measures.square_centimeters:.2f}", str(measures.components))
         rows.append((str(number), name, str(measures.faces), *facts))
@@ -291,7 +292,7 @@ def summary_of_several(
     settings = command_of(shared if surfaces.times else replace(shared, label=None))
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
-    opened = sum(not result.mesh.closed for result in surfaces.results)
+    opened = sum(not result.measures.closed for result in surfaces.results)
     shapes = f", {opened} of them open: --close-border closes them at the border" if opened else ""
     shown = [
         ("surfaces", f"{len(surfaces.results)}{shapes}"),
