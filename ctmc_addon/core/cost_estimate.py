@@ -12,16 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import CtmcError, MeshError
+from .errors import CtmcError, MemoryLimitError, MeshError
 from .extraction.grid import Grid, make_grid
 from .extraction.marching_cubes import Counts, count_steps, extract_steps
-from .fitting import Fitting
+from .fitting import SLABS_BYTES, Fitting, proposals_steps
 from .memory import available_bytes
 from .pipeline import STREAMED_NOTE
 from .progress import PAUSE, Stages, Steps, timed_steps
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .simplification.simplify import simplify_steps
+from .streaming import counted_steps
 from .volume.scalar_field import ScalarField, scalar_field_steps
 from .volume.thresholding import check_threshold
 from .volume.volume import Volume
@@ -153,6 +154,11 @@ class FieldCache:
     field: ScalarField | None = None
     seconds: float = 0.0
 
+    @property
+    def available(self) -> int | None:
+        """Bytes of memory that can be had."""
+        return available_bytes() if self.memory_limit is None else self.memory_limit
+
     def field_steps(self, settings: ReconstructionSettings) -> Steps[ScalarField]:
         """Return the scalar field for these settings."""
         key = (
@@ -186,7 +192,12 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     """
     stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, "Looking for what fits": 1})
     yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
-    field = yield from stages.run("Preparing values", cache.field_steps(settings))
+    try:
+        field = yield from stages.run("Preparing values", cache.field_steps(settings))
+    except MemoryLimitError:
+        if settings.smoothing_method == "constrained":
+            raise
+        return (yield from stages.run("Counting", _slab_by_slab_steps(cache, settings)))
     grid = grid_of(field, settings, settings.stride)
     counting = count_steps(grid, field.level, cache.threads, settings.topology)
     counts = yield from stages.run("Counting", counting)
@@ -194,7 +205,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
         check_threshold(field.level, grid.window_values, field.kind, field.place, grid.upper)
         raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
     seconds = stages.seconds["Counting"]
-    available = available_bytes() if cache.memory_limit is None else cache.memory_limit
+    available = cache.available
     estimate = CostEstimate(
         voxels=grid.voxels,
         vertices=counts.vertices,
@@ -208,6 +219,31 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
         looking = remedy_steps(cache, field, settings, estimate)
         estimate = replace(estimate, remedy=(yield from stages.run("Looking for what fits", looking)))
     return estimate
+
+
+def _slab_by_slab_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
+    """The cost where the values are smoothed a slab at a time, as they do not fit at once."""
+    volume, threads, available = cache.volume, cache.threads, cache.available
+    stages = Stages({"Counting": 9, "Looking for what fits": 1})
+    counts = yield from stages.run("Counting", counted_steps(volume, settings, threads, cache.memory_limit))
+    if not counts.faces:
+        raise MeshError("there is no surface with these settings; choose another threshold or a smaller stride")
+    fitting, seconds = Fitting(counts.faces, settings), stages.seconds["Counting"]
+    held = SLABS_BYTES + fitting.held
+    estimate = CostEstimate(
+        voxels=counts.voxels,
+        vertices=counts.vertices,
+        faces=counts.faces,
+        memory=held if available is None or held <= available else fitting.needed,
+        seconds=seconds + seconds_after_counting(counts, settings),
+        counting_seconds=seconds,
+        available=available,
+    )
+    if estimate.fits or available is None:
+        return estimate
+    looking = proposals_steps(volume, fitting, available, threads)
+    proposals = yield from stages.run("Looking for what fits", looking)
+    return replace(estimate, remedy=f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region")
 
 
 def grid_of(field: ScalarField, settings: ReconstructionSettings, stride: tuple[int, int, int]) -> Grid:

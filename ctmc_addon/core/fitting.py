@@ -18,7 +18,7 @@ from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .simplification.simplify import memory_needed
 from .simplification.streaming.reduce_pieces import Goal
-from .streaming import counted_faces_steps, widest_slices
+from .streaming import counted_steps, widest_slices
 from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
@@ -155,13 +155,14 @@ def refusal_steps(
         what, smoothing = f"smoothing label {settings.label} as constrained", "smoothing gaussian"
         settings = replace(settings, smoothing="gaussian")
     stages = Stages({"Counting triangles": 1, LOOKING: 1})
-    counting = counted_faces_steps(volume, settings, threads, there)
-    fitting = Fitting((yield from stages.run("Counting triangles", counting)), settings, written_bytes, in_pieces)
+    counting = counted_steps(volume, settings, threads, there)
+    counts = yield from stages.run("Counting triangles", counting)
+    fitting = Fitting(counts.faces, settings, written_bytes, in_pieces)
     fits = fitting.needed <= there  # as far as is known: it was refused
     if smoothing and fits:
         return _refused(what, there, f"{smoothing} would fit")
     room = fitting.needed // 2 if fits else there
-    proposals = yield from stages.run(LOOKING, _proposals_steps(volume, fitting, room, threads))
+    proposals = yield from stages.run(LOOKING, proposals_steps(volume, fitting, room, threads))
     if fits and not proposals:
         return ""
     together = f"{smoothing} with " if smoothing else ""
@@ -177,7 +178,7 @@ def _refused(what: str, there: int, advice: str) -> str:
     return f"{what} needs more than the {amount(there)} of memory that are available; {advice}"
 
 
-def _proposals_steps(volume: Volume | SlabVolume, fitting: Fitting, room: int, threads: int | None) -> Steps[list[str]]:
+def proposals_steps(volume: Volume | SlabVolume, fitting: Fitting, room: int, threads: int | None) -> Steps[list[str]]:
     """Changes of the settings each of which fits into so many bytes."""
     wider = yield from _stride_steps(volume, fitting, room, threads)
     proposals = [] if wider is None else [wider]
@@ -199,8 +200,8 @@ def _stride_steps(volume: Volume | SlabVolume, fitting: Fitting, there: int, thr
     """The smallest wider stride that fits."""
     for stride in _wider(volume, fitting, there):
         settings = replace(fitting.settings, stride=stride)
-        faces = yield from counted_faces_steps(volume, settings, threads, there)
-        if replace(fitting, faces=faces, settings=settings).needed <= there:
+        counts = yield from counted_steps(volume, settings, threads, there)
+        if replace(fitting, faces=counts.faces, settings=settings).needed <= there:
             return "stride " + " ".join(map(str, stride))
     return None
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, cost_estimate, finish, reconstruct
+from ctmc_addon.core import ReconstructionSettings, Volume, cost_estimate, finish, fitting, reconstruct
 from ctmc_addon.core.cost_estimate import FieldCache, cost_estimate_steps
-from ctmc_addon.core.errors import ThresholdError
+from ctmc_addon.core.errors import MeshError, ThresholdError
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,31 @@ def test_a_threshold_without_a_surface_is_refused_after_another_one(volume):
     assert finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=100.0))).faces > 0
     with pytest.raises(ThresholdError, match="5000"):
         finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=5000.0)))
+
+
+def test_what_is_smoothed_a_slab_at_a_time_is_counted_so_too(monkeypatch):
+    monkeypatch.setattr(cost_estimate, "SLABS_BYTES", 0)
+    monkeypatch.setattr(fitting, "SLABS_BYTES", 0)
+    square = [np.square(np.arange(48) - 23.5) for _ in range(3)]
+    ball = Volume(-np.add.outer(np.add.outer(*square[:2]), square[2]).astype(np.float32), np.eye(4))
+    settings = ReconstructionSettings(threshold=-144.0, smoothing_mm=1.0, stride=(2, 1, 1))
+    real = reconstruct(ball, settings)
+    limit = 4 * real.full_faces * fitting.FACE_BYTES // 3
+    assert limit < 9 * ball.values.size
+    found = finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit), settings))
+    assert (found.faces, found.vertices) == (real.full_faces, len(real.mesh.vertices))
+    assert found.voxels == real.voxels_visited
+    assert found.fits
+    streamed = reconstruct(ball, settings, memory_limit=limit)
+    assert streamed.mesh.vertices.tobytes() == real.mesh.vertices.tobytes()
+    assert streamed.mesh.faces.tobytes() == real.mesh.faces.tobytes()
+    found = finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit // 3), settings))
+    assert "stride 3 2 2 would fit" in found.sentence
+    wider = ReconstructionSettings(threshold=-144.0, smoothing_mm=1.0, stride=(3, 2, 2))
+    assert finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit // 3), wider)).fits
+    nothing = ReconstructionSettings(threshold=-5.0, smoothing_mm=1.0, stride=(9, 9, 9))
+    with pytest.raises(MeshError, match="choose another threshold"):
+        finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit), nothing))
 
 
 def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():

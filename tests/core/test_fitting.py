@@ -11,7 +11,7 @@ from ctmc_addon.core import MemoryLimitError, ReconstructionSettings, fitting, r
 from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.pipeline import reconstruct_steps
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.streaming import counted_faces_steps, widest_slices
+from ctmc_addon.core.streaming import counted_steps, widest_slices
 from ctmc_addon.core.streaming.parts import WORK_BYTES
 from ctmc_addon.core.volume import SlabVolume, Volume
 
@@ -28,13 +28,13 @@ def test_triangles_are_counted_exactly(file, more):
     settings = replace(SETTINGS, **more)
     volume = Volume(file.slab(0, 40), file.affine)
     faces = len(reconstruct(volume, settings).mesh.faces)
-    assert finish(counted_faces_steps(volume, settings)) == faces
-    assert finish(counted_faces_steps(file, settings)) == faces
+    assert finish(counted_steps(volume, settings)).faces == faces
+    assert finish(counted_steps(file, settings)) == finish(counted_steps(volume, settings))
 
 
 def test_what_does_not_fit_is_refused_with_settings_that_do(file, monkeypatch):
     monkeypatch.setattr(fitting, "SLABS_BYTES", 0)
-    faces = finish(counted_faces_steps(file, SETTINGS))
+    faces = finish(counted_steps(file, SETTINGS)).faces
     limit = faces * fitting.FACE_BYTES // 6
 
     def made(settings):
@@ -68,7 +68,7 @@ def labels():
 def test_a_label_whose_smoothing_does_not_fit_is_told_one_that_does(labels, monkeypatch):
     monkeypatch.setattr(fitting, "SLABS_BYTES", 0)
     settings = ReconstructionSettings(label=1)
-    limit = 2 * fitting.Fitting(finish(counted_faces_steps(labels, settings)), settings).needed
+    limit = 2 * fitting.Fitting(finish(counted_steps(labels, settings)).faces, settings).needed
 
     def made(settings, limit):
         making = reconstruct_steps(labels, settings, 1, limit)
@@ -96,7 +96,7 @@ def test_where_even_a_slab_does_not_fit_a_region_is_named_that_does(labels):
         raise MemoryError
 
     def refused(volume, monkeypatch):
-        monkeypatch.setattr(fitting, "counted_faces_steps", lambda *_: failing_steps())
+        monkeypatch.setattr(fitting, "counted_steps", lambda *_: failing_steps())
         with pytest.raises(MemoryLimitError) as said:
             finish(fitting.advised_steps(failing_steps(), volume, SETTINGS, memory_limit=WORK_BYTES + 8 * 20 * 20))
         return str(said.value)

@@ -221,8 +221,9 @@ def test_work_that_would_not_fit_is_refused_before_it_starts():
     volume = Volume(ball(), np.eye(4))
     with pytest.raises(MemoryLimitError, match=r"0\.0878 MiB.*0\.000954 MiB"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0), memory_limit=1000)
-    with pytest.raises(MemoryLimitError, match="smoothing"):
-        reconstruct(volume, ReconstructionSettings(threshold=0.0, smoothing_mm=1), memory_limit=1000)
+    mask = Volume((volume.values > 0).astype(np.uint8), np.eye(4), kind="label")
+    with pytest.raises(MemoryLimitError, match="smoothing a label"):
+        reconstruct(mask, ReconstructionSettings(label=1), memory_limit=1000)
     with pytest.raises(MemoryLimitError, match=r"simplifying \d+ triangles"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, reduction=0.5), memory_limit=300_000)
 

@@ -10,7 +10,7 @@ volume in memory), `pieces` (where the surface does not fit either), `kept_piece
 from .choice import field_steps, fits_in_memory, in_memory, widest_slices
 from .field_slabs import FieldSlabs
 from .piece_measures import PieceMeasures
-from .pieces import SurfaceFacts, counted_faces_steps, field_pieces_steps, surface_pieces_steps
+from .pieces import SurfaceFacts, counted_steps, field_pieces_steps, surface_pieces_steps
 from .slab_tasks import SlabResult, SlabTask, SlabWorkers, slab_result_steps
 from .surface import slab_surface_steps
 
@@ -21,7 +21,7 @@ __all__ = [
     "SlabTask",
     "SlabWorkers",
     "SurfaceFacts",
-    "counted_faces_steps",
+    "counted_steps",
     "field_pieces_steps",
     "field_steps",
     "fits_in_memory",

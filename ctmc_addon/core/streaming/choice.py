@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from ..errors import SettingsError
+from ..errors import MemoryLimitError, SettingsError
 from ..memory import available_bytes, require
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
@@ -26,25 +26,30 @@ def field_steps(
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
-    by_workers: bool = False,
+    by_slabs: bool = False,
 ) -> Steps[ScalarField | FieldSlabs]:
     """Return what is extracted from a volume: in memory where it fits beside the surface.
 
     Values that are fetched are read into memory only where that is quicker: not under a stride, which leaves most
-    of them out, nor where workers fetch them.
+    of them out, nor `by_slabs`, where workers fetch them.
 
     Raises
     ------
     LabelError, ThresholdError, VolumeError, SettingsError, MemoryLimitError
     """
+    constrained = settings.smoothing_method == "constrained"
     if isinstance(volume, Volume):
-        return (yield from scalar_field_steps(volume, settings, threads, memory_limit))
+        try:
+            return (yield from scalar_field_steps(volume, settings, threads, memory_limit))
+        except MemoryLimitError:
+            if constrained:
+                raise
+        volume, by_slabs = SlabVolume.of(volume), True  # smoothed, or without NaN, a slab at a time
     stages = Stages({"Finding the region": 1, "Preparing values": 9})
     window = yield from stages.run("Finding the region", field_window_steps(volume, settings, threads))
-    constrained = settings.smoothing_method == "constrained"
-    if by_workers and constrained:
+    if by_slabs and constrained:
         raise SettingsError("a label smoothed as constrained cannot be extracted by several machines; choose gaussian")
-    if not by_workers and (constrained or in_memory(volume, settings, window, memory_limit)):
+    if not by_slabs and (constrained or in_memory(volume, settings, window, memory_limit)):
         if constrained:
             require(
                 bytes_in_memory(volume, settings, window),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -14,7 +15,7 @@ from ..extraction.active_voxels import Slab
 from ..extraction.classify import inside_bits
 from ..extraction.gradients import Sampler
 from ..extraction.grid import WORD, Axis, Grid
-from ..extraction.marching_cubes import fill_vertices
+from ..extraction.marching_cubes import Counts, fill_vertices
 from ..extraction.scan import MIXED_ROWS, SCAN_STAGES, mixed_words, scan_steps, slab_ranges
 from ..extraction.vertices import VertexArrays
 from ..memory import require_or_killed
@@ -119,16 +120,19 @@ class PartMaker:
         self.normals, self.mixed = normals, mixed
         return self.ranges()
 
-    def face_count_steps(self) -> Steps[int]:
-        """Triangles of all layers, without making them."""
-        faces, layers = 0, self.axes[2].count
+    def counts_steps(self) -> Steps[Counts]:
+        """What `count_steps` returns of all layers."""
+        active = vertices = faces = 0
+        layers = self.axes[2].count
         self.normals = False  # which would fetch more slices
         for low in range(0, layers, self.height):
             yield Step(low / layers, COUNTING)
             grid = yield from self._grid_steps(low, min(low + self.height, layers))
             slabs, _ = yield from scan_steps(Stages(SCAN_STAGES), grid, self.level, self.threads, self.topology)
+            active += sum(int(slab.is_cell.sum()) for slab in slabs)
+            vertices += sum(slab.vertex_count for slab in slabs)
             faces += sum(slab.face_count for slab in slabs)
-        return faces
+        return Counts(math.prod(axis.voxels for axis in self.axes), active, vertices, faces)
 
     def layers_steps(self, low: int, high: int) -> Steps[list[SlabPart]]:
         """The parts of the sample layers `low` to `high`, and what `ranges` asks of them at the end of `mixed`."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import MeshError
 from ..extraction.grid import Axis, make_axes
-from ..extraction.marching_cubes import no_surface_text
+from ..extraction.marching_cubes import Counts, no_surface_text
 from ..mesh.face_normals import vertex_normals
 from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, blend
 from ..parallel import map_steps, worker_count
@@ -139,18 +139,18 @@ def field_pieces_steps(
     return (yield from pieces_between_steps(extracting, *stages.shares[EXTRACTING]))
 
 
-def counted_faces_steps(
+def counted_steps(
     volume: Volume | SlabVolume,
     settings: ReconstructionSettings,
     threads: int | None = None,
     memory_limit: int | None = None,
-) -> Steps[int]:
-    """Triangles of a surface before simplification, counted slab by slab."""
+) -> Steps[Counts]:
+    """The size of a surface before simplification, counted slab by slab."""
     field = yield from field_steps(volume, settings, threads, memory_limit)
     axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
     values = field if isinstance(field, FieldSlabs) else ValuesOfField(field)
     maker = PartMaker(values, axes, float(field.level), False, settings.topology, worker_count(threads), settings.upper)
-    return (yield from maker.face_count_steps())
+    return (yield from maker.counts_steps())
 
 
 def _extracted_steps(
