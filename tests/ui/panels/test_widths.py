@@ -30,6 +30,7 @@ TABLES = {"English": {}, **{name: translations.table(name) for name in translati
 NAME = 88  # pixels on the left for the name of a property
 BAR = 195  # pixels of the progress bar
 HALF = 92  # pixels beside the icon, of one of two buttons side by side
+FACT = 148  # pixels beside the name of a fact of the CT
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -75,3 +76,10 @@ def test_stages_of_a_job_are_not_cut_in_its_bar(language):
 def test_buttons_side_by_side_are_not_cut(language):
     pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
     assert too_wide(pairs, HALF, TABLES[language]) == {}
+
+
+def test_a_spacing_of_many_digits_is_not_cut(scene, ball_file):
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(0.48828125, 0.48828125, 1.14217))
+    (text,) = (text for text in drawn(*main.STEPS).texts if text.endswith(" mm"))
+    assert text == "0.488 x 0.488 x 1.142 mm"
+    assert blf.dimensions(0, text)[0] <= FACT

@@ -58,12 +58,12 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     """Size, spacing, orientation, values, series, and all that was assumed."""
     volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
     columns, rows, slices = volume.size
-    x, y, z = volume.spacing
+    spacing = " x ".join(f"{side:.3g}" if side < 1 else f"{side:.4g}" for side in volume.spacing)
     right, down, up = (translate(side) for side in directions(volume.orientation))
     draw_name(layout, translate("Name"), NAMES).prop(stored, "volume_name", text="", placeholder=volume.name)
     facts = [
         (translate("Size"), f"{columns} x {rows} x {slices}"),
-        (translate("Spacing [mm]"), f"{x:.4g} x {y:.4g} x {z:.4g}"),
+        (translate("Spacing"), f"{spacing} mm"),
         (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
         (
             translate("Values"),
