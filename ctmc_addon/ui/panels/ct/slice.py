@@ -37,7 +37,6 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
         prepare(layout)
-        layout.active = view.show_slice
         row = layout.row()
         row.use_property_split = False  # three words need the whole width
         row.prop(view, "plane", expand=True)
