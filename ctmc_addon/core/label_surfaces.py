@@ -156,6 +156,11 @@ def each_label_steps(
         tried again alone, before it is simplified as it is extracted. Driven in threads of its own.
     in_pieces : bool
         That of `advised_steps`.
+
+    Raises
+    ------
+    MemoryLimitError
+        Of the first label that does not fit alone.
     """
     box, workers = region_box(volume, runs[0]), worker_count(threads)
     extents = yield from label_extents_steps(volume, box, threads)  # not once for each
@@ -184,8 +189,10 @@ def each_label_steps(
             with refusal("this surface", "choose a region", share):
                 return (yield from working)
         except MemoryLimitError as error:
-            label = runs[at].label
-            return error if label is None or beside else MemoryLimitError(f"{label_title(volume, label)}: {error}")
+            if beside:
+                return error
+            label = runs[at].label  # whose surface nobody can do without: the others need not be made
+            raise error if label is None else MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
         except CtmcError as error:
             return error
 

@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ctmc_addon.core import MemoryLimitError, ReconstructionSettings, fitting, reconstruct, reconstruct_labels
+from ctmc_addon.core import (
+    MemoryLimitError,
+    ReconstructionSettings,
+    fitting,
+    label_surfaces,
+    reconstruct,
+    reconstruct_labels,
+)
 from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.pipeline import reconstruct_steps
 from ctmc_addon.core.progress import finish
@@ -85,9 +92,17 @@ def test_a_label_whose_smoothing_does_not_fit_is_told_one_that_does(labels, monk
     assert len(made(smaller, limit // 5).mesh.faces) * fitting.FACE_BYTES <= limit // 5
 
 
-def test_of_several_labels_the_one_that_does_not_fit_is_named(labels):
-    with pytest.raises(MemoryLimitError, match=r"^label 1: smoothing label 1 as constrained needs more than the"):
+def test_of_several_labels_the_one_that_does_not_fit_is_named_before_others_are_made(labels, monkeypatch):
+    tried = []
+
+    def watched_steps(*given, **named):
+        tried.append(given)
+        return reconstruct_steps(*given, **named)
+
+    monkeypatch.setattr(label_surfaces, "reconstruct_steps", watched_steps)
+    with pytest.raises(MemoryLimitError, match=r"^label 2: smoothing label 2 as constrained needs more than the"):
         reconstruct_labels(labels, ReconstructionSettings(), [1, 2], 2, 100_000)
+    assert len(tried) == 1
 
 
 def test_where_even_a_slab_does_not_fit_a_region_is_named_that_does(labels):
