@@ -87,27 +87,31 @@ def share_of(face_count: int, budget: int) -> float:
 def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -> Steps[Indices]:
     """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
     candidates = candidates[np.argsort(shuffled(candidates))]
-    first, second = edges
-    free = np.ones(vertex_count, bool)
     independent: list[Indices] = []
     for _ in range(PASSES):
         a, b = np.take(edges, candidates, axis=1)
+        touched = np.zeros(vertex_count, bool)
+        touched[a] = touched[b] = True
+        # Only edges between two ends of candidates can part them.
+        between = np.flatnonzero(np.take(touched, edges[0]) & np.take(touched, edges[1]))
+        first, second = np.take(edges, between, axis=1).astype(np.intp)
+        yield PAUSE
         count = len(candidates)
         rank = np.arange(count, dtype=np.int32)
         # The best rank at every vertex: written from the worst to the best, the last stays.
-        best = np.full(len(free), count, np.int32)
+        best = np.full(vertex_count, count, np.int32)
         best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
         beside_first, beside_second = np.take(best, first), np.take(best, second)
-        lost = np.zeros(len(free), bool)
+        lost = np.zeros(vertex_count, bool)
         lost[np.compress(beside_first > beside_second, first)] = True
         lost[np.compress(beside_second > beside_first, second)] = True
         won = (np.take(best, a) == rank) & (np.take(best, b) == rank) & ~(np.take(lost, a) | np.take(lost, b))
         independent.append(candidates[won])
         yield PAUSE
 
-        near = np.zeros(len(free), bool)
+        near = np.zeros(vertex_count, bool)
         near[a[won]] = near[b[won]] = True
-        free[near] = False
+        free = ~near
         free[np.compress(np.take(near, second), first)] = False
         free[np.compress(np.take(near, first), second)] = False
         candidates = candidates[np.take(free, a) & np.take(free, b)]
