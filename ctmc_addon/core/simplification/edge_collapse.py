@@ -50,6 +50,7 @@ POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
 COMPACT = 0.75  # of the faces are left: leave out those that are gone
 CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
 CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them takes longer
+CUT_IN_PART = 6.0  # times in a part of a surface: the last pass cuts what is left
 
 
 class CollapsingMesh:
@@ -229,7 +230,8 @@ class CollapsingMesh:
 
     def cut_handles_steps(self) -> Steps[None]:
         """Cut handles that now cost less than collapses, when collapses have become more expensive."""
-        if self.limit is not None or self.face_cost <= CUT_AGAIN * self.cost_at_cut:
+        again = CUT_IN_PART if self.part else CUT_AGAIN
+        if self.limit is not None or self.face_cost <= again * self.cost_at_cut:
             return
         self.cost_at_cut = self.face_cost
         longest = longest_loop_edge(self.face_cost)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from typing import Generic, TypeVar
 
@@ -23,8 +24,8 @@ import numpy as np
 from ...errors import MeshError
 from ...memory import available_bytes, require, require_or_killed
 from ...mesh.triangle_mesh import SurfacePieces
-from ...parallel import worker_count
-from ...progress import Step, Steps, WithResult, equal_part
+from ...parallel import side_by_side_steps, worker_count
+from ...progress import Step, Steps, WithResult
 from ..component_removal import RemovedComponents
 from ..edge_collapse import CollapsingMesh
 from ..simplify import (
@@ -119,8 +120,8 @@ def reduce_pieces_steps(
     goal = Goal(reduction, target_faces, max_error)
     goal.target(1)
     batch_faces, last_faces = goal.sizes
-    threads = _fitting_threads(worker_count(threads), memory_needed(batch_faces, max_error), memory_limit)
-    with working(threads) as workers:
+    threads = worker_count(threads)
+    with working(_fitting_threads(threads, memory_needed(batch_faces, max_error), memory_limit)) as workers:
         collected = _Collected(goal, workers)
         source = WithResult(batches_steps(pieces, batch_faces))
         for item in source:
@@ -132,7 +133,7 @@ def reduce_pieces_steps(
     if not collected.full_faces:
         raise MeshError("there is no surface to simplify: no piece has a triangle")
     target = goal.target(collected.full_faces)
-    yield from _last_pass_steps(collected, target, last_faces, memory_limit)
+    yield from _last_pass_steps(collected, target, last_faces, threads, memory_limit)
     mesh = joined(collected.parts).mesh
     simplification = Simplification(mesh, collected.removed, collected.handles_cut)
     yield Step(1.0, simplification.message(target))
@@ -190,7 +191,10 @@ class _Collected:
 
     def result_steps(self, task: Task[Reduced]) -> Steps[Reduced]:
         """The result of a task, counted."""
-        reduced = yield from task.result_steps()
+        return self.counted((yield from task.result_steps()))
+
+    def counted(self, reduced: Reduced) -> Reduced:
+        """A result, with numbers for its new vertices; what went is added up."""
         self.handles_cut += reduced.handles_cut
         largest = max(self.removed.largest, reduced.removed.largest)
         self.removed = RemovedComponents(self.removed.count + reduced.removed.count, largest)
@@ -248,11 +252,9 @@ def reduce_part_steps(
     whole : bool
         Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
     """
-    size = area(part.mesh)
-    density = wanted / size if size > 0 else 0.0
     target = round(wanted) + at_border
     if target >= part.face_count:
-        return Reduced(part, density, RemovedComponents(), 0)
+        return Reduced(part, _density(part, wanted), RemovedComponents(), 0)
     if max_error is None and not whole and part.face_count - at_border > CLUSTERED * wanted:
         part = yield from clustered_steps(part, round(LEFT_BY_CLUSTERS * wanted) + at_border)
     collapsing = CollapsingMesh(part.mesh, max_error, SAFETY_FACTOR, part=not whole)
@@ -260,35 +262,65 @@ def reduce_part_steps(
     if max_error is not None:
         yield from collapsing.roll_back_steps()
     mesh, original = collapsing.numbered_mesh()
-    numbers = np.where(original >= 0, part.numbers[original], NEW)
-    return Reduced(Part(mesh, numbers), density, collapsing.removed, collapsing.handles_cut)
+    reduced = Part(mesh, np.where(original >= 0, part.numbers[original], NEW))
+    return Reduced(reduced, _density(reduced, wanted), collapsing.removed, collapsing.handles_cut)
 
 
-def _last_pass_steps(collected: _Collected, target: int, most: int, memory_limit: int | None) -> Steps[None]:
-    """Simplify the whole surface to the goal: at once where it is small enough, else one stretch after the other."""
+def _density(part: Part, wanted: float) -> float:
+    """Triangles wanted for each unit of a part's area."""
+    size = area(part.mesh)
+    return wanted / size if size > 0 else 0.0
+
+
+def _last_pass_steps(
+    collected: _Collected, target: int, most: int, threads: int, memory_limit: int | None
+) -> Steps[None]:
+    """Simplify the whole surface to the goal: at once where it is small enough, else in stretches side by side."""
     max_error = collected.goal.max_error
     if max_error is not None and len(collected.parts) > 1:
         max_error *= 1.0 - FIRST_SHARE
     faces, before = sum(part.face_count for part in collected.parts), 0
     while faces > target and faces != before:
         stretches = _stretches(collected.parts, most)
-        need = memory_needed(max(sum(part.face_count for part in stretch) for stretch in stretches), max_error)
+        counts = [sum(part.face_count for part in stretch) for stretch in stretches]
+        need = memory_needed(max(counts), max_error)
         require(need, f"simplifying {faces} triangles", "ask for fewer triangles, or use a larger stride", memory_limit)
+        whole = len(stretches) == 1
         # Borders of stretches stay, so they do not give all at once: the next stretches have other borders.
-        goal = target if len(stretches) == 1 else max(target, faces // 2)
-        before, passed, faces = faces, 0, 0
+        goal = target if whole else max(target, faces // 2)
+        wanted = [goal] if whole else _shares(goal, counts)
+        works = [
+            partial(_stretch_steps, stretch, share if max_error is None else 0, max_error, whole)
+            for stretch, share in zip(stretches, wanted, strict=True)
+        ]
         collected.parts = []
-        for number, stretch in enumerate(stretches):
-            whole = joined(stretch)
-            passed += whole.face_count
-            wanted = max(1, goal * passed // before - faces) if max_error is None else 0
-            reducing = reduce_part_steps(whole, wanted, 0, max_error, len(stretches) == 1)
-            reducing = equal_part(reducing, number, len(stretches))
-            reduced = yield from collected.result_steps(Task(_after_batches_steps(reducing)))
-            collected.parts.append(reduced.part)
-            faces += reduced.part.face_count
+        del stretches
+        at_once = _fitting_threads(threads, need, memory_limit)
+        results = yield from _after_batches_steps(side_by_side_steps(works, counts, at_once))
+        collected.parts = [collected.counted(reduced).part for reduced in results]
+        before, faces = faces, sum(part.face_count for part in collected.parts)
         if max_error is not None:
             return
+
+
+def _stretch_steps(stretch: list[Part], wanted: int, max_error: float | None, whole: bool) -> Steps[Reduced]:
+    return (yield from reduce_part_steps(joined(stretch), wanted, 0, max_error, whole))
+
+
+def _shares(goal: int, counts: list[int]) -> list[int]:
+    """What to leave of each of so many triangles, in all `goal`; they go by twos, so an odd one is left to the next.
+
+    Examples
+    --------
+    >>> _shares(50, [60, 40, 101])
+    [16, 10, 24]
+    """
+    shares: list[int] = []
+    for number, count in enumerate(counts):
+        share = max(1, goal * sum(counts[: number + 1]) // sum(counts) - sum(shares))
+        odd = (count - share) % 2 and number + 1 < len(counts)
+        shares.append(share + bool(odd))
+    return shares
 
 
 def _stretches(parts: list[Part], most: int) -> list[list[Part]]:
@@ -306,14 +338,14 @@ def _stretches(parts: list[Part], most: int) -> list[list[Part]]:
     return stretches
 
 
-def _after_batches_steps(steps: Steps[Reduced]) -> Steps[Reduced]:
+def _after_batches_steps(steps: Steps[T]) -> Steps[T]:
     """The same steps in the time that is left after the batches."""
     try:
         while True:
             try:
                 fraction, message = next(steps)
             except StopIteration as end:
-                result: Reduced = end.value
+                result: T = end.value
                 return result
             yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * fraction, message)
     finally:

@@ -101,7 +101,8 @@ def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
 
 @pytest.mark.once
 @pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"target_faces": 2000}, {"max_error": 0.3}])
-def test_the_result_does_not_depend_on_the_threads(goal):
+def test_the_result_does_not_depend_on_the_threads(goal, monkeypatch):
+    monkeypatch.setattr(reduce_pieces, "LAST_FACES", 2500)  # so the last pass has stretches
     mesh = foam(32, noise=0.1)
     first, second = (reduced(mesh, 8, threads=threads, **goal).mesh for threads in (1, 3))
     assert first.vertices.tobytes() == second.vertices.tobytes()
