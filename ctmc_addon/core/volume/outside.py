@@ -17,7 +17,7 @@ def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR)
     Parameters
     ----------
     ends : int, optional
-        The axis at whose ends the body goes on, 0 or 1: lungs that are cut off there are not outside.
+        The axis at whose ends the body goes on, 0 or 1: lungs that are cut off at one of them are not outside.
 
     Examples
     --------
@@ -26,16 +26,29 @@ def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR)
     [[1, 1, 1, 1], [0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 1]]
     """
     is_air = values <= air
-    border = np.ones(values.shape, bool)
-    rows, columns = (slice(None) if axis == ends else slice(1, -1) for axis in (0, 1))
-    border[rows, columns] = False
-    reached = is_air & border
-    # Whole runs at once, along rows and columns in turn: a body has few bays that take more than a few turns.
+    sides = [seeds_at(values.shape, axis, end) for axis in (0, 1) for end in (0, -1) if axis != ends]
+    outside = joined_air(is_air, np.logical_or.reduce(sides))
+    if ends is not None:  # what goes on from end to end lies beside the body, between it and the table
+        first, last = (joined_air(is_air, seeds_at(values.shape, ends, end)) for end in (0, -1))
+        outside |= first & last
+    return outside
+
+
+def seeds_at(shape: tuple[int, ...], axis: int, end: int) -> NDArray[np.bool_]:
+    """The first (0) or last (-1) samples along an axis."""
+    seeds = np.zeros(shape, bool)
+    seeds[(slice(None),) * axis + (end,)] = True
+    return seeds
+
+
+def joined_air(is_air: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The air that is joined to seeds, by whole runs along rows and columns in turn."""
+    reached = is_air & seeds
     along = (run_numbers(is_air), run_numbers(is_air.T).T)
     before = -1
-    while before != (before := np.count_nonzero(reached)):
+    while before != (before := np.count_nonzero(reached)):  # a body has few bays that take more than a few turns
         for numbers in along:
-            is_reached = np.zeros(values.size + 1, bool)
+            is_reached = np.zeros(is_air.size + 1, bool)
             is_reached[numbers[reached]] = True
             reached = is_air & is_reached[numbers]
     return reached
