@@ -54,20 +54,29 @@ def prepare(layout: Any, lock: bool = True) -> None:
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
     """One setting, with its switch if it may be absent, and with a unit where Blender knows none of its own."""
     about = described()[name]
+    label = translate(about.label)
     if optional(name):
-        unit = " [HU]" if holds_hu(settings.id_data) else ""
-        row = layout.split(factor=0.64)
-        row.use_property_split = False
-        row.prop(settings, switch(name), text=translate(about.label) + unit, translate=False)
-        value = row.row()
+        value = draw_switch(layout, settings, switch(name), label + (" [HU]" if holds_hu(settings.id_data) else ""))
         value.active = getattr(settings, switch(name))
         value.prop(settings, name, text="")
-    elif name == "keep_parts" or about.unit == "mm3":
-        value = draw_name(layout, translate(about.label), 0.45)
-        text = about.unit if about.unit == "mm3" else "" if settings.keep_parts else translate("All")
-        value.prop(settings, name, text=text, translate=False)
+    elif name == "keep_parts":
+        value = draw_switch(layout, settings, "keep_largest", label)
+        if settings.keep_largest:
+            value.prop(settings, name, text="")
+        else:
+            value.label(text=translate("All"), translate=False)
+    elif about.unit == "mm3":
+        draw_name(layout, label, 0.45).prop(settings, name, text=about.unit, translate=False)
     else:
         layout.prop(settings, name)
+
+
+def draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
+    """A tick with its words on the left; room for the value it is about."""
+    row = layout.split(factor=0.64)
+    row.use_property_split = False
+    row.prop(settings, name, text=text, translate=False)
+    return row.row()
 
 
 def holds_hu(scene: bpy.types.Scene) -> bool:

@@ -85,6 +85,17 @@ def set_ratio(properties: Any, ratio: float) -> None:
     properties.reduction = min(1.0 - ratio, highest(described()["reduction"]))
 
 
+def get_keep_largest(properties: Any) -> bool:
+    """Whether only the largest components are kept."""
+    return bool(properties.keep_parts > 0)
+
+
+def set_keep_largest(properties: Any, keeps: bool) -> None:
+    """Keep the largest component alone, or all of them."""
+    if keeps != get_keep_largest(properties):
+        properties.keep_parts = int(keeps)
+
+
 def get_color(properties: Any) -> Any:
     """The color of the active surface, that of bone without one."""
     from ..state import surfaces
@@ -154,6 +165,12 @@ def panel_properties() -> dict[str, Any]:
             precision=3,
             get=get_ratio,
             set=set_ratio,
+        ),
+        "keep_largest": boolean(
+            described()["keep_parts"].label,
+            described()["keep_parts"].text,
+            get=get_keep_largest,
+            set=set_keep_largest,
         ),
         "region_in": choice(
             "Unit",

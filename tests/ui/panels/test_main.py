@@ -27,7 +27,12 @@ PANELS = (
 )
 
 
-SHOWN_AS = {"region_unit": "region_in", "simplifier": "method", "reduction": "ratio"}
+SHOWN_AS = {
+    "region_unit": "region_in",
+    "simplifier": "method",
+    "reduction": "ratio",
+    "keep_parts": "keep_largest",
+}
 """Settings that the panel shows by a choice or a number of its own."""
 
 
@@ -160,6 +165,16 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
 def test_millimeters_are_shown_as_such_and_zero_components_as_all(scene):
     for name in ("smoothing_mm", "max_error_mm"):
         assert scene.ctmc.bl_rna.properties[name].unit == "CAMERA"  # which Blender shows in mm at any scene scale
-    assert "All" in drawn(settings.CTMC_PT_parts).labels
+    layout = drawn(settings.CTMC_PT_parts)
+    assert "All" in layout.texts
+    assert "keep_parts" not in layout.shown, "its 0 would stand beside the word"
+    scene.ctmc.keep_largest = True
+    assert scene.ctmc.keep_parts == 1
     scene.ctmc.keep_parts = 2
-    assert "All" not in drawn(settings.CTMC_PT_parts).labels
+    scene.ctmc.keep_largest = True
+    assert scene.ctmc.keep_parts == 2
+    layout = drawn(settings.CTMC_PT_parts)
+    assert "All" not in layout.texts
+    assert "keep_parts" in layout.shown
+    scene.ctmc.keep_largest = False
+    assert scene.ctmc.keep_parts == 0
