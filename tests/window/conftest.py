@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -41,18 +41,32 @@ def phantom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module", params=list(SUITES), ids=[f"Blender{v}" for v in SUITES.values()])
-def desk(request: pytest.FixtureRequest, package: Path, phantom: Path) -> Iterator[Desk]:
-    """A Blender with the extension installed, its window open on an empty scene."""
+@pytest.fixture(scope="session", params=list(SUITES), ids=[f"Blender{v}" for v in SUITES.values()])
+def opened(request: pytest.FixtureRequest, package: Path, phantom: Path) -> Iterator[Callable[[], Desk]]:
+    """A Blender with the extension installed, one for all tests; another where it has ended."""
     suite = request.param
+    desks: list[Desk] = []
     with ExitStack() as stack:
         try:
             root = stack.enter_context(used(suite))
         except NoWindowError as reason:
             pytest.skip(str(reason))
-        desk = Desk(root, ROOT / "out" / "window" / f"blender-{SUITES[suite]}")
-        stack.callback(desk.close)
-        desk.install(package)
-        desk.bring(phantom / CT)
-        desk.open()
-        yield desk
+
+        def get() -> Desk:
+            if not desks or not desks[-1].is_open():
+                desks.append(Desk(root, ROOT / "out" / "window" / f"blender-{SUITES[suite]}"))
+                stack.callback(desks[-1].close)
+                desks[-1].install(package)
+                desks[-1].bring(phantom / CT)
+                desks[-1].open()
+            return desks[-1]
+
+        yield get
+
+
+@pytest.fixture(scope="module")
+def desk(opened: Callable[[], Desk]) -> Desk:
+    """A Blender with the extension installed, as it was when its window opened."""
+    desk = opened()
+    desk.reset()
+    return desk

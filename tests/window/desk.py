@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import subprocess
 import tempfile
 import time
@@ -20,14 +21,22 @@ from PIL import Image
 from window.provision import DESKS
 
 DRIVER = Path(__file__).with_name("driver.py")
-WIDTH, HEIGHT = 1600, 1300
-LIMIT = 300.0  # seconds; a busy machine may need many
-LOOK_AGAIN = 0.02  # seconds between two looks for an answer
+WIDTH, HEIGHT = 1200, 1200
+LIMIT = 120.0  # seconds; a busy machine may need many
+LOOK_AGAIN = 0.002  # seconds between two looks for an answer
 DRAG_STEPS = 6
 SCAN = 16  # pixels; buttons are at least 22 high
 PAGE = 20  # clicks of the wheel
-PAGES = 3
+PAGES = 5
 FIELDS = 0.65  # of the sidebar's width, where most fields and buttons are
+
+
+def read_screen(file: Path) -> Image.Image:
+    """The screen that the X server keeps in a file in the format of xwd, whose header is big-endian."""
+    content = file.read_bytes()
+    header = struct.unpack(">20I", content[:80])
+    size, (width, height), line, colors = header[0], header[4:6], header[12], header[19]
+    return Image.frombuffer("RGB", (width, height), content[size + 12 * colors :], "raw", "BGRX", line, 1)
 
 
 class Desk:
@@ -48,13 +57,14 @@ class Desk:
         self.folder = Path(tempfile.mkdtemp(prefix=DESKS, dir=root / "tmp"))
         self.inside = f"/tmp/{self.folder.name}"
         pictures.mkdir(parents=True, exist_ok=True)
-        for old in pictures.glob("*.png"):
-            old.unlink()
         self.log = self.folder / "blender.log"
+        self.log_start = 0
         self.questions = 0
-        self.places: dict[str, int] = {}
+        self.seen: dict[str, tuple[int, int]] = {}  # page and height at which a button was, a while ago perhaps
+        self.places: dict[str, int] = {}  # where it was as the sidebar is scrolled now
         self.row: int | None = None
-        self.display, self.server, self.blender = "", None, None
+        self.page = 0
+        self.display, self.server, self.mouse, self.blender = "", None, None, None
 
     # Inside the folder ------------------------------------------------------------------------------------------
 
@@ -67,6 +77,7 @@ class Desk:
             f"BLENDER_USER_RESOURCES={self.inside}/profile",
             f"DISPLAY={self.display}",
             "LIBGL_ALWAYS_SOFTWARE=1",
+            "MESA_SHADER_CACHE_DIR=/var/cache/ctmc-shaders",
             "LC_ALL=C.UTF-8",
             "PATH=/usr/local/bin:/usr/bin:/bin",
         ]
@@ -96,7 +107,17 @@ class Desk:
     def open(self) -> None:
         """Start the X server on a free display, and Blender on it; returns when Blender answers."""
         width, height = self.size
-        screen = ["-screen", "0", f"{width}x{height}x24", "+extension", "GLX", "-nolisten", "tcp"]
+        screen = [
+            "-screen",
+            "0",
+            f"{width}x{height}x24",
+            "+extension",
+            "GLX",
+            "-nolisten",
+            "tcp",
+            "-fbdir",
+            self.inside,
+        ]
         self.server = subprocess.Popen(
             self.command("Xvfb", "-displayfd", "1", *screen),
             stdout=subprocess.PIPE,
@@ -106,6 +127,9 @@ class Desk:
         assert self.server.stdout is not None
         self.display = f":{self.server.stdout.readline().strip()}"
         assert self.display != ":", "the X server did not start"
+        self.mouse = subprocess.Popen(
+            self.command("stdbuf", "-oL", "xdotool", "-"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         window = ["--window-geometry", "0", "0", str(width), str(height), "-setaudio", "None"]
         with self.log.open("w") as log:
             self.blender = subprocess.Popen(
@@ -115,19 +139,35 @@ class Desk:
             )
         self.ask("answer = True")
 
+    def is_open(self) -> bool:
+        """Whether Blender is running."""
+        return self.blender is not None and self.blender.poll() is None
+
+    def reset(self) -> None:
+        """Go back to Blender's first scene and preferences, whatever has been done."""
+        for _ in range(3):  # menus, file browsers, modal operators
+            self.key("Escape")
+        self.ask("reset()")
+        self.places.clear()
+        self.row, self.page = None, 0
+        self.log_start = self.log.stat().st_size
+
     def close(self) -> int | None:
         """Quit Blender and clean up; Blender's exit status, None where it never started."""
         try:
-            if self.blender is not None and self.blender.poll() is None:
+            if self.is_open():
                 self.tell("bpy.ops.wm.quit_blender()")
                 self.blender.wait(LIMIT)
         finally:
-            for process in (self.blender, self.server):
+            for process in (self.blender, self.mouse, self.server):
                 if process is not None and process.poll() is None:
                     process.kill()
                     process.wait()
-            if self.server is not None and self.server.stdout is not None:
-                self.server.stdout.close()
+            for pipe in (
+                getattr(p, end) for p in (self.mouse, self.server) if p is not None for end in ("stdin", "stdout")
+            ):
+                if pipe is not None:
+                    pipe.close()
             if self.folder.exists():
                 if self.log.exists():
                     shutil.copyfile(self.log, self.pictures / "blender.log")
@@ -163,9 +203,13 @@ class Desk:
             assert time.monotonic() < end, f"not within {LIMIT:g} s: {expression}"
         return value
 
+    def printed(self) -> str:
+        """What Blender has printed since the last reset."""
+        return self.log.read_bytes()[self.log_start :].decode("utf-8", "replace")
+
     def last_words(self) -> str:
         """The end of what Blender printed."""
-        return self.log.read_text(encoding="utf-8", errors="replace")[-3000:]
+        return self.printed()[-3000:]
 
     # Eye --------------------------------------------------------------------------------------------------------
 
@@ -173,42 +217,60 @@ class Desk:
         """A picture of the whole screen as it is now, kept as `name`.png."""
         self.ask("redraw()")
         self.ask("answer = 'drawn'")
-        self.call("import", "-window", "root", f"{self.inside}/{name}.png")
-        shutil.move(self.folder / f"{name}.png", self.pictures / f"{name}.png")
-        with Image.open(self.pictures / f"{name}.png") as picture:
-            return picture.convert("RGB")
+        picture = read_screen(self.folder / "Xvfb_screen0")
+        picture.save(self.pictures / f"{name}.png", compress_level=1)
+        return picture
 
     def find(self, button: str, at: float = FIELDS) -> tuple[int, int]:
         """Where a button of the sidebar is, with the mouse on it: a property's path or an operator's call.
 
-        Blender says what is under the mouse, which goes up the sidebar at this share of its width, page by page.
+        Blender says what is under the mouse. It looks where the button was, then beside what was found before it,
+        then goes over the sidebar at this share of its width, from where it was seen last, page by page.
         """
-        left, top, width, height = self.ask("""
+        left, top, width, height = self.sidebar()
+        x = left + round(at * width)
+        for y in (self.places.get(button), self.row):
+            if y is not None and self.under(x, y) == button:
+                self.row = y
+                return x, y
+        page, near = self.seen.get(button, (self.page, None))
+        for turned in dict.fromkeys([self.page, page, *range(PAGES)]):  # as it is scrolled; as it was; all
+            if turned != self.page:
+                self.scroll(turned)
+            lines = list(range(top + height, top, -SCAN))
+            if near is not None:
+                lines.sort(key=lambda y: abs(y - near))
+            names = self.ask(f"answer = rows({x}, {lines}, {button!r})")
+            self.seen.update((name, (turned, y)) for name, y in zip(names, lines, strict=False))
+            if names[-1] == button:
+                break
+        else:
+            self.look("not-found")
+            raise AssertionError(f"{button} is not in the sidebar; there is: {', '.join(sorted(self.seen))}")
+        _, y = self.seen[button]
+        while self.under(x, y - SCAN) == button:
+            y -= SCAN
+        assert self.under(x, y) == button, f"{button} has moved"
+        self.places[button] = self.row = y
+        return x, y
+
+    def sidebar(self) -> list[int]:
+        """Left, top, width and height of the sidebar on the screen."""
+        box: list[int] = self.ask("""
 view = viewport()
 bar = view.sidebar
 answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 """)
-        x = left + round(at * width)
-        for y in (self.places.get(button), self.row):  # where it was, or beside what was found before it
-            if y is not None and self.under(x, y) == button:
-                self.row = y
-                return x, y
-        seen: list[str] = []
+        return box
+
+    def scroll(self, page: int) -> None:
+        """Turn the wheel over the sidebar to its top, and so many pages down."""
+        left, top, _, height = self.sidebar()
         self.turn_wheel(left + 12, top + height // 2, up=True, clicks=PAGE * PAGES)
-        for _ in range(PAGES):
-            for y in range(top + height, top, -SCAN):
-                under = self.under(x, y)
-                if button in seen and under != button:
-                    break
-                seen.append(under)
-                self.places[under] = y
-            if button in seen:
-                break
-            self.turn_wheel(left + 12, top + height // 2, up=False, clicks=PAGE)
-        assert button in seen, f"{button} is not in the sidebar; there is: {', '.join(sorted(set(seen)))}"
-        assert self.under(x, self.places[button]) == button, f"{button} has moved"
-        self.row = self.places[button]
-        return x, self.row
+        if page:
+            self.turn_wheel(left + 12, top + height // 2, up=False, clicks=PAGE * page)
+        self.page = page
+        self.places.clear()
 
     def under(self, x: int, y: int) -> str:
         """Move the mouse, and what the sidebar has under it."""
@@ -219,7 +281,10 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 
     def hand(self, *words: str) -> None:
         """One xdotool command line; the last question makes it wait until the X server has done it."""
-        self.call("xdotool", *words, "getmouselocation")
+        assert self.mouse is not None
+        self.mouse.stdin.write(" ".join([*words, "getmouselocation"]) + "\n")
+        self.mouse.stdin.flush()
+        assert self.mouse.stdout.readline().startswith("x:"), f"xdotool has ended at {' '.join(words)}"
 
     def move(self, x: int, y: int) -> None:
         """Move the mouse; Blender has seen it there."""

@@ -4,7 +4,8 @@
 The test writes `ask-N.py` into the folder given after `--`; what it leaves in `answer` is written to `answer-N.json`.
 Mouse and keys come from outside, through the window. A turn of Blender's main loop takes the events that have come,
 runs the timers and draws. A question is therefore answered two turns after it is seen: whatever the mouse and the
-keys did before it was asked has been handled and drawn by then, however slow the machine is.
+keys did before it was asked has been handled and drawn by then, however slow the machine is. An answer that is a
+generator goes on by one step in each turn, and what it returns is the answer.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import importlib
 import json
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -23,9 +24,11 @@ from mathutils import Vector
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 ADDON = "bl_ext.user_default.ctmc.ctmc_addon"
-PAUSE = 0.01
+PAUSE = 0.001
 TURNS = 2
 number, turns = 0, 0
+opened: dict[str, set[str]] = {}  # panels that tests have opened, and the options they had
+steps: Generator[None, None, Any] | None = None
 
 
 def ours(name: str) -> ModuleType:
@@ -63,6 +66,19 @@ def under_mouse() -> str:
     return ""
 
 
+def rows(x: int, ys: Sequence[int], until: str | None = None) -> Generator[None, None, list[str]]:
+    """Move the mouse to each of these heights, and what the sidebar has there; only up to a button, if named."""
+    window, found = bpy.context.window_manager.windows[0], []
+    for y in ys:
+        window.cursor_warp(x, window.height - 1 - y)
+        for _ in range(TURNS):
+            yield
+        found.append(under_mouse())
+        if found[-1] == until:
+            break
+    return found
+
+
 def redraw() -> None:
     """Draw the whole window again at the end of this turn."""
     for window in bpy.context.window_manager.windows:
@@ -82,9 +98,16 @@ def browser() -> dict[str, list[int]] | None:
 
 def open_panel(name: str) -> None:
     """Let a closed sub-panel begin open; before it is drawn for the first time."""
+    options = set(getattr(getattr(bpy.types, name), "bl_options", ()))
+    opened.setdefault(name, options)
+    set_options(name, options - {"DEFAULT_CLOSED"})
+
+
+def set_options(name: str, options: set[str]) -> None:
+    """Register a panel with other options."""
     panel = getattr(bpy.types, name)
     bpy.utils.unregister_class(panel)
-    panel.bl_options = getattr(panel, "bl_options", set()) - {"DEFAULT_CLOSED"}
+    panel.bl_options = options
     bpy.utils.register_class(panel)
 
 
@@ -98,41 +121,74 @@ def bring_tab(name: str) -> bool:
     return True
 
 
+def reset() -> None:
+    """The preferences that tests may change as they shall be, and the first scene in a single viewport.
+
+    What takes long to draw without a graphics card and no test looks at is left out.
+    """
+    preferences = bpy.context.preferences
+    preferences.view.language = "en_US"
+    preferences.view.ui_scale = 1.1
+    preferences.view.smooth_view = 200
+    preferences.view.filebrowser_display_type = "SCREEN"
+    preferences.system.viewport_aa = "OFF"
+    bpy.ops.wm.read_homefile(use_factory_startup=False)
+    while opened:
+        set_options(*opened.popitem())
+    window = bpy.context.window_manager.windows[0]
+    for area in [area for area in window.screen.areas if area.type != "VIEW_3D"]:
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.screen.area_close()
+    overlay = viewport().space.overlay
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_outline_selected = False
+
+
 NAMES = {
     **{"bpy": bpy, "ours": ours, "viewport": viewport, "on_screen": on_screen},
     **{"under_mouse": under_mouse, "redraw": redraw, "open_panel": open_panel, "bring_tab": bring_tab},
-    "browser": browser,
+    **{"browser": browser, "rows": rows, "reset": reset},
 }
 
 
 def look() -> float:
     """Answer the next question, if there is one and its time has come."""
-    global number, turns
+    global number, turns, steps
     question = FOLDER / f"ask-{number}.py"
-    if not question.exists():
-        return PAUSE
-    turns += 1
-    if turns > TURNS:
+    if steps is None:
+        if not question.exists():
+            return PAUSE
+        turns += 1
+        if turns <= TURNS:
+            return PAUSE
+    reply = answered(question)
+    if reply is not None:
         part = FOLDER / "answer.part"
-        part.write_text(json.dumps(answered(question), default=str), encoding="utf-8")
+        part.write_text(json.dumps(reply, default=str), encoding="utf-8")
         part.rename(FOLDER / f"answer-{number}.json")
-        number, turns = number + 1, 0
+        number, turns, steps = number + 1, 0, None
     return PAUSE
 
 
-def answered(question: Path) -> dict[str, Any]:
-    """The answer to a question, or the traceback."""
+def answered(question: Path) -> dict[str, Any] | None:
+    """The answer to a question, or the traceback; nothing while its steps go on."""
+    global steps
     names = {**NAMES, "answer": None}
     try:
-        exec(compile(question.read_text(encoding="utf-8"), question.name, "exec"), names)
+        if steps is None:
+            exec(compile(question.read_text(encoding="utf-8"), question.name, "exec"), names)
+            if not isinstance(names["answer"], Generator):
+                return {"answer": names["answer"]}
+            steps = names["answer"]
+        next(steps)
+    except StopIteration as done:
+        return {"answer": done.value}
     except Exception:  # noqa: BLE001  (the test shows it)
         return {"error": traceback.format_exc()}
-    return {"answer": names["answer"]}
+    return None
 
 
-preferences = bpy.context.preferences
-preferences.view.show_splash = False
-preferences.view.ui_scale = 1.1
-preferences.view.show_tooltips = False
-preferences.inputs.use_mouse_emulate_3_button = False
+bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.view.show_tooltips = False
+bpy.context.preferences.inputs.use_mouse_emulate_3_button = False
+bpy.context.preferences.view.ui_scale = 1.1
 bpy.app.timers.register(look, first_interval=0.5, persistent=True)

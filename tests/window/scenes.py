@@ -23,7 +23,7 @@ answer = [min(xs), max(xs), min(ys), max(ys), left, right, top, top + view.regio
 
 def begin(desk: Desk, *panels: str, empty: bool = True) -> None:
     """Open the tab with these panels open, on an empty scene unless told, whatever tests have left."""
-    desk.ask("bpy.ops.wm.read_homefile(use_factory_startup=False)")
+    desk.ask("reset()")
     for panel in panels:
         desk.ask(f"open_panel('{panel}')")
     if empty:

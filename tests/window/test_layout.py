@@ -6,6 +6,8 @@ from __future__ import annotations
 import pytest
 from window.scenes import IDLE, QUIET, begin, choose_file, load
 
+from ctmc_addon.core.files.mesh_files import SURFACE_SUFFIXES
+
 pytestmark = pytest.mark.window
 
 CT = "volume-0.nii.gz"
@@ -13,10 +15,10 @@ MAKE = "bpy.ops.ctmc.reconstruct()"
 CANCEL = "bpy.ops.ctmc.cancel()"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 HEADING = 31  # pixels at Blender's usual size, from the middle of a heading to that of the row below it
-SIDEBAR = "v = viewport(); b = v.sidebar; answer = [b.x, v.window.height - b.y - b.height, b.width, b.height]"
 BROWSED = (
     "next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'FILE_BROWSER').spaces.active"
 )
+NAMED = f"answer = {BROWSED}.params.filename"
 # Every step of a job, which is where the window may answer.
 WATCH = """
 seen = bpy.app.driver_namespace["seen"] = []
@@ -41,7 +43,6 @@ jobs.start = start_noted
 def loaded(desk):
     """The phantom, its bone chosen."""
     begin(desk, "CTMC_PT_rotation")
-    desk.ask("bpy.context.preferences.view.filebrowser_display_type = 'SCREEN'")
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1); s.preview = False")
     desk.wait(f"{QUIET} and {COUNTED}")
@@ -50,9 +51,8 @@ def loaded(desk):
 
 def rows(desk, at):
     """What the sidebar has under the mouse at this share of its width, row by row."""
-    left, top, width, height = desk.ask(SIDEBAR)
-    x = left + round(at * width)
-    return [desk.under(x, y) for y in range(top + 10, top + height, 14)]
+    left, top, width, height = desk.sidebar()
+    return desk.ask(f"answer = rows({left + round(at * width)}, {[*range(top + 10, top + height, 14)]})")
 
 
 def test_a_click_on_a_heading_closes_its_block_alone(desk):
@@ -103,10 +103,18 @@ def test_export_writes_what_the_list_of_formats_says(desk):
     for y in range(top + 10, top + height, 12):  # Ctrl and the wheel change a list under the mouse
         desk.move(left + round(0.7 * width), y)
         desk.hand("keydown", "ctrl", "click", "5", "keyup", "ctrl")
-        if desk.ask(f"answer = {BROWSED}.active_operator.kind") == ".ply":
+        if desk.ask(f"answer = {BROWSED}.active_operator.kind") != ".stl":
             break
     desk.look("layout-03-export")
-    name = desk.ask(f"answer = {BROWSED}.params.filename")
+    names = []
+    for _ in SURFACE_SUFFIXES[1:]:
+        names.append(desk.ask(NAMED))
+        desk.hand("keydown", "ctrl", "click", "5", "keyup", "ctrl")
+    assert names == [f"Bone 200 HU{suffix}" for suffix in SURFACE_SUFFIXES[1:]]
+    for _ in SURFACE_SUFFIXES:
+        if (name := desk.ask(NAMED)) == "Bone 200 HU.ply":
+            break
+        desk.hand("keydown", "ctrl", "click", "4", "keyup", "ctrl")
     assert name == "Bone 200 HU.ply"
     choose_file(desk, f"{desk.inside}/")
     desk.wait("browser() is None")
@@ -150,6 +158,6 @@ def test_in_german_nothing_jumps_at_the_usual_and_twice_the_size(desk, scale):
 
 def test_the_usual_language_and_size_come_back(desk):
     desk.ask("bpy.context.preferences.view.language = 'en_US'; bpy.context.preferences.view.ui_scale = 1.1")
-    log = desk.log.read_text(encoding="utf-8", errors="replace")
+    log = desk.printed()
     for word in ("Traceback", "rna_uiItem", "Error:"):
         assert word not in log

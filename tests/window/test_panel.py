@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import pytest
-from window.scenes import IDLE, QUIET, begin, load
+from window.scenes import IDLE, QUIET, begin, choose_file, load
 
 pytestmark = pytest.mark.window
 
@@ -21,7 +21,7 @@ with bpy.context.temp_override(window=window, area=view.area, region=view.region
 
 @pytest.fixture(scope="module")
 def ct(desk):
-    begin(desk, "CTMC_PT_region", "CTMC_PT_results")
+    begin(desk, "CTMC_PT_region")
     load(desk, f"{desk.inside}/volume-0.nii.gz")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1)")
     desk.wait(QUIET)
@@ -107,8 +107,28 @@ open("{desk.inside}/segmentation-9.nii", "wb").write(bytes(data[:start]) + value
     desk.ask("for o in bpy.data.objects: o.select_set(False)")
     desk.press(MAKE, "reconstruct")
     desk.wait(f"{IDLE} and 'Label 1' in bpy.data.objects")
-    desk.ask("bpy.context.scene.ctmc.labels[0].name = 'Liver'")
-    assert desk.ask("o = bpy.data.objects['Liver']; answer = o.data.materials[0].name") == "Liver"
+    desk.find("ctmc.label_index", 0.7)
+    desk.hand("click", "--repeat", "2", "--delay", "50", "1")
+    desk.key("ctrl+a")
+    desk.write("Liver")
+    desk.key("Return")
+    before = desk.ask("answer = list(bpy.context.scene.ctmc.labels[0].color)")
+    desk.find("ctmc.labels[0].color", 0.2)
+    desk.ask("bpy.context.window_manager.clipboard = '[0.9, 0.2, 0.7, 1.0]'")
+    desk.key("ctrl+v")
+    desk.look("panel-08-named")
+    name, of_list, of_material = desk.ask("""
+o, item = bpy.data.objects["Liver"], bpy.context.scene.ctmc.labels[0]
+answer = [o.data.materials[0].name, list(item.color), list(o.data.materials[0].diffuse_color)[:3]]
+""")
+    assert name == "Liver"
+    assert of_list != pytest.approx(before, abs=0.1)
+    assert of_material == pytest.approx(of_list, abs=1e-3)
+    desk.press("bpy.ops.ctmc.export()", "export", 0.3)
+    desk.wait("browser()")
+    choose_file(desk, f"{desk.inside}/")
+    desk.wait("browser() is None")
+    assert (desk.folder / "Liver.stl").stat().st_size > 84
 
 
 def test_the_goal_stands_before_the_method(desk, ct):
@@ -116,6 +136,6 @@ def test_the_goal_stands_before_the_method(desk, ct):
 
 
 def test_the_console_is_silent(desk, ct):
-    log = desk.log.read_text(encoding="utf-8", errors="replace")
+    log = desk.printed()
     for word in ("Traceback", "missing the 'files'", "Error:", "rna_uiItem"):
         assert word not in log

@@ -96,6 +96,6 @@ answer = [loaded.volume.name, *loaded.volume.notes, *blocks]
 
 
 def test_the_console_is_silent(desk):
-    log = desk.log.read_text(encoding="utf-8", errors="replace")
+    log = desk.printed()
     for word in ("Traceback", "Error:", "rna_uiItem", "GPUBatch", "Muster"):
         assert word not in log, log[-3000:]
