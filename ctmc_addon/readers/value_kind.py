@@ -37,6 +37,13 @@ def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, lim
     require_memory(math.prod(shape) * voxel_bytes, f"reading {what} ({sides})", remedy, limit_bytes)
 
 
+def require_text_memory(shape: Sequence[int], voxel_bytes: int, name: str) -> None:
+    """Say before anything is read that values written as text, which are read as a whole, would not fit in memory."""
+    sides = " x ".join(str(int(side)) for side in reversed(shape))
+    remedy = "text is read as a whole, so save it compressed or raw, which is read slice by slice"
+    require_memory(math.prod(int(side) for side in shape) * voxel_bytes, f"reading {name} ({sides})", remedy)
+
+
 def scaled_steps(
     stored: SliceReader, slope: float, intercept: float, whole: bool, what: str, limit_bytes: int | None = None
 ) -> Steps[SliceReader]:

@@ -21,7 +21,7 @@ from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
-from ..value_kind import require_volume_memory
+from ..value_kind import require_text_memory
 from ..zlib_stream import ZlibFile
 from .grid import check_bytes
 from .nrrd import data_files, open_data_file, words_steps
@@ -77,7 +77,7 @@ class MetaImageFile(VolumeSource):
         start = 0 if self.data_files else self.start
         with open_data_file(file, self.path) as stream:
             if text:
-                require_volume_memory(shape, self.dtype.itemsize, file.name)
+                require_text_memory(shape, self.dtype.itemsize, file.name)
                 values = np.empty(shape, self.dtype.newbyteorder("="))
                 stream.seek(start)
                 yield from words_steps(values.reshape(-1), stream, file.name)

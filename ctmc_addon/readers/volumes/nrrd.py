@@ -25,7 +25,7 @@ from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams import skip_steps, unpacked
-from ..value_kind import require_volume_memory
+from ..value_kind import require_text_memory
 
 MOST_HEADER = 2**24  # bytes
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
@@ -278,7 +278,7 @@ def stored_steps(
                 break
         start = stream.tell()
         if encoding in TEXT_ENCODINGS:
-            require_volume_memory(shape, dtype.itemsize, file.name)
+            require_text_memory(shape, dtype.itemsize, file.name)
             values = np.empty(shape, dtype.newbyteorder("="))
             yield from skip_steps(stream, byte_skip, file.name)
             yield from words_steps(values.reshape(-1), stream, file.name)
