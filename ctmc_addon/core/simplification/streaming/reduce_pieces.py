@@ -313,7 +313,7 @@ def _shares(goal: int, counts: list[int]) -> list[int]:
     Examples
     --------
     >>> _shares(50, [60, 40, 101])
-    [16, 10, 24]
+    [14, 10, 26]
     """
     shares: list[int] = []
     for number, count in enumerate(counts):
