@@ -161,7 +161,7 @@ def refusal_steps(
     fits = fitting.needed <= there  # as far as is known: it was refused
     if smoothing and fits:
         return _refused(what, there, f"{smoothing} would fit")
-    room = fitting.needed // 2 if fits else there
+    room = SLABS_BYTES + (fitting.needed - SLABS_BYTES) // 2 if fits else there
     proposals = yield from stages.run(LOOKING, proposals_steps(volume, fitting, room, threads))
     if fits and not proposals:
         return ""
@@ -198,9 +198,14 @@ def slab_refusal(volume: Volume | SlabVolume, settings: ReconstructionSettings, 
 
 def _stride_steps(volume: Volume | SlabVolume, fitting: Fitting, there: int, threads: int | None) -> Steps[str | None]:
     """The smallest wider stride that fits."""
+    if there <= SLABS_BYTES or (fitting.in_pieces and not fitting.simplifies):  # triangles are not what it takes
+        return None
     for stride in _wider(volume, fitting, there):
         settings = replace(fitting.settings, stride=stride)
-        counts = yield from counted_steps(volume, settings, threads, there)
+        try:
+            counts = yield from counted_steps(volume, settings, threads, there)
+        except MemoryLimitError:  # a slab is thicker at a wider stride
+            return None
         if replace(fitting, faces=counts.faces, settings=settings).needed <= there:
             return "stride " + " ".join(map(str, stride))
     return None
