@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, ThresholdError
 from .fitting import advised_steps
-from .memory import available_bytes, refusal
+from .memory import available_bytes, give_back, refusal
 from .parallel import side_by_side_steps, worker_count
 from .pipeline import reconstruct_steps
 from .progress import Stages, Steps, finish
@@ -190,11 +190,13 @@ def each_label_steps(
                 return (yield from working)
         except MemoryLimitError as error:
             if beside:
-                return error
+                return let_go(error)
             label = runs[at].label  # whose surface nobody can do without: the others need not be made
-            raise error if label is None else MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
+            if label is None:
+                raise
+            raise MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
         except CtmcError as error:
-            return error
+            return let_go(error)
 
     def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
         works = [lambda at=at: tried_steps(at, at_once) for at in which]
@@ -206,5 +208,12 @@ def each_label_steps(
     yield from several_steps(others, workers, "others")
     # What does not fit beside others may fit alone.
     again = [at for at in others if workers > 1 and isinstance(made[at], MemoryLimitError)]
+    give_back()
     yield from several_steps(again, 1, "others")
     return [made[at] for at in range(len(runs))]
+
+
+def let_go(error: CtmcError) -> CtmcError:
+    """The error without what its traceback and its causes hold: the arrays of the work that it ended."""
+    error.__cause__ = error.__context__ = None
+    return error.with_traceback(None)
