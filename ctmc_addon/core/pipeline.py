@@ -105,7 +105,8 @@ def reconstruct_steps(
     stages = Stages(_extraction_of(settings) | _simplification_of(settings))
     field = yield from _field_steps(stages, volume, settings, threads, memory_limit, workers is not None)
     streams = streams and _simplifies(settings)
-    holds = not (streams and isinstance(field, FieldSlabs))
+    # Values in memory whose smoothed copy does not fit come as slabs too: their surface is held where it fits.
+    holds = not (streams and isinstance(field, FieldSlabs)) or isinstance(volume, Volume)
     if isinstance(field, FieldSlabs) and workers is not None:  # what fits is not streamed on one machine either
         holds = holds or in_memory(field.volume, settings, field.window, memory_limit)
     making = _result_and_full_steps(
