@@ -25,7 +25,7 @@ def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR)
     >>> outside_air(body).astype(int).tolist()
     [[1, 1, 1, 1], [0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 1]]
     """
-    is_air = values <= air
+    is_air = ~(values > air)  # NaN too
     sides = [seeds_at(values.shape, axis, end) for axis in (0, 1) for end in (0, -1) if axis != ends]
     outside = joined_air(is_air, np.logical_or.reduce(sides))
     if ends is not None:  # what goes on from end to end lies beside the body, between it and the table

@@ -43,3 +43,10 @@ def test_a_lung_cut_off_at_the_upper_end_is_inside_and_the_gap_to_the_table_outs
     expected[:, 3] = expected[:, 8:25] = False
     found = outside_air(values.T, 1).T if turned else outside_air(values, 0)
     np.testing.assert_array_equal(found, expected)
+
+
+def test_what_is_no_number_around_the_body_is_outside():
+    body = np.full((4, 4), np.nan)
+    body[1:3, 1:3] = -1000
+    body[2, 2] = 40
+    assert outside_air(body).sum() == 15
