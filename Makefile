@@ -15,7 +15,7 @@ setup:  ## make .venv with Blender as a module, the readers' libraries and the c
 demo: setup  ## phantom to tumour: files, reconstruction, picture and report in out/demo
 	@$(python) tools/demo.py
 
-test: setup  ## the tests, in one Blender version
+test: setup  ## the tests, in one Blender version, a process for each core; ARGS="-n 0" for one process
 	@$(python) tools/run_tests.py $(ARGS)
 
 test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
@@ -31,7 +31,7 @@ package: setup  ## the Python package's wheel and source archive, in dist
 	@$(python) -m build --outdir dist .
 
 test-package: setup  ## that package in empty environments without Blender, in every Python from 3.11 to 3.14 that is there
-	@$(python) tools/run_tests.py -m packaging tests/packaging
+	@$(python) tools/run_tests.py -n 0 -m packaging tests/packaging
 
 lint: setup  ## ruff: rules and layout
 	@.venv/bin/ruff check

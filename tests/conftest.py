@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What holds for every test: the checkout is a folder here, whatever it is called.
+"""What holds for every test: the checkout is a plain folder, and Blender's profile is an empty one.
 
-Its `__init__.py` is the extension's door for Blender. Left to itself, pytest imports it as a package of the folder's
-name, which fails where that name is no Python name.
+The checkout's `__init__.py` is the extension's door for Blender. Left to itself, pytest imports it as a package of the
+folder's name, which fails where that name is not a Python name.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -27,8 +29,15 @@ class PlainRoot:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the plugin before anything is collected."""
+    """Prepare what must stand before a test's file imports Blender.
+
+    Each process of tests has a profile of its own: no add-on of this machine's user is seen, none is written for him,
+    and processes side by side do not meet.
+    """
     config.pluginmanager.register(PlainRoot())
+    profile = tempfile.mkdtemp(prefix="ctmc-profile-")
+    os.environ["BLENDER_USER_RESOURCES"] = profile
+    config.add_cleanup(lambda: shutil.rmtree(profile, ignore_errors=True))
 
 
 @pytest.fixture

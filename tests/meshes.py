@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes with a closed form, and what must hold for every simplified one."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ctmc_addon.core import TriangleMesh, distances
@@ -79,6 +81,34 @@ def pieces_of(mesh, count):
         place[following] = len(own) + np.arange(len(following))
         normals = None if mesh.normals is None else mesh.normals[own]
         yield SurfacePiece(mesh.vertices[own], place[mesh.faces[first == number]], normals)
+
+
+def layered(mesh):
+    """A mesh in index space with its vertices and faces layer by layer of samples, as extraction orders them."""
+    layer = np.floor(mesh.vertices[:, 2])
+    order = np.argsort(layer, kind="stable")
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    faces = place[mesh.faces]
+    faces = faces[np.argsort(layer[order][faces].min(axis=1), kind="stable")]
+    return replace(
+        mesh,
+        vertices=mesh.vertices[order],
+        faces=faces,
+        normals=None if mesh.normals is None else mesh.normals[order],
+    )
+
+
+def layered_pieces(mesh, cuts):
+    """The pieces of a `layered` mesh, cut before these layers."""
+    layer = np.floor(mesh.vertices[:, 2])
+    ends = [0, *np.searchsorted(layer, sorted(cuts)), len(layer)]
+    face_layer = layer[mesh.faces].min(axis=1)
+    face_ends = [0, *np.searchsorted(face_layer, sorted(cuts)), len(face_layer)]
+    for number in range(len(ends) - 1):
+        own = slice(ends[number], ends[number + 1])
+        faces = mesh.faces[face_ends[number] : face_ends[number + 1]] - np.int32(ends[number])
+        yield SurfacePiece(mesh.vertices[own], faces, None if mesh.normals is None else mesh.normals[own])
 
 
 def assert_sound(mesh):

@@ -16,6 +16,7 @@ from ctmc_addon.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+pytestmark = pytest.mark.once
 
 SMALLER = {"phantom": ["--slices", "8", "--size", "64"]}
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 pytest.importorskip("bpy")
 pytest.importorskip("PIL.Image")
@@ -19,8 +20,7 @@ from ctmc_addon.ui.state.measurements import measurement_steps
 
 
 def test_panel_figure_and_experiment_have_one_estimator(tmp_path):
-    index = np.indices((24, 24, 24), dtype=np.float64) - 11.5
-    volume = Volume((100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32), np.eye(4), name="ball")
+    volume = Volume((100 - 5 * distance_mm((24, 24, 24))).astype(np.float32), np.eye(4), name="ball")
     settings = ReconstructionSettings(threshold=60.0)
     full = reconstruct(volume, settings)
     simplified = reconstruct(volume, replace(settings, reduction=0.5))

@@ -12,6 +12,7 @@ import argparse
 import hashlib
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -65,12 +66,17 @@ def gather_wheels(name: str) -> list[Path]:
         stamp = folder / "wheels.txt"
         if not stamp.is_file() or stamp.read_bytes() != REQUIREMENTS.read_bytes():
             print(f"Gathering wheels for {name}, Python {python}", flush=True)
-            shutil.rmtree(folder, ignore_errors=True)
+            part = folder.with_name(f"{folder.name}.{os.getpid()}")  # another build may gather them at the same time
             command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"]
             command += [f"--platform={tag}" for tag in PLATFORMS[name].tags]
-            command += [f"--python-version={python}", f"--dest={folder}", f"--requirement={REQUIREMENTS}"]
+            command += [f"--python-version={python}", f"--dest={part}", f"--requirement={REQUIREMENTS}"]
             run(command, f"pip found no wheels for {name} and Python {python}")
-            shutil.copyfile(REQUIREMENTS, stamp)
+            shutil.copyfile(REQUIREMENTS, part / stamp.name)
+            if stamp.is_file() and stamp.read_bytes() == REQUIREMENTS.read_bytes():
+                shutil.rmtree(part)
+            else:
+                shutil.rmtree(folder, ignore_errors=True)
+                part.rename(folder)
         wheels.update({wheel.name: wheel for wheel in folder.glob("*.whl")})
     return [wheels[key] for key in sorted(wheels)]
 

@@ -76,7 +76,7 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
 
 
 def against(made: Phantom, volume_mm3: float) -> float:
-    """How far a volume is from the tumours' true one, per cent of it."""
+    """Return how far a volume is from the tumours' true volume, per cent of that."""
     true = sum(made.tumour_volumes_mm3)
     return 100.0 * (volume_mm3 - true) / true
 

@@ -163,7 +163,7 @@ def set_up(bpy: str = "", asked: str = "") -> Path:
     else:
         folder = ROOT / ".venv"
         python, version = find_python(PYTHONS, asked)
-        requirements = ["--editable", f"{ROOT}[blender,test,peers,lint]"]
+        requirements = ["--editable", f"{ROOT}[blender,test,peers,lint,zarr]"]
     # The folder is part of the stamp: an environment does not survive being moved.
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     stamp = f"Python {version}\n{folder}\n{requirements}\n{project}"

@@ -14,7 +14,7 @@ from setup_environment import BLENDERS, SetupError, say, set_up
 
 WITH_BLENDER = ["tests/blender", "tests/ui", "tests/extension"]
 WITHOUT_BLENDER = ["tests/core", "tests/reporting", "tests/readers"]
-# What takes long and is the same everywhere runs once: by `make test`, or here in Blender 5.0.
+# What neither Blender nor NumPy can change runs once: by `make test`, or here in Blender 5.0.
 REPEATED = ["-m", "not window and not packaging and not once"]
 TESTS = {
     "4.2.23": [*REPEATED, *WITH_BLENDER, *WITHOUT_BLENDER],

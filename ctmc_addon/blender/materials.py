@@ -80,7 +80,7 @@ def flat_material(name: str, color: Color) -> bpy.types.Material:
 
 
 def emission(material: bpy.types.Material, color: Color | Any) -> Any:
-    """The socket of a light of a color, or of a color's socket."""
+    """Return the socket of an emission shader with this color, a value or a socket."""
     glow = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(color, tuple):
         glow.inputs["Color"].default_value = (*color, 1.0)
@@ -90,13 +90,13 @@ def emission(material: bpy.types.Material, color: Color | Any) -> Any:
 
 
 def show_flat(material: bpy.types.Material, shown: Any) -> None:
-    """Let a material be what a socket gives, which is the same in any light."""
+    """Make a material show what a socket gives, the same in any light."""
     material.node_tree.links.new(shown, surface_input(material))
     lights_nothing(material)
 
 
 def lights_nothing(material: bpy.types.Material) -> None:
-    """Let what glows on a page not light what stands beside it."""
+    """Keep a glowing object on a page from lighting the objects beside it."""
     if hasattr(material, "cycles"):
         material.cycles.emission_sampling = "NONE"
 

@@ -8,15 +8,22 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .. import readers
-from ..core import EXCLUSIVE, CtmcError, ReconstructionSettings, Setting, SettingsError, described
+from ..blender.figure.spec import FIGURE_SETTINGS
+from ..core import EXCLUSIVE, SETTINGS, CtmcError, ReconstructionSettings, SettingsError, defaults, descriptions
+from ..core.files.input_files import add_inputs
 from ..core.volume import ALL
 from ..reporting.command_line import command_of as command_of
 from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml
+from .described_flags import Numbers, add_flag, add_labels_flag, given, is_number, value_reader
+
+TABLES = {"reading": (readers.ReadingOptions,), "figure": FIGURE_SETTINGS}
+"""The tables of a settings file: how INPUT is read, and how a figure looks."""
 
 
 class UsageError(CtmcError):
@@ -63,20 +70,6 @@ class Parser(argparse.ArgumentParser):
             at = end
 
 
-class Numbers(argparse.Action):
-    """A flag with up to `most` numbers, which its type reads as one text; lists of a repeated flag are joined."""
-
-    def __init__(self, *args: Any, most: int, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.most = most
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
-        """Keep the value."""
-        if isinstance(values, list):
-            values = [*getattr(namespace, self.dest, []), *values]
-        setattr(namespace, self.dest, values)
-
-
 def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
     """A flag for every field of `ReconstructionSettings`, and --settings for a file of them.
 
@@ -89,52 +82,15 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
     groups = {}
     for names in EXCLUSIVE:
         groups.update(dict.fromkeys(names, group.add_mutually_exclusive_group()))
-    for name, about in described().items():
-        add_setting(groups.get(name, group), name, about, name in many)
-    width = described()["smoothing_mm"]  # --soften is its name in older scripts
-    reader = setting_reader("smoothing_mm", width)
+    own = defaults(ReconstructionSettings)
+    for name, about in SETTINGS.items():
+        if name in many:
+            add_labels_flag(groups.get(name, group), name, about, own[name], label_choices)
+        else:
+            add_flag(groups.get(name, group), name, about, own[name])
+    width = SETTINGS["smoothing_mm"]  # --soften is its name in older scripts
+    reader = value_reader("smoothing_mm", width)
     group.add_argument("--soften", dest="smoothing_mm", type=reader, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
-
-
-def add_setting(group: Any, name: str, about: Setting, several: bool = False) -> None:
-    """One setting's flag, its help made from the setting's text, unit, limits and default."""
-    default = getattr(ReconstructionSettings, name)
-    options: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS, "help": help_of(about, default)}
-    if about.type is bool:
-        options["action"] = argparse.BooleanOptionalAction
-    elif about.choices:
-        options["choices"] = about.choices
-    else:
-        options["metavar"] = "LABEL" if several else metavar_of(about)
-        options["type"] = label_choices if several else setting_reader(name, about)
-        if several:
-            options["help"] += "; number or name, several with commas or by repeating the flag, or all"
-        if several or about.size > 1:
-            options.update(action=Numbers, most=sys.maxsize if several else about.size)
-    group.add_argument(flag_of(name, about), **options)
-
-
-def setting_reader(name: str, about: Setting) -> Callable[[str], Any]:
-    """A function that reads a setting from text, such as '2 2 1', and checks its limits."""
-
-    def read(text: str) -> Any:
-        words = separated(text)
-        try:
-            values = tuple(about.type(word) for word in words)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(
-                "write a whole number" if about.type is int else "write a number"
-            ) from error
-        if len(values) != about.size and (len(values) != 1 or about.size != 3):
-            raise argparse.ArgumentTypeError(f"write {about.size} numbers with spaces between them")
-        value: Any = values if len(values) > 1 else values * 3 if about.size == 3 else values[0]
-        try:
-            ReconstructionSettings(**{name: value})
-        except SettingsError as error:
-            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{name} ")) from error
-        return value
-
-    return read
 
 
 def label_choices(text: str) -> list[int | str]:
@@ -159,11 +115,6 @@ def label_choices(text: str) -> list[int | str]:
     return choices
 
 
-def separated(text: str) -> list[str]:
-    """The words of a text with spaces, commas or semicolons between them."""
-    return text.replace(",", " ").replace(";", " ").split()
-
-
 def at_least(low: int) -> Callable[[str], int]:
     """A function that reads a whole number which is not below `low`."""
 
@@ -186,27 +137,6 @@ def flags_checked() -> Iterator[None]:
         yield
     except SettingsError as error:
         raise UsageError(str(error)) from error
-
-
-def help_of(about: Setting, default: Any) -> str:
-    """Text, unit, limits and default in brackets: 'Side of ... (px; from 1 to 16; default 1 1 1)'."""
-    facts = [about.unit] if about.unit else []
-    if not about.choices and (about.low is not None or about.high is not None):
-        facts.append(about.limits)
-    if default is not None and about.type is not bool:
-        values = default if isinstance(default, tuple) else (default,)
-        facts.append("default " + " ".join(value if isinstance(value, str) else f"{value:g}" for value in values))
-    text = about.text + (f" ({'; '.join(facts)})" if facts else "")
-    return text.replace("%", "%%")
-
-
-def metavar_of(about: Setting) -> str:
-    """What stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
-    if about.size > 1:
-        return "X Y Z" if about.size == 3 else "X0 Y0 Z0 X1 Y1 Z1"
-    if about.unit in ("mm", "mm3"):
-        return about.unit.upper()
-    return "N" if about.type is int else "VALUE" if "gray value" in about.unit else about.label.upper()
 
 
 def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
@@ -238,8 +168,14 @@ def label_for_checks(choices: Sequence[int | str]) -> int | None:
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """The settings that the file of --settings and the flags give, by name; flags win."""
-    flags = {name: value for name, value in vars(args).items() if name in described()}
-    return overridden(read_settings(args.settings), flags) if args.settings else flags
+    file = {name: value for name, value in file_of(args).items() if name not in TABLES}
+    return overridden(file, given(args, ReconstructionSettings))
+
+
+def file_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What stands in the file of --settings, its tables as dictionaries; empty without one."""
+    path = getattr(args, "settings", None)
+    return read_settings(path) if path else {}
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -261,6 +197,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
 def read_settings(path: str) -> dict[str, Any]:
     """The settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
     file = Path(path)
+    add_inputs([file])
     try:
         content = file.read_bytes()
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -269,7 +206,7 @@ def read_settings(path: str) -> dict[str, Any]:
         raise SettingsError(f"the settings file {path} cannot be read: {error.strerror}; check the path") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{file.name} is not text; `ctmc settings` writes one to start from") from error
-    return from_toml(text, file.name)
+    return from_toml(text, file.name, TABLES)
 
 
 def with_flags(sentence: str) -> str:
@@ -280,7 +217,8 @@ def with_flags(sentence: str) -> str:
     >>> with_flags("NaN voxels; set nan_as")
     'NaN voxels; set --nan-as'
     """
-    for name, about in described().items():
+    kinds = [ReconstructionSettings, *(kind for kinds in TABLES.values() for kind in kinds)]
+    for name, about in {name: about for kind in kinds for name, about in descriptions(kind).items()}.items():
         if flag_of(name, about) != f"--{name}":
             sentence = re.sub(rf"\b{name}\b", flag_of(name, about), sentence)
     return sentence
@@ -292,50 +230,22 @@ def add_input(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
         "input",
         metavar="INPUT",
         help="folder of slices or of masks, DICOM, its segmentation (SEG) or structure set (RTSTRUCT), or a volume "
-        "such as .nii.gz, .nrrd or .mha",
+        f"({', '.join(readers.VOLUME_SUFFIXES + readers.FOLDER_SUFFIXES)})",
     )
     add_reading(parser, all_times)
-    parser.add_argument(
-        "--name",
-        type=name_of,
-        help="what the volume, its objects and the report call it, in place of the file's or folder's name",
-    )
 
 
-def name_of(text: str) -> str:
-    """A name that can be shown on one line."""
-    name = text.strip()
-    if not name or not name.isprintable():
-        raise argparse.ArgumentTypeError("write a name of letters that can be shown")
-    return name
-
-
-def add_reading(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
-    """How INPUT is read; `all_times` may be asked for."""
+def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names: bool = True) -> None:
+    """A flag for every field of `ReadingOptions`; `all_times` may be asked for, and batches name their cases."""
     group = parser.add_argument_group("reading")
-    group.add_argument(
-        "--spacing",
-        action=Numbers,
-        most=3,
-        type=spacing_of,
-        metavar="X Y Z",
-        help="mm between columns, rows and slices, in place of the file's own; slices without any have 1 mm",
-    )
-    group.add_argument("--flip", type=flip_of, default="", metavar="AXES", help="mirror these axes, such as z or xz")
-    group.add_argument("--series", metavar="UID", help="which DICOM series to take, by its UID or number (see info)")
-    group.add_argument(
-        "--time",
-        type=time_or_all if all_times else at_least(1),
-        metavar="N",
-        help="which of several time points or phases, from 1 on (see info)"
-        + ("; all makes a surface of each" if all_times else ""),
-    )
-    group.add_argument("--strict", action="store_true", help="refuse uneven gaps between slices")
-    group.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="read data files that an .nhdr or .mhd names outside its own folder; only for headers you trust",
-    )
+    for name, about in descriptions(readers.ReadingOptions).items():
+        if name == "name" and not names:
+            continue
+        if name == "time" and all_times:
+            several = replace(about, text=f"{about.text}, or all for a surface of each")
+            add_flag(group, name, several, None, time_or_all)
+        else:
+            add_flag(group, name, about, defaults(readers.ReadingOptions)[name])
 
 
 def add_work(parser: Any) -> None:
@@ -349,40 +259,24 @@ def add_quiet(parser: Any) -> None:
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
-def reading_of(args: argparse.Namespace) -> dict[str, Any]:
-    """The keyword arguments of `read_volume` that were asked for."""
-    names = ("spacing", "flip", "series", "strict", "time")
-    return {name: getattr(args, name) for name in names}
+def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
+    """How the flags and the table `[reading]` of --settings say that INPUT is read; the time is open where all are."""
+    values = given_table(args, "reading")
+    with flags_checked():
+        return readers.ReadingOptions(**values | ({"time": None} if asks_all_times(args) else {}))
+
+
+def given_table(args: argparse.Namespace, table: str) -> dict[str, Any]:
+    """The values of a table's fields that the file of --settings and the flags give, by name; flags win."""
+    flags = {name: value for kind in TABLES[table] for name, value in given(args, kind).items()}
+    return file_of(args).get(table, {}) | flags
+
+
+def asks_all_times(args: argparse.Namespace) -> bool:
+    """Whether a surface of each time is asked for."""
+    return getattr(args, "time", None) == ALL
 
 
 def time_or_all(text: str) -> int | str:
     """A time from 1 on, or all of them."""
     return ALL if text.strip().lower() == ALL else at_least(1)(text)
-
-
-def spacing_of(text: str) -> Any:
-    """Millimeters along x, y and z, from one number or three."""
-    words = separated(text)
-    return reading_option(readers.checked_spacing, words * 3 if len(words) == 1 else words)
-
-
-def flip_of(text: str) -> Any:
-    """Axes to mirror."""
-    return reading_option(readers.checked_flip, text)
-
-
-def reading_option(check: Callable[[Any], Any], value: Any) -> Any:
-    """What a reader makes of the value of a flag."""
-    try:
-        return check(value)
-    except SettingsError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def is_number(word: str) -> bool:
-    """Whether a word reads as a number."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

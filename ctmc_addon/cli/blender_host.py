@@ -81,7 +81,7 @@ def objects_of(
     with ExitStack() as stack:
         with blender_at_work():
             scene, objects = stack.enter_context(temporary_surfaces(results, scene_name, names))
-            # What is written and said is what a live Decimate modifier leaves.
+            # Files and reports are of the surface that a live Decimate modifier leaves.
             shown = [
                 replace(result, mesh=evaluated_triangles(obj, scene))
                 if result.settings.simplifies and result.settings.simplifier == "decimate"

@@ -10,22 +10,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..core import OutputError, Stage, Step, Steps, require_memory
+from ..core import Budget, OutputError, Stage, Step, Steps, triangle_bytes
 from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
+from ..core.files.file_names import file_names
 from .blender_host import blender_at_work, objects_of
-from .file_names import file_names
-from .label_writer import LabelWriter, label_writer
+from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
-
-# Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and to write it.
-OBJECT_BYTES, FIGURE_BYTES = 240, 600
-WRITTEN_BYTES = {".obj": 1100, ".glb": 700}
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write.
+    """The files that a command writes.
 
     Parameters
     ----------
@@ -65,12 +61,6 @@ class Outputs:
         beside = [path for path in (self.figure, self.report) if path is not None]
         return [*self.surfaces_in(surfaces), *beside]
 
-    @property
-    def hold_normals(self) -> bool:
-        """Whether any file shows the normals of vertices: STL has those of its facets alone."""
-        suffixes = {path.suffix.lower() for path in self.surfaces} | ({self.suffix} if self.folder else set())
-        return self.figure is not None or not suffixes <= {".stl"}
-
     def blender_needed_for(self, simplifier: str) -> str:
         """What Blender is needed for, empty if for nothing."""
         if simplifier == "decimate":
@@ -80,27 +70,30 @@ class Outputs:
         return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
 
     @contextmanager
-    def label_writer(self, simplifier: str) -> Iterator[LabelWriter | None]:
-        """Who writes each of several surfaces as soon as it is made; None where they have to be there together."""
-        if self.folder is None or self.surfaces or self.blender_needed_for(simplifier):
+    def writer(self, simplifier: str) -> Iterator[SurfaceWriter | None]:
+        """Give a writer of each surface as it is made; None where Blender writes them, or one file holds several."""
+        path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
+        if self.blender_needed_for(simplifier) or (path is None and (self.folder is None or self.surfaces)):
             yield None
             return
-        with label_writer(self.folder, self.suffix, self.space) as writer:
+        folder = path.parent if path is not None else self.folder
+        assert folder is not None
+        suffix = self.suffix if path is None else path.suffix.lower()
+        with surface_writer(folder, suffix, self.space) as writer:
             yield writer
 
     def triangle_bytes(self, simplifier: str) -> int:
         """Bytes that Blender takes for each triangle; 0 where it is not needed."""
         if not self.blender_needed_for(simplifier):
             return 0
-        suffixes = [self.suffix, *(path.suffix.lower() for path in self.surfaces)]
-        figure = FIGURE_BYTES if self.figure else 0
-        return max(OBJECT_BYTES, figure, *(WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes))
+        return triangle_bytes([self.suffix, *(path.suffix.lower() for path in self.surfaces)], self.figure is not None)
 
     def require_memory(self, surfaces: Surfaces) -> None:
         """Raise `MemoryLimitError` where Blender would find no memory, which it does not survive."""
         faces = sum(len(result.mesh.faces) for result in surfaces.results)
         needed = faces * self.triangle_bytes(surfaces.results[0].settings.simplifier)
-        require_memory(needed, f"writing {faces} triangles by Blender", "simplify the surface, or write .stl or .ply")
+        remedy = "simplify the surface, or write .stl or .ply"
+        Budget().require(needed, f"writing {faces} triangles by Blender", remedy)
 
 
 def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:

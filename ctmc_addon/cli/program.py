@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
 
 from ..core import VERSION, CtmcError, memory_refusal
-from ..readers import outside_allowed
+from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
 from .batch import case as batch_case
 from .batch import command as batch
@@ -42,12 +42,11 @@ def run(argv: Sequence[str] | None) -> int:
         args = parser().parse_args(argv)
         try:
             with ExitStack() as undo:
+                undo.enter_context(own_input_files())
                 if getattr(args, "quiet", False):
                     nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
                     undo.enter_context(redirect_stdout(nowhere))
                     undo.enter_context(redirect_stderr(nowhere))
-                if getattr(args, "allow_outside", False):
-                    undo.enter_context(outside_allowed())
                 undo.enter_context(memory_refusal("the work", "choose a region, a larger stride or a smaller volume"))
                 args.run(args)
         except UsageError as error:
@@ -58,6 +57,6 @@ def run(argv: Sequence[str] | None) -> int:
     except CtmcError as error:
         print(f"ctmc: {with_flags(' '.join(str(error).split()))}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # `ctmc info ... | head`: nobody reads on, which is not an error
+    except BrokenPipeError:  # `ctmc info ... | head` closes the pipe early, which is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return 0

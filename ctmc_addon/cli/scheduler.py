@@ -33,7 +33,7 @@ class Scheduler:
                 f"--scheduler needs dask.distributed ({error}); pip install 'ctmc-addon[cluster]'"
             ) from error
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # our error says it in a sentence
         start = time.perf_counter()
         try:
             asyncio.run(asyncio.wait_for(self.greet(), PATIENCE))

@@ -6,24 +6,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..core import (
+    HOLD,
     VERSION,
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     Stages,
     Steps,
     Volume,
+    advised_steps,
     reconstruct_labels_steps,
     reconstruct_steps,
 )
-from ..core.streaming import SlabWorkers
-from ..core.volume import ALL, SlabVolume, chosen_labels_steps, region_box
-from .file_names import file_key, printable
-from .label_writer import LabelWriter
+from ..core.files.file_names import file_key, printable
+from ..core.volume import ALL, chosen_labels_steps, region_box
+from .surface_writer import SurfaceWriter
 
 
 @dataclass(frozen=True)
@@ -84,18 +85,21 @@ class Surfaces:
 
 
 def surfaces_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     settings: ReconstructionSettings,
     choices: Sequence[int | str],
-    threads: int | None = None,
-    workers: SlabWorkers | None = None,
-    normals: bool = True,
-    writer: LabelWriter | None = None,
+    budget: Budget,
+    writer: SurfaceWriter | None = None,
+    written_bytes: int = 0,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
-    `workers` and `normals` are those of `reconstruct_steps`, for a single surface; of several each is written by a
-    `writer` before the next is made.
+    Parameters
+    ----------
+    writer : SurfaceWriter, optional
+        Writes each surface as it is made; without one all are held.
+    written_bytes : int
+        Of a triangle of a held surface, while Blender writes it.
 
     Raises
     ------
@@ -107,17 +111,18 @@ def surfaces_steps(
     several = may_be_several(choices)
     if choices:
         box = region_box(volume, settings)
-        labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, threads))
+        labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
     if not several:
-        result = yield from stages.run(making, reconstruct_steps(volume, settings, threads, None, workers, normals))
-        return Surfaces(volume.name, (result,))
-    wanted = None if ALL in choices else labels
-    make_steps = None if writer is None else partial(writer.make_steps, volume)
-    work = reconstruct_labels_steps(volume, settings, wanted, threads, make_steps=make_steps)
-    made = yield from stages.run(making, work)
-    files = () if writer is None else tuple(writer.path_of(result.settings) for result in made.surfaces)
+        sink = HOLD if writer is None else writer.sink_of(settings.label)
+        work = reconstruct_steps(volume, settings, budget, sink)
+        result = yield from stages.run(making, advised_steps(work, volume, settings, budget, sink, written_bytes))
+        return Surfaces(volume.name, (result,), files=() if writer is None else (writer.path_of(settings.label),))
+    requested = None if ALL in choices else labels
+    sink_of = (lambda _: HOLD) if writer is None else writer.sink_of
+    made = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))
+    files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in made.surfaces)
     return Surfaces(volume.name, tuple(made.surfaces), names_of(made.surfaces), tuple(made.left_out), files=files)
 
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
+from .budget import Budget, SlabWorkers
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
+from .described import Described, Setting, checked, defaults, descriptions, setting
 from .errors import (
     CtmcError,
     LabelError,
@@ -13,8 +15,8 @@ from .errors import (
     ThresholdError,
     one_line,
 )
+from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
-from .fitting import advised_steps
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
@@ -22,34 +24,49 @@ from .memory import require as require_memory
 from .mesh.distance.triangle_tree import distances
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .parallel import map_steps, side_by_side_steps, worker_count
-from .pipeline import (
-    STREAMED_NOTE,
-    described_pieces_steps,
+from .plan import (
+    advised_steps,
+    case_bytes,
+    cases_at_once,
+    cases_bytes,
+    fits_in_memory,
+    plan_steps,
+    reads_at_once,
+    shown_stride,
+    triangle_bytes,
+)
+from .preview import Preview, PreviewResult
+from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
+from .reconstruct import (
     reconstruct,
     reconstruct_steps,
     result_and_full_steps,
     simplified_steps,
     without_small_steps,
 )
-from .preview import Preview, PreviewResult
-from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruction import Reconstruction, Stage
-from .settings import EXCLUSIVE, GOALS, ReconstructionSettings, Setting, described, is_allowed, with_present_names
+from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
+from .sinks import HOLD, Hold, Sink, Write
 from .version import VERSION
+from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
 __all__ = [
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
+    "HOLD",
     "NO_THREAD",
     "PAUSE",
-    "STREAMED_NOTE",
+    "SETTINGS",
     "VERSION",
+    "Budget",
     "CostEstimate",
     "CtmcError",
+    "Described",
     "FieldCache",
+    "Hold",
     "LabelError",
     "LabelSurfaces",
     "MemoryLimitError",
@@ -62,6 +79,10 @@ __all__ = [
     "ReconstructionSettings",
     "Setting",
     "SettingsError",
+    "Sink",
+    "SlabResult",
+    "SlabTask",
+    "SlabWorkers",
     "Stage",
     "Stages",
     "Step",
@@ -70,34 +91,48 @@ __all__ = [
     "ThresholdError",
     "TriangleMesh",
     "Volume",
+    "Write",
     "address_space_available",
     "advised_steps",
     "amount",
     "available_bytes",
+    "case_bytes",
+    "cases_at_once",
+    "cases_bytes",
+    "checked",
     "cost_estimate_steps",
-    "described",
-    "described_pieces_steps",
+    "defaults",
+    "descriptions",
     "distances",
     "each_label_steps",
     "equal_part",
     "finish",
+    "fits_in_memory",
     "give_back",
     "is_allowed",
     "map_steps",
     "marching_cubes",
     "memory_refusal",
     "one_line",
+    "plan_steps",
+    "reads_at_once",
     "reconstruct",
     "reconstruct_labels",
     "reconstruct_labels_steps",
     "reconstruct_steps",
     "require_memory",
     "result_and_full_steps",
+    "setting",
+    "shown_stride",
     "side_by_side_steps",
     "simplified_steps",
     "simplify",
     "simplify_steps",
+    "slab_result_steps",
+    "smoothing_of",
     "timed_steps",
+    "triangle_bytes",
+    "used_settings",
     "with_present_names",
     "without_small_steps",
     "worker_count",

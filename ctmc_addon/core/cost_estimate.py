@@ -8,33 +8,30 @@ small ball, and again on every surface that is made.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import CtmcError, MemoryLimitError, MeshError
-from .extraction.grid import Grid, make_grid
-from .extraction.marching_cubes import Counts, count_steps, extract_steps
-from .fitting import SLABS_BYTES, Fitting, proposals_steps
-from .memory import available_bytes
-from .pipeline import STREAMED_NOTE
+from .budget import Budget
+from .extraction.grid import make_grid
+from .extraction.marching_cubes import count_steps, extract_steps
+from .plan import LOOKING, READ_SHARE, Plan, advice_of, plan_steps, proposals_steps
 from .progress import PAUSE, Stages, Steps, timed_steps
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .simplification.simplify import simplify_steps
-from .streaming import counted_steps
-from .volume.scalar_field import ScalarField, scalar_field_steps
-from .volume.thresholding import check_threshold
+from .volume.field import Field, field_steps, held_steps
 from .volume.volume import Volume
 
-MOST_STRIDE = 16
+WHOLE_MACHINE = Budget()
 BOUNDED_COLLAPSES = 20  # collapses that a triangle costs with a maximum error: 10 on smooth surfaces, 35 on bone
 BALL_SAMPLES = 112  # along an axis of the ball that a fresh process is measured on
 
 
 @dataclass(frozen=True)
 class CostEstimate:
-    """What a surface with some settings will cost.
+    """The predicted time, memory and size of a surface.
 
     Parameters
     ----------
@@ -104,7 +101,7 @@ class Calibration:
     measured: bool = False
 
     def measure_steps(self) -> Steps[None]:
-        """Time a small ball, once in a process."""
+        """Measure the speed of this machine on a small ball, once in each process."""
         if self.measured:
             return
         axis = np.arange(BALL_SAMPLES, dtype=np.float32) - (BALL_SAMPLES - 1) / 2
@@ -112,7 +109,7 @@ class Calibration:
         ball = -(square[:, None, None] + square[:, None] + square)
         yield PAUSE
         grid, threshold = make_grid(ball), -((BALL_SAMPLES / 2.5) ** 2)
-        yield from count_steps(grid, threshold, 1)  # the first run of new code is slower
+        yield from count_steps(grid, threshold, Budget(threads=1))  # the first run of new code is slower
         counts, counting = yield from timed_steps(count_steps(grid, threshold))
         surface, seconds = yield from timed_steps(extract_steps(grid, threshold))
         self.vertex = self.face = max(1e-4, seconds - counting) / (counts.vertices + counts.faces)
@@ -123,13 +120,11 @@ class Calibration:
 
     def learn(self, estimate: CostEstimate, result: Reconstruction, blender_seconds: float) -> None:
         """Take over the seconds of a real surface; `blender_seconds` are those after its last stage."""
-        if STREAMED_NOTE in result.notes:
-            return  # its stages ran into each other
         seconds = {stage.name: stage.seconds for stage in result.stages}
         removed = result.full_faces - len(result.mesh.faces)
         counted = estimate.faces + estimate.vertices
         if "Extracting the surface" in seconds and counted > 10_000:
-            extracting = seconds["Extracting the surface"] + seconds.get("Placing it in the patient", 0.0)
+            extracting = seconds["Extracting the surface"]
             self.vertex = self.face = max(extracting - estimate.counting_seconds, 0.0) / counted
         if "Simplifying" in seconds and removed > 1000:
             if result.settings.max_error_mm is not None:
@@ -145,22 +140,16 @@ CALIBRATION = Calibration()
 
 @dataclass
 class FieldCache:
-    """The scalar field of a volume, made again only when a setting that matters to it has changed."""
+    """The field of a volume, made again only when a setting that matters to it has changed."""
 
     volume: Volume
-    threads: int | None = None
-    memory_limit: int | None = None
+    budget: Budget = WHOLE_MACHINE
     key: tuple[object, ...] | None = None
-    field: ScalarField | None = None
+    field: Field | None = None
     seconds: float = 0.0
 
-    @property
-    def available(self) -> int | None:
-        """Bytes of memory that can be had."""
-        return available_bytes() if self.memory_limit is None else self.memory_limit
-
-    def field_steps(self, settings: ReconstructionSettings) -> Steps[ScalarField]:
-        """Return the scalar field for these settings."""
+    def field_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+        """Return the field for these settings; what is smoothed is kept where there is room for it."""
         key = (
             settings.label,
             settings.threshold is None,
@@ -174,12 +163,18 @@ class FieldCache:
             None if settings.label is None else settings.stride,
         )
         if self.field is None or key != self.key:
-            work = scalar_field_steps(self.volume, settings, self.threads, self.memory_limit)
-            self.field, self.seconds = yield from timed_steps(work)
+            self.field, self.seconds = yield from timed_steps(self._made_steps(settings))
             self.key = key
         elif settings.threshold is not None:
-            self.field = replace(self.field, threshold=settings.threshold, level=settings.threshold)
+            self.field = self.field.at_threshold(settings.threshold)
+        self.field = replace(self.field, settings=settings)
         return self.field
+
+    def _made_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+        field = yield from field_steps(self.volume, settings, self.budget)
+        there, needed = self.budget.available, 4 * math.prod(field.values.shape)
+        keeps = self.volume.reader.own_bytes == 0 and (there is None or needed <= READ_SHARE * there)
+        return (yield from held_steps(field)) if keeps and not field.values.held else field
 
 
 def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
@@ -190,111 +185,34 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     CtmcError
         Where they give no surface at all.
     """
-    stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, "Looking for what fits": 1})
+    stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
     yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
-    try:
-        field = yield from stages.run("Preparing values", cache.field_steps(settings))
-    except MemoryLimitError:
-        if settings.smoothing_method == "constrained":
-            raise
-        return (yield from stages.run("Counting", _slab_by_slab_steps(cache, settings)))
-    grid = grid_of(field, settings, settings.stride)
-    counting = count_steps(grid, field.level, cache.threads, settings.topology)
-    counts = yield from stages.run("Counting", counting)
-    if not counts.faces:
-        check_threshold(field.level, grid.window_values, field.kind, field.place, grid.upper)
-        raise MeshError(f"there is no surface: threshold {field.threshold:g} separates no samples of this stride")
+    field = yield from stages.run("Preparing values", cache.field_steps(settings))
+    planning = plan_steps(cache.volume, settings, cache.budget, field=field)
+    plan = yield from stages.run("Counting", planning)
+    if not plan.counts.faces:
+        yield from field.check_extracted_steps()
+    field.check_closed()
     seconds = stages.seconds["Counting"]
-    available = cache.available
     estimate = CostEstimate(
-        voxels=grid.voxels,
-        vertices=counts.vertices,
-        faces=counts.faces,
-        memory=memory_of(counts.faces, settings, field, cache.volume, available),
-        seconds=cache.seconds + seconds + seconds_after_counting(counts, settings),
+        voxels=plan.counts.voxels,
+        vertices=plan.counts.vertices,
+        faces=plan.counts.faces,
+        memory=plan.needed,
+        seconds=cache.seconds + seconds + seconds_after_counting(plan),
         counting_seconds=seconds,
-        available=available,
+        available=cache.budget.available,
     )
-    if not estimate.fits:
-        looking = remedy_steps(cache, field, settings, estimate)
-        estimate = replace(estimate, remedy=(yield from stages.run("Looking for what fits", looking)))
-    return estimate
-
-
-def _slab_by_slab_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
-    """The cost where the values are smoothed a slab at a time, as they do not fit at once."""
-    volume, threads, available = cache.volume, cache.threads, cache.available
-    stages = Stages({"Counting": 9, "Looking for what fits": 1})
-    counts = yield from stages.run("Counting", counted_steps(volume, settings, threads, cache.memory_limit))
-    if not counts.faces:
-        raise MeshError("there is no surface with these settings; choose another threshold or a smaller stride")
-    fitting, seconds = Fitting(counts.faces, settings), stages.seconds["Counting"]
-    held = SLABS_BYTES + fitting.held
-    estimate = CostEstimate(
-        voxels=counts.voxels,
-        vertices=counts.vertices,
-        faces=counts.faces,
-        memory=held if available is None or held <= available else fitting.needed,
-        seconds=seconds + seconds_after_counting(counts, settings),
-        counting_seconds=seconds,
-        available=available,
-    )
-    if estimate.fits or available is None:
+    if estimate.fits or estimate.available is None:
         return estimate
-    looking = proposals_steps(volume, fitting, available, threads)
-    proposals = yield from stages.run("Looking for what fits", looking)
-    return replace(estimate, remedy=f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region")
+    looking = proposals_steps(cache.volume, plan, estimate.available)
+    return replace(estimate, remedy=advice_of((yield from stages.run(LOOKING, looking))))
 
 
-def grid_of(field: ScalarField, settings: ReconstructionSettings, stride: tuple[int, int, int]) -> Grid:
-    """Return the samples of a field at a stride."""
-    return make_grid(field.values, stride, settings.close_border, field.window_in_values, settings.upper)
-
-
-def seconds_after_counting(counts: Counts, settings: ReconstructionSettings) -> float:
+def seconds_after_counting(plan: Plan) -> float:
     """Return the seconds of all that follows the first passes."""
-    work = CALIBRATION
+    work, counts = CALIBRATION, plan.counts
     seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.blender_face)
-    fitting = Fitting(counts.faces, settings)
-    if fitting.simplifies and settings.max_error_mm is not None:
-        seconds += counts.faces * work.bounded_face
-    else:
-        seconds += (counts.faces - fitting.left) * work.collapse
-    return seconds
-
-
-def memory_of(
-    faces: int, settings: ReconstructionSettings, field: ScalarField, volume: Volume, available: int | None
-) -> int:
-    """Return the peak, bytes: of smoothing, or of its values and the surface; simplified as extracted if it must be."""
-    smoothed = 0 if np.may_share_memory(field.values, volume.values) else field.values.nbytes
-    fitting = Fitting(faces, settings)
-    needed = max(field.working_bytes, smoothed + fitting.held)
-    if available is not None and needed > available and fitting.simplifies:
-        needed = max(field.working_bytes, smoothed + fitting.streamed)
-    return needed
-
-
-def remedy_steps(
-    cache: FieldCache, field: ScalarField, settings: ReconstructionSettings, estimate: CostEstimate
-) -> Steps[str]:
-    """Return the smallest wider stride that would fit, counted and not guessed."""
-    x, y, z = settings.stride
-    sizes = [stop - start for start, stop in field.window]
-    while estimate.available is not None:
-        if max(x, y) < MOST_STRIDE:
-            x, y = min(x + 1, MOST_STRIDE), min(y + 1, MOST_STRIDE)
-        elif z < MOST_STRIDE:
-            z += 1
-        else:
-            break
-        wider = (min(x, sizes[0] - 1), min(y, sizes[1] - 1), min(z, sizes[2] - 1))
-        grid = grid_of(field, settings, wider)
-        try:
-            counts = yield from count_steps(grid, field.level, cache.threads, settings.topology)
-        except CtmcError:
-            break
-        needed = memory_of(counts.faces, settings, field, cache.volume, estimate.available)
-        if needed <= estimate.available:
-            return f"stride {wider[0]} {wider[1]} {wider[2]} would fit, or a smaller region"
-    return "choose a smaller region"
+    if plan.simplifies and plan.settings.max_error_mm is not None:
+        return seconds + counts.faces * work.bounded_face
+    return seconds + (counts.faces - plan.left) * work.collapse

@@ -12,21 +12,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
+from .budget import Budget
 from .errors import CtmcError, LabelError, MemoryLimitError, MeshError, ThresholdError
-from .fitting import advised_steps
-from .memory import available_bytes, give_back, refusal
-from .parallel import side_by_side_steps, worker_count
-from .pipeline import reconstruct_steps
+from .memory import give_back
+from .parallel import side_by_side_steps
+from .plan import advised_steps
 from .progress import Stages, Steps, finish
+from .reconstruct import reconstruct_steps
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
+from .sinks import HOLD, Sink
 from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from .volume.region import region_box
-from .volume.slabs import SlabVolume
 from .volume.volume import Volume
 
 Result = TypeVar("Result")
-MakeSteps = Callable[[ReconstructionSettings, int, int | None, bool], Steps[Reconstruction]]
 STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
 
@@ -47,26 +47,23 @@ class LabelSurfaces(NamedTuple):
 
 
 def reconstruct_labels(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     settings: ReconstructionSettings,
     labels: Sequence[int] | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
+    budget: Budget | None = None,
 ) -> LabelSurfaces:
     """Make a surface of each of several labels.
 
     Parameters
     ----------
-    volume : Volume or SlabVolume
-        Values that are fetched are fetched for one label after the other.
+    volume : Volume
+        Of a file that threads cannot share, values are fetched for one label after the other.
     settings : ReconstructionSettings
         Of every surface; their own label does not count.
     labels : sequence of int, optional
         By default all but 0; then those that have no surface are left out and said.
-    threads : int, optional
-        By default one for each processor. The result does not depend on it.
-    memory_limit : int, optional
-        Bytes the work may take; by default what the machine has available.
+    budget : Budget, optional
+        Threads and memory; by default what the machine has. The result does not depend on it.
 
     Raises
     ------
@@ -82,40 +79,36 @@ def reconstruct_labels(
     >>> [result.label_name for result in reconstruct_labels(volume, ReconstructionSettings()).surfaces]
     ['box', 'bar']
     """
-    return finish(reconstruct_labels_steps(volume, settings, labels, threads, memory_limit))
+    return finish(reconstruct_labels_steps(volume, settings, labels, budget))
 
 
 def reconstruct_labels_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     settings: ReconstructionSettings,
     labels: Sequence[int] | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    make_steps: MakeSteps | None = None,
+    budget: Budget | None = None,
+    sink_of: Callable[[int], Sink] = lambda _: HOLD,
 ) -> Steps[LabelSurfaces]:
     """`reconstruct_labels` as steps; closing the generator cancels.
 
-    `make_steps` takes the place of `reconstruct_steps`, to write each surface before the next is made: it is given
-    settings, threads, memory limit, and whether other labels are made beside it.
+    `sink_of` a label says where its surface goes; by default all are held.
     """
+    budget = budget or Budget()
     stages = Stages(STAGES)
     finding, making = STAGES
     box = region_box(volume, settings)
     choices = (ALL,) if labels is None else tuple(labels)
-    chosen = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, threads))
-    extents = yield from stages.run(finding, label_extents_steps(volume, box, threads))
+    chosen = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
+    extents = yield from stages.run(finding, label_extents_steps(volume, box, budget.threads))
     runs = [replace(settings, threshold=None, label=label) for label in chosen]
     for run in runs:
         if run.label not in extents:  # raises, with the labels that there are
-            yield from reconstruct_steps(volume, run, threads, memory_limit)
+            yield from reconstruct_steps(volume, run, budget)
 
-    def work_steps(at: int, threads: int, limit: int | None, beside: bool) -> Steps[Reconstruction]:
-        if make_steps is not None:
-            return (yield from make_steps(runs[at], threads, limit, beside))
-        return (yield from reconstruct_steps(volume, runs[at], threads, limit, streams=not beside))
+    def work_steps(at: int, budget: Budget) -> Steps[Reconstruction]:
+        return (yield from reconstruct_steps(volume, runs[at], budget, sink_of(chosen[at])))
 
-    in_pieces = make_steps is not None
-    work = each_label_steps(volume, runs, work_steps, threads, memory_limit, in_pieces)
+    work = each_label_steps(volume, runs, work_steps, budget, sink_of(chosen[0]))
     results = yield from stages.run(making, work)
     surfaces, left_out = [], []
     for label, result in zip(chosen, results, strict=True):
@@ -130,40 +123,41 @@ def reconstruct_labels_steps(
     return LabelSurfaces(surfaces, left_out)
 
 
-def label_title(volume: Volume | SlabVolume, label: int) -> str:
-    """What a label is called in a sentence: 'label 3 (spleen)'."""
+def label_title(volume: Volume, label: int) -> str:
+    """Return how a message names a label: 'label 3 (spleen)'."""
     name = volume.label_names.get(label, "")
     return f"label {label} ({name})" if name else f"label {label}"
 
 
 def each_label_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     runs: Sequence[ReconstructionSettings],
-    work_steps: Callable[[int, int, int | None, bool], Steps[Result]],
-    threads: int | None = None,
-    memory_limit: int | None = None,
-    in_pieces: bool = False,
+    work_steps: Callable[[int, Budget], Steps[Result]],
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
 ) -> Steps[list[Result | CtmcError]]:
     """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
 
     Parameters
     ----------
-    volume : Volume or SlabVolume
+    volume : Volume
     runs : sequence of ReconstructionSettings
         Alike but for their labels.
     work_steps : function
-        Takes the number of a run, threads, memory limit, and whether others run beside it: what does not fit then is
-        tried again alone, before it is simplified as it is extracted. Driven in threads of its own.
-    in_pieces : bool
-        That of `advised_steps`.
+        Takes the number of a run, and its budget: what does not fit beside others is tried again alone. Driven in
+        threads of its own.
+    budget : Budget, optional
+    sink : Sink
+        Where surfaces go, for what is advised.
 
     Raises
     ------
     MemoryLimitError
         Of the first label that does not fit alone.
     """
-    box, workers = region_box(volume, runs[0]), worker_count(threads)
-    extents = yield from label_extents_steps(volume, box, threads)  # not once for each
+    budget = budget or Budget()
+    box, workers = region_box(volume, runs[0]), budget.thread_count
+    extents = yield from label_extents_steps(volume, box, budget.threads)  # not once for each
     work = [
         float(SMALL_WORK + math.prod(stop - start for start, stop in extents[run.label].box))
         if run.label in extents
@@ -172,21 +166,20 @@ def each_label_steps(
     ]
     order = sorted(range(len(runs)), key=lambda at: -work[at])
     alone = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
-    if isinstance(volume, SlabVolume):  # not for two threads at once
+    if not volume.reader.thread_safe:
         alone = order
     others = order[len(alone) :]
     stages = Stages({"alone": 1.0 + sum(work[at] for at in alone), "others": 1.0 + sum(work[at] for at in others)})
-    limit = available_bytes() if memory_limit is None else memory_limit
     made: dict[int, Result | CtmcError] = {}
 
     def tried_steps(at: int, at_once: int) -> Steps[Result | CtmcError]:
-        threads, beside = workers // at_once, at_once > 1
-        share = limit // at_once if beside and limit is not None else memory_limit
-        working = work_steps(at, threads, share, beside)
+        beside = at_once > 1
+        own = budget.shared_by(at_once) if beside else replace(budget, threads=workers)
+        working = work_steps(at, own)
         if not beside:
-            working = advised_steps(working, volume, runs[at], 0, threads, share, in_pieces)
+            working = advised_steps(working, volume, runs[at], own, sink)
         try:
-            with refusal("this surface", "choose a region", share):
+            with own.refusal("this surface", "choose a region"):
                 return (yield from working)
         except MemoryLimitError as error:
             if beside:

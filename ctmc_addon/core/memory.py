@@ -158,7 +158,7 @@ def address_space_available(root: Path = Path("/")) -> int | None:
 
 
 def _half_of_physical() -> int | None:
-    """For macOS: half of what is built in, since the free pages alone say little there."""
+    """Return half of the installed memory, for macOS, where the count of free pages says little."""
     with suppress(OSError, ValueError):
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     return None
@@ -173,7 +173,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _number(path: Path) -> int | None:
-    """The number in a file; None where there is no file or it says 'max'."""
+    """Return the number in a file; None where the file is missing or says 'max'."""
     text = "".join(_lines(path)).strip()
     return int(text) if text.isdigit() else None
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from .errors import SettingsError
 from .memory import NO_THREAD
-from .progress import Step, Steps
+from .progress import PAUSE, Step, Steps, finish
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -107,34 +108,141 @@ def side_by_side_steps(
         finally:
             steps.close()
 
-    def driven(number: int) -> Result | None:
-        steps = driven_steps(number)
-        try:
-            while not stopped.is_set():
-                next(steps)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-        finally:
-            steps.close()
-        return None
-
-    if min(threads, len(works)) < 2:
-        results = []
+    def here_steps() -> Steps[list[Result]]:
+        made = []
         for number in range(len(works)):
-            results.append((yield from driven_steps(number)))
-        return results
-    pool = ThreadPoolExecutor(min(threads, len(works)))
+            made.append((yield from driven_steps(number)))
+        return made
+
+    waiting = deque(range(len(works)))
+    results: dict[int, Result] = {}
+
+    def drive() -> None:
+        """Drive one work after the other until none is waiting."""
+        while not stopped.is_set():
+            try:
+                number = waiting.popleft()
+            except IndexError:
+                return
+            steps = driven_steps(number)
+            try:
+                while not stopped.is_set():
+                    next(steps)
+            except StopIteration as end:
+                results[number] = end.value
+            finally:
+                steps.close()
+
+    count = min(threads, len(works))
+    if count < 2:
+        return (yield from here_steps())
+    pool = ThreadPoolExecutor(count)
     try:
-        futures = [pool.submit(driven, number) for number in range(len(works))]
-        waiting = set(futures)
-        while waiting:
-            finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
-            for future in finished:
-                future.result()  # raises what the work raised
+        drivers = _drivers(pool, drive, count)
+        if not drivers:
+            return (yield from here_steps())
+        while drivers:
+            finished, drivers = wait(drivers, LOOK, FIRST_COMPLETED)
+            for driver in finished:
+                driver.result()  # raises what a work raised
             yield Step(min(1.0, sum(done) / total), message)
-        # None is a result only of steps that were closed, and then nobody is here.
-        return [future.result() for future in futures]  # type: ignore[misc]
+        return [results[number] for number in range(len(works))]
     finally:
         stopped.set()
         pool.shutdown(cancel_futures=True)
+
+
+def _drivers(pool: ThreadPoolExecutor, drive: Callable[[], None], count: int) -> set[Future[None]]:
+    """So many threads that drive works, or as many as there is memory for; perhaps none."""
+    drivers = set()
+    for _ in range(count):
+        try:
+            drivers.add(pool.submit(drive))
+        except RuntimeError as error:
+            if str(error) != NO_THREAD:
+                raise
+            break
+    return drivers
+
+
+def in_order_steps(
+    works: Iterable[Step | Callable[[], Steps[Result]]], threads: int
+) -> Generator[Step | Result, None, None]:
+    """Yield the results of works that come one by one, in their order, and steps; so many are at work at a time.
+
+    Each work is steps too, and has a thread of its own as long as it lasts; where the system gives none, it is driven
+    here. Closing these steps closes those at work at their next step.
+
+    Parameters
+    ----------
+    works : iterable of Step and functions
+        Each function begins its steps. Steps are handed on.
+    """
+    stopped = threading.Event()
+    at_work: deque[tuple[ThreadPoolExecutor, Future[Result]]] = deque()
+
+    def first_steps() -> Steps[Result]:
+        pool, future = at_work[0]
+        while not future.done():
+            wait([future], LOOK)
+            yield PAUSE
+        at_work.popleft()
+        pool.shutdown()
+        return future.result()
+
+    try:
+        for work in works:
+            if isinstance(work, Step):
+                yield work
+                continue
+            while at_work and len(at_work) >= threads:
+                yield (yield from first_steps())
+            steps = work()
+            del work  # it keeps what it was given, which the steps may let go of
+            begun = _begun(steps, stopped) if threads > 1 else None
+            if begun is not None:
+                at_work.append(begun)
+                continue
+            while at_work:
+                yield (yield from first_steps())
+            yield (yield from _without_fractions_steps(steps))
+        while at_work:
+            yield (yield from first_steps())
+    finally:
+        stopped.set()
+        for pool, _ in at_work:
+            pool.shutdown(cancel_futures=True)
+
+
+class _Stopped(Exception):
+    """Ends a thread whose result is no longer needed."""
+
+
+def _begun(steps: Steps[Result], stopped: threading.Event) -> tuple[ThreadPoolExecutor, Future[Result]] | None:
+    """Drive steps in a thread; None where there is no memory for one."""
+
+    def check(_step: Step) -> None:
+        if stopped.is_set():
+            raise _Stopped
+
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool, pool.submit(finish, steps, check)
+    except RuntimeError as error:
+        if str(error) != NO_THREAD:
+            raise
+    return None
+
+
+def _without_fractions_steps(steps: Steps[Result]) -> Steps[Result]:
+    """Yield the same steps without fractions, as their share of the whole is not known."""
+    try:
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                result: Result = end.value
+                return result
+            yield PAUSE
+    finally:
+        steps.close()

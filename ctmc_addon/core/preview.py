@@ -15,18 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .budget import Budget
 from .errors import CtmcError, LabelError
 from .mesh.triangle_mesh import Surface
-from .pipeline import full_steps
 from .progress import Steps, finish, timed_steps
+from .reconstruct import full_steps
 from .settings import ReconstructionSettings
-from .volume.region import Box, region_box
-from .volume.scalar_field import refinement_of
+from .volume.field import refinement_of
+from .volume.region import region_box
+from .volume.smoothing import smoothing_of
 from .volume.thresholding import quick_threshold, used_threshold_steps
-from .volume.volume import Volume
+from .volume.volume import Box, Volume
 
-# A voxel, by how it is smoothed, before anything has been measured: slow on purpose.
-FIRST_SECONDS = {"none": 8e-8, "gaussian": 8e-8, "constrained": 4e-7}
 REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
 SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
@@ -59,15 +59,12 @@ class Preview:
     volume : Volume
     budget : float
         Seconds that `interactive` may take.
-    threads, memory_limit : int, optional
+    limits : Budget, optional
         As in `reconstruct`.
     """
 
-    def __init__(
-        self, volume: Volume, budget: float = 0.1, threads: int | None = None, memory_limit: int | None = None
-    ) -> None:
-        self.volume, self.budget = volume, budget
-        self.threads, self.memory_limit = threads, memory_limit
+    def __init__(self, volume: Volume, budget: float = 0.1, limits: Budget | None = None) -> None:
+        self.volume, self.budget, self.limits = volume, budget, limits or Budget()
         self.subsampled: dict[tuple[object, ...], Volume] = {}
         self.last: dict[str, tuple[int, float]] = {}  # voxels and seconds of the last surface of every smoothing
         self.threshold: float | None = None  # of the last surface
@@ -113,7 +110,7 @@ class Preview:
         """Return the seconds that a surface will take, from the last one."""
         voxels = voxel_count(rung, box)
         if settings.smoothing_method not in self.last:
-            return voxels * FIRST_SECONDS[settings.smoothing_method]
+            return voxels * smoothing_of(settings).voxel_seconds
         before, seconds = self.last[settings.smoothing_method]
         return float(seconds * (voxels / before) ** GROWTH)
 
@@ -137,7 +134,7 @@ class Preview:
                 self.subsampled = {key: small} | dict(list(self.subsampled.items())[:2])
             volume = self.subsampled[key]
             plain = replace(plain, stride=(1, 1, 1), slice_steps=rung.slice_steps, region=None)
-        work = full_steps(volume, plain, self.threads, self.memory_limit)
+        work = full_steps(volume, plain, self.limits)
         result, seconds = yield from timed_steps(work)
         self.last[settings.smoothing_method], self.threshold = (voxel_count(rung, box), seconds), threshold
         assert result.surface is not None, "nothing has been simplified"
@@ -168,7 +165,7 @@ def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...
     >>> [(rung.stride, rung.slice_steps) for rung in ladder[:4]]
     [((1, 1, 1), 4), ((1, 1, 1), 2), ((1, 1, 1), 1), ((2, 1, 1), 1)]
     """
-    if settings.smoothing_method != "constrained":
+    if smoothing_of(settings).by_slabs:
         return [Rung(stride, 1) for stride in strides(volume, settings.stride, size)]
     most = refinement_of(volume.spacing, settings)
     x, y, z = settings.stride

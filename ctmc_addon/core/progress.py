@@ -151,6 +151,7 @@ def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
 
 
 def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") -> Steps[T]:
+    done = 0.0
     try:
         while True:
             try:
@@ -158,6 +159,7 @@ def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") 
             except StopIteration as end:
                 result: T = end.value
                 return result
-            yield Step(low + (high - low) * fraction, own or message)
+            done = max(done, fraction)  # a pause does not know how far it is, and nothing goes back
+            yield Step(low + (high - low) * done, own or message)
     finally:
         steps.close()

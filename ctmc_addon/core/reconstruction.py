@@ -15,7 +15,7 @@ OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it 
 
 
 class Stage(NamedTuple):
-    """A stage's name and how many seconds it worked."""
+    """The name of a stage and the seconds that it took."""
 
     name: str
     seconds: float
@@ -39,11 +39,11 @@ class Reconstruction:
     voxels_visited : int
         Cells of the strided grid inside the region, skipped or not.
     stages : tuple of Stage
-        In the order they ran.
+        The stages in the order in which they ran.
     spacing_mm : (x, y, z) float
-        Of the volume.
+        Spacing of the volume, millimeters.
     notes : tuple of str
-        What was assumed, by the reader and here.
+        What the reader and the reconstruction assumed, in sentences.
     name : str
         The volume's name.
     removed_components : int
@@ -57,7 +57,7 @@ class Reconstruction:
     label_color : (red, green, blue) int or None
         sRGB from 0 to 255, where the volume has one for the label.
     measured : Measures or None
-        Of a surface that was written piece by piece; its mesh is empty.
+        Measures of a surface that was written piece by piece, whose mesh is empty.
     """
 
     mesh: TriangleMesh
@@ -79,7 +79,7 @@ class Reconstruction:
 
     @property
     def measures(self) -> Measures:
-        """Of the mesh, or of the pieces that were written."""
+        """Measures of the mesh, or of the pieces that were written."""
         return self.measured or self.mesh.measures
 
     def report(self) -> dict[str, Any]:
@@ -97,7 +97,8 @@ class Reconstruction:
             "area_mm2": measures.area,
             "closed": measures.closed,
             "euler": measures.euler,
-            "parts": measures.components,
+            "components": measures.components,
+            "parts": measures.components,  # the name in reports of 0.2
             "removed_components": self.removed_components,
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,

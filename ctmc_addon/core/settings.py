@@ -6,13 +6,11 @@ The panel, the command line, the checks, the reports and the manual are made fro
 
 from __future__ import annotations
 
-import dataclasses
-import math
-import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .described import Described, descriptions, setting
 from .errors import SettingsError
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
@@ -26,65 +24,11 @@ INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
 
 
 @dataclass(frozen=True)
-class Setting:
-    """The description of one field.
-
-    Parameters
-    ----------
-    text, label : str
-        The explanation and the name that a user reads.
-    unit : str
-    low, high : float, optional
-        Limits; the limit itself is refused where `low_open` or `high_open`.
-    choices : tuple of str
-    size : int
-        How many numbers the value has.
-    type : type
-        Of the value, or of each of its numbers.
-    flag : str
-        On the command line, without dashes; by default the field's name with dashes.
-    start : optional
-        For a field that is None by default: the value that the panel and the settings file offer.
-    """
-
-    text: str
-    label: str
-    unit: str = ""
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    size: int = 1
-    type: type = float
-    flag: str = ""
-    low_open: bool = False
-    high_open: bool = False
-    start: Any = None
-
-    @property
-    def limits(self) -> str:
-        """The limits in words, for messages: 'from 0 to 1', '0 or more'."""
-        if self.choices:
-            return "one of " + ", ".join(self.choices)
-        if self.low is None and self.high is None:
-            return "a finite number"
-        if self.high is None:
-            return f"above {self.low:g}" if self.low_open else f"{self.low:g} or more"
-        if self.high_open:
-            return f"at least {self.low:g} and below {self.high:g}"
-        return f"from {self.low:g} to {self.high:g}"
-
-
-def setting(default: Any, text: str, **fields: Any) -> Any:
-    """Return a dataclass field with its `Setting`, of which `fields` are the other fields."""
-    return dataclasses.field(default=default, metadata={"setting": Setting(text, **fields)})
-
-
-@dataclass(frozen=True)
-class ReconstructionSettings:
+class ReconstructionSettings(Described):
     """How a surface is made from a volume.
 
     Frozen, hashable and picklable. Every field's meaning, unit and limits stand in its `Setting`,
-    see `described`.
+    see `SETTINGS`.
 
     Raises
     ------
@@ -192,6 +136,7 @@ class ReconstructionSettings:
         "Whether the region is given in voxel indices or in RAS+ millimeters",
         label="Region Unit",
         choices=("voxel", "mm"),
+        choice_labels={"voxel": "Voxels", "mm": "mm"},
         type=str,
     )
     keep_parts: int = setting(
@@ -224,6 +169,7 @@ class ReconstructionSettings:
         "by Blender's live Decimate modifier, or not at all",
         label="Simplifier",
         choices=("none", "builtin", "decimate"),
+        choice_labels={"builtin": "Built-In"},
         type=str,
     )
     reduction: float | None = setting(
@@ -265,13 +211,12 @@ class ReconstructionSettings:
     )
 
     def __post_init__(self) -> None:
-        for name, about in described().items():
-            object.__setattr__(self, name, checked(name, getattr(self, name), about))
+        super().__post_init__()
         for group in EXCLUSIVE:
             given = [f"{name} {getattr(self, name):g}" for name in group if getattr(self, name) is not None]
             if len(given) > 1:
                 raise SettingsError(f"{' and '.join(given)} are set together; choose one")
-        for name in described():
+        for name in SETTINGS:
             if not is_allowed(self, name) and getattr(self, name) is not None:
                 other, choice = INCOMPATIBLE[name]
                 raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
@@ -313,23 +258,14 @@ class ReconstructionSettings:
         """Whether alpha has an effect: not on a label that is not smoothed, where every crossing is the midpoint."""
         return self.label is None or self.smoothing_method != "none"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers, strings and lists for JSON and TOML; settings that are None are left out."""
-        values = {name: getattr(self, name) for name in described()}
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-            if value is not None
-        }
-
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionSettings:
         """Return the settings of a dictionary as `to_dict` makes it; an unknown name is a `SettingsError`."""
-        values = with_present_names(values)
-        unknown = sorted(set(values) - set(described()))
-        if unknown:
-            raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(described())}")
-        return cls(**values)
+        return super().from_dict(with_present_names(values))
+
+
+SETTINGS = descriptions(ReconstructionSettings)
+"""Every setting's name and description, in the order of the panel and the manual."""
 
 
 def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -348,54 +284,7 @@ def constrained_threshold_error() -> SettingsError:
     return SettingsError("smoothing constrained is for labels; for a threshold choose smoothing gaussian or none")
 
 
-def described(settings: type = ReconstructionSettings) -> dict[str, Setting]:
-    """Return every setting's name and description, in the order of the panel and the manual."""
-    return {field.name: field.metadata["setting"] for field in dataclasses.fields(settings)}
-
-
 def is_allowed(settings: Any, name: str) -> bool:
     """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
     other, choice = INCOMPATIBLE.get(name, (name, None))
     return choice is None or getattr(settings, other) != choice
-
-
-def checked(name: str, value: Any, about: Setting) -> Any:
-    """Return `value` in the setting's type; raise a `SettingsError` that names the value and the limits."""
-    if value is None:
-        default = next(field.default for field in dataclasses.fields(ReconstructionSettings) if field.name == name)
-        if default is not None:
-            raise SettingsError(f"{name} needs a value: {about.limits}")
-        return None
-    if about.size > 1:
-        if isinstance(value, str) or not isinstance(value, (numbers.Real, Iterable)):
-            raise SettingsError(f"{name} takes {about.size} numbers, not {value!r}")
-        many = (value,) * about.size if isinstance(value, numbers.Real) else tuple(value)
-        if len(many) != about.size:
-            raise SettingsError(f"{name} takes {about.size} numbers, not {len(many)}: {value}")
-        return tuple(checked_item(name, item, about) for item in many)
-    return checked_item(name, value, about)
-
-
-def checked_item(name: str, value: Any, about: Setting) -> Any:
-    """Return one number, word or switch of a setting in its type; raise a `SettingsError` outside its limits."""
-    if about.type is str:
-        if value not in about.choices:
-            raise SettingsError(f"{name} is {about.limits}, not {value!r}")
-        return str(value)
-    if about.type is bool:
-        if isinstance(value, str) or value not in (0, 1):
-            raise SettingsError(f"{name} is on or off, True or False, not {value!r}")
-        return bool(value)
-    try:
-        number = about.type(value)
-        exact = number == float(value) and math.isfinite(number)
-    except (TypeError, ValueError, OverflowError):
-        exact = False
-    if not exact:
-        kind = "a whole number" if about.type is int else "a finite number"
-        raise SettingsError(f"{name} must be {kind}, not {value!r}")
-    too_low = about.low is not None and (number < about.low or (about.low_open and number == about.low))
-    too_high = about.high is not None and (number > about.high or (about.high_open and number == about.high))
-    if too_low or too_high:
-        raise SettingsError(f"{name} must be {about.limits}, not {number:g}")
-    return number

@@ -10,43 +10,39 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from ..core import CtmcError, ReadError, Stages, Step, Steps, finish, worker_count
+from ..core import CtmcError, ReadError, Stages, Step, Steps, defaults, finish, worker_count
 from ..core.volume import Volume
 from .dicom import series as dicom_series
-from .dicom.header import is_multi_frame, may_be_dicom
-from .dicom.labels.classes import SEGMENTATION, STRUCTURES, label_class
-from .dicom.labels.segmentation import SegmentationSource
-from .dicom.labels.structures import StructureSource
-from .file_formats import (
-    DICOM_SUFFIXES,
+from .dicom.header import may_be_dicom
+from .dicom.labels.classes import label_class
+from .file_formats import files_below, format_of, natural_key, segmentation_sibling, stem, suffix
+from .images import folder as image_folder
+from .labels import masks
+from .options import ReadingOptions, checked_flip, checked_spacing, options_of
+from .registry import (
+    FOLDER,
+    FOLDER_SUFFIXES,
+    FORMATS,
     IMAGE_SUFFIXES,
     KNOWN_SUFFIXES,
-    TIFF_SUFFIXES,
-    VOLUME_FORMATS,
+    PAGE_SUFFIXES,
     VOLUME_SUFFIXES,
-    files_below,
-    format_of,
-    natural_key,
-    segmentation_sibling,
-    stem,
-    suffix,
+    folder_format,
+    is_alone,
+    open_steps,
 )
-from .images import folder as image_folder
-from .images import tiff
-from .labels import masks
-from .result import Series, VolumeSource, checked_flip, checked_spacing, checked_stride, out_of_memory, unreadable
-from .volumes import analyze
-from .volumes.metaimage import MetaImageFile
-from .volumes.mgh import MghFile
-from .volumes.nifti import NiftiFile
-from .volumes.npy import NpyFile
-from .volumes.nrrd import NrrdFile, outside_allowed
+from .result import Series, VolumeSource, checked_stride, out_of_memory, unreadable
+from .volumes.nrrd import outside_allowed_steps
 
 __all__ = [
+    "FOLDER_SUFFIXES",
+    "FORMATS",
     "KNOWN_SUFFIXES",
-    "TIFF_SUFFIXES",
+    "PAGE_SUFFIXES",
     "VOLUME_SUFFIXES",
+    "ReadingOptions",
     "Series",
     "VolumeSource",
     "checked_flip",
@@ -54,12 +50,12 @@ __all__ = [
     "estimate_voxels",
     "existing_path",
     "files_below",
+    "folder_format",
     "holds_slices",
     "is_volume_file",
     "natural_key",
     "open_volume",
     "open_volume_steps",
-    "outside_allowed",
     "read_volume",
     "read_volume_steps",
     "segmentation_sibling",
@@ -71,13 +67,15 @@ __all__ = [
 PathLike = str | os.PathLike[str]
 
 
-def open_volume(path: PathLike) -> VolumeSource:
+def open_volume(path: PathLike, allow_outside: bool = False) -> VolumeSource:
     """Find out what a file or folder holds, from headers alone.
 
     Parameters
     ----------
     path : path
         As in `read_volume`.
+    allow_outside : bool
+        As in `ReadingOptions`.
 
     Returns
     -------
@@ -89,40 +87,21 @@ def open_volume(path: PathLike) -> VolumeSource:
     ReadError
         If there is no readable volume at `path`.
     """
-    return finish(open_volume_steps(path))
+    return finish(open_volume_steps(path, allow_outside))
 
 
-def open_volume_steps(path: PathLike) -> Steps[VolumeSource]:
+def open_volume_steps(path: PathLike, allow_outside: bool = False) -> Steps[VolumeSource]:
     """`open_volume` as steps."""
+    if allow_outside:
+        return (yield from outside_allowed_steps(open_volume_steps(path)))
     path = existing_path(path)
     yield Step(0.0, f"Opening {path.name}")
     try:
-        if path.is_dir():
+        name = format_at(path)
+        if not name:
             return (yield from _open_folder_steps(path))
-        format_name = file_format(path)
-        if format_name == "dicom" and label_class(path) == SEGMENTATION:
-            return (yield from SegmentationSource.open_steps(path))
-        if format_name == "dicom" and label_class(path) == STRUCTURES:
-            return (yield from StructureSource.open_steps(path))
-        if format_name == "dicom":
-            return (yield from dicom_series.open_steps(path))
-        if format_name == "nifti":
-            return (yield from NiftiFile.open_steps(path))
-        if format_name == "nrrd":
-            return NrrdFile(path)
-        if format_name == "analyze":
-            return (yield from analyze.open_steps(path))
-        if format_name == "mgh":
-            return (yield from MghFile.open_steps(path))
-        if format_name == "metaimage":
-            return MetaImageFile(path)
-        if format_name == "npy":
-            return NpyFile(path)
-        if format_name == "tiff":
-            source = tiff.opened_stack(path)
-            if source is not None:
-                return source
-        return (yield from image_folder.open_steps(path.parent, path))
+        inside = FORMATS[name].holds == FOLDER and path.name in FORMATS[name].names
+        return (yield from open_steps(name, path.parent if inside else path))
     except OSError as error:
         raise unreadable(path, error) from error
     except MemoryError as error:
@@ -140,6 +119,10 @@ def read_volume(
     region: Sequence[float] | None = None,
     region_unit: str = "voxel",
     stride: Sequence[int] = (1, 1, 1),
+    level: int | None = None,
+    allow_outside: bool = False,
+    name: str | None = None,
+    options: ReadingOptions | None = None,
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -148,27 +131,20 @@ def read_volume(
     path : path
         A folder of PNG, JPEG, BMP or TIFF slices; a multi-page TIFF; a DICOM folder, file or DICOMDIR, segmentation
         or structure set; a folder of masks, a file or a folder of DICOM slices for each;
-        `.nii`, `.nii.gz`, `.nrrd`, `.nhdr`, `.mha`, `.mhd`, `.mgh`, `.mgz`, `.hdr`, `.img` or `.npy`. A lone slice
-        stands for its folder.
-    spacing : (x, y, z) float, optional
-        Millimeters between samples, in place of the file's own or of 1 mm.
-    series : str or int, optional
-        SeriesInstanceUID, or its number in `open_volume(path).series`; by default the series with the most slices.
-    strict : bool
-        Refuse uneven gaps between DICOM slices instead of resampling.
-    flip : str
-        Index axes to mirror in place, such as 'xz'.
+        a volume in a file or folder of its own, such as `.nii.gz`, `.nrrd`, `.mha` or `.ome.zarr` (`FORMATS` has all).
+        A lone slice stands for its folder.
+    spacing, series, strict, flip, time, level, allow_outside, name
+        As in `ReadingOptions`, which describes them.
     threads : int, optional
         Threads that decode PNG, JPEG, BMP and TIFF slices; by default one for each processor, at most 8.
-    time : int, optional
-        Which of several volumes at the same place, time points or cardiac phases, from 1 on; by default the first, or
-        of DICOM the first of those with the most slices.
     region : lowest x, y, z, highest x, y, z, optional
         The part to read; nothing else is kept, and of uncompressed files nothing else is read.
     region_unit : {"voxel", "mm"}
         Whether the region is in voxel indices or RAS+ mm, in which every voxel that it touches belongs to it.
     stride : (x, y, z) int
         Keep every so many samples along each axis, from the region's first on.
+    options : ReadingOptions, optional
+        How the path is read; of its fields, those that are given above win.
 
     Returns
     -------
@@ -181,38 +157,38 @@ def read_volume(
     ReadError
         If there is no readable volume at `path`.
     SettingsError
-        If spacing, flip, threads, region or stride are outside their limits.
+        If a reading option, threads, region or stride are outside their limits.
     MemoryLimitError
         If the volume would not fit; said before it is read.
     """
-    return finish(read_volume_steps(path, spacing, series, strict, flip, threads, time, region, region_unit, stride))
+    fields = {"spacing": spacing, "flip": flip, "series": series, "time": time, "strict": strict, "level": level}
+    fields |= {"allow_outside": allow_outside, "name": name}
+    given = {field: value for field, value in fields.items() if value is not defaults(ReadingOptions)[field]}
+    options = options_of(options, given)
+    steps = read_volume_steps(path, options, threads=threads, region=region, region_unit=region_unit, stride=stride)
+    return finish(steps)
 
 
 def read_volume_steps(
     path: PathLike,
-    spacing: float | Sequence[float] | None = None,
-    series: str | int | None = None,
-    strict: bool = False,
-    flip: str = "",
+    options: ReadingOptions | None = None,
+    *,
     threads: int | None = None,
-    time: int | None = None,
+    stride: Sequence[int] = (1, 1, 1),
     region: Sequence[float] | None = None,
     region_unit: str = "voxel",
-    stride: Sequence[int] = (1, 1, 1),
+    **fields: Any,
 ) -> Steps[Volume]:
     """`read_volume` as steps; closing the generator cancels.
 
     Between steps there is a thread only while a library is imported for the first time.
     """
-    (
-        checked_spacing(spacing),
-        checked_flip(flip),
-        worker_count(threads),
-        checked_stride(stride),
-    )  # refused before a file is opened
+    options = options_of(options, fields)  # refused before a file is opened
+    worker_count(threads)
+    checked_stride(stride)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
-    source = yield from stages.run("Reading headers", open_volume_steps(path))
-    values = source.read_steps(spacing, series, strict, flip, threads, time, region, region_unit, stride)
+    source = yield from stages.run("Reading headers", open_volume_steps(path, options.allow_outside))
+    values = source.read_steps(options, threads=threads, region=region, region_unit=region_unit, stride=stride)
     return (yield from stages.run("Reading values", values))
 
 
@@ -233,15 +209,15 @@ def existing_path(path: PathLike) -> Path:
     return entry if entry.name.strip(".") else entry.resolve()  # '.' and '..' have no name to show
 
 
-def file_format(path: Path) -> str:
-    """'dicom', 'nifti', 'nrrd', 'npy', 'tiff' or 'image', by the file's suffix or its first bytes."""
+def format_at(path: Path) -> str:
+    """The name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
+    if path.is_dir():
+        return folder_format(path)
     if not path.stat().st_size:
         raise ReadError(f"{path.name} is empty (0 bytes); copy it again")
-    end = format_of(path)
-    if end in DICOM_SUFFIXES or path.name.upper() == "DICOMDIR" or (not end and may_be_dicom(path)):
-        return "dicom"
-    if end:
-        return VOLUME_FORMATS.get(end) or ("tiff" if end in TIFF_SUFFIXES else "image")
+    name = format_of(path) or ("DICOM" if may_be_dicom(path) else "")
+    if name:
+        return name
     reason = f"has the unknown suffix '{suffix(path)}'" if suffix(path) else "has no suffix and no known content"
     raise ReadError(f"{path.name} {reason}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 
@@ -250,13 +226,15 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     """Image slices or DICOM, whichever the folder holds more of; a `ReadError` if it holds neither."""
     slices = image_folder.images_in(folder)
     files = list(files_below(folder))
-    if not files:
+    inner = sorted((entry for entry in folder.iterdir() if entry.is_dir()), key=natural_key)
+    volumes = [entry.name for entry in inner if folder_format(entry)]
+    if not files and not volumes:
         raise ReadError(f"the folder {folder.name} is empty; choose the folder that holds the slices")
     source = yield from dicom_series.open_steps(folder, files)
     if slices and len(source.files) <= len(slices):
         alone = len(slices) == 1 and not source.files  # such as TotalSegmentator's preview of its masks
         masks_beside = (yield from masks.in_files_steps(folder, open_volume_steps)) if alone else None
-        return masks_beside or (yield from image_folder.open_steps(folder))
+        return masks_beside or (yield from image_folder.open_folder_steps(folder))
     if source.files:
         return (yield from masks.in_folders_steps(source)) or source
     masks_in_files = yield from masks.in_files_steps(folder, open_volume_steps)
@@ -271,8 +249,8 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
             f"the folder {folder.name} has {len(labels)} segmentations or structure sets ({names}"
             f"{' and more' if len(labels) > 5 else ''}); choose one of them"
         )
-    volumes = sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
-    folders = sorted(inner.name for inner in folder.iterdir() if inner.is_dir() and image_folder.images_in(inner))
+    volumes += sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
+    folders = [entry.name for entry in inner if image_folder.images_in(entry)]
     hint = "choose the folder that holds the slices"
     if volumes or folders:
         hint = f"choose {' or '.join(repr(name) for name in [*volumes, *folders][:5])} in it"
@@ -288,10 +266,10 @@ def holds_slices(folder: Path) -> bool:
 
 def is_volume_file(path: Path) -> bool:
     """Whether a file is a volume by itself: by its suffix, and of a TIFF by its pages."""
-    if suffix(path) not in TIFF_SUFFIXES:
+    if suffix(path) not in PAGE_SUFFIXES:
         return suffix(path) in VOLUME_SUFFIXES
     try:
-        return tiff.page_count(path) > 1
+        return is_alone(format_of(path), path)
     except (CtmcError, OSError):
         return False
 
@@ -304,18 +282,17 @@ def volume_name(path: Path) -> str:
     if path.is_dir():
         return stem(path)
     try:
-        format_name = file_format(path)
-        alone = bool(label_class(path)) or is_multi_frame(path) if format_name == "dicom" else format_name != "image"
-        alone = alone and (format_name != "tiff" or tiff.page_count(path) > 1)
+        alone = is_alone(format_at(path), path)
     except (CtmcError, OSError):
         alone = True
     return stem(path if alone else path.absolute().parent)
 
 
-def estimate_voxels(path: Path) -> int:
+def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
     """About how many voxels the volume at `path` has; of a DICOM folder one header is read instead of hundreds."""
-    if path.is_dir():
+    if path.is_dir() and not folder_format(path):
         voxels = dicom_series.estimate_voxels(path)
         if voxels:
             return voxels
-    return max((series.slices * series.size[0] * series.size[1] for series in open_volume(path).series), default=0)
+    source = open_volume(path, allow_outside)
+    return max((series.slices * series.size[0] * series.size[1] for series in source.series), default=0)

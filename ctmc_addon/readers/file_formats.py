@@ -10,33 +10,9 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".jp2", ".j2k", ".jpx", ".j2c")
-TIFF_SUFFIXES = (".tif", ".tiff")
-DICOM_SUFFIXES = (".dcm", ".dicom", ".ima")
-VOLUME_FORMATS = {
-    **{".nii": "nifti", ".nii.gz": "nifti", ".nrrd": "nrrd", ".nhdr": "nrrd", ".npy": "npy"},
-    **{".mha": "metaimage", ".mhd": "metaimage", ".mgh": "mgh", ".mgz": "mgh", ".hdr": "analyze"},
-}
-VOLUME_SUFFIXES = tuple(VOLUME_FORMATS)
-KNOWN_SUFFIXES = IMAGE_SUFFIXES + DICOM_SUFFIXES + VOLUME_SUFFIXES
+from .registry import BY_FILE_NAME, BY_SUFFIX, HEAD, KNOWN_SUFFIXES, folder_format, marked
 
-# First bytes that tell a format where the suffix does not.
-SIGNATURES = (
-    (0, b"NRRD", ".nrrd"),
-    (0, b"\x93NUMPY", ".npy"),
-    (0, b"ObjectType =", ".mha"),
-    (0, b"\x89PNG", ".png"),
-    (0, b"\xff\xd8\xff", ".jpg"),
-    (0, b"\x00\x00\x00\x0cjP  ", ".jp2"),
-    (0, b"\xff\x4f\xff\x51", ".j2k"),
-    (0, b"II*\x00", ".tif"),
-    (0, b"MM\x00*", ".tif"),
-    (0, b"II+\x00", ".tif"),
-    (0, b"MM\x00+", ".tif"),
-    (128, b"DICM", ".dcm"),
-    (344, b"n+1\x00", ".nii"),
-    (4, b"n+2\x00", ".nii"),
-)
+TWO_DOTS = tuple(end for end in KNOWN_SUFFIXES if end.count(".") > 1)
 
 
 def natural_key(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
@@ -56,15 +32,15 @@ def natural_key(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
 
 
 def suffix(path: Path) -> str:
-    """Suffix in lower case; `.nii.gz` counts as one.
+    """Suffix in lower case; those of a format that have two dots count as one.
 
     Examples
     --------
-    >>> suffix(Path("volume-3.NII.GZ"))
-    '.nii.gz'
+    >>> suffix(Path("volume-3.NII.GZ")), suffix(Path("scan.ome.zarr"))
+    ('.nii.gz', '.ome.zarr')
     """
     name = path.name.lower()
-    return ".nii.gz" if name.endswith(".nii.gz") else path.suffix.lower()
+    return next((end for end in TWO_DOTS if name.endswith(end)), path.suffix.lower())
 
 
 def stem(path: Path) -> str:
@@ -81,29 +57,35 @@ def stem(path: Path) -> str:
 
 
 def format_of(path: Path) -> str:
-    """The known suffix that tells the file's format: its own, else by content, else ''."""
+    """The name of a file's format, by its suffix or name, else by its first bytes; '' where nothing tells it."""
     end = suffix(path)
-    if end in KNOWN_SUFFIXES:
-        return end
+    name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
+    if name:
+        return name
     if end == ".img" and path.with_suffix(".hdr").is_file():  # some scanners write DICOM under this name
-        return ".hdr"
+        return BY_SUFFIX[".hdr"]
     with path.open("rb") as file:
-        head = file.read(352)
+        head = file.read(HEAD)
     if head[:2] == b"\x1f\x8b" and end == ".gz":
         try:
             with gzip.open(path) as inside:
-                head = inside.read(352)
+                head = inside.read(HEAD)
         except (OSError, EOFError, zlib.error):
             return ""
-        return ".nii.gz" if any(head[at : at + 3] in (b"n+1", b"n+2") for at in (4, 344)) else ""
-    return next((kind for at, mark, kind in SIGNATURES if head[at : at + len(mark)] == mark), "")
+        packed = BY_SUFFIX[".nii.gz"]
+        return packed if marked(head) == packed else ""
+    return marked(head)
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Every file at any depth in natural order; hidden files and folders are passed over."""
+    """Every file at any depth in natural order; hidden ones, and folders that are a volume, are passed over."""
     pending = [str(folder)]
     while pending:
-        entries = [entry for entry in os.scandir(pending.pop()) if not entry.name.startswith(".")]
+        inner = Path(pending.pop())
+        entries = list(os.scandir(inner))
+        if inner != folder and folder_format(inner, {entry.name for entry in entries}):
+            continue
+        entries = [entry for entry in entries if not entry.name.startswith(".")]
         entries.sort(key=lambda entry: natural_key(Path(entry.name)))
         yield from (Path(entry.path) for entry in entries if entry.is_file())
         pending += [entry.path for entry in reversed(entries) if entry.is_dir(follow_symlinks=False)]

@@ -12,7 +12,7 @@ from concurrent import futures
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ..core import ReadError, Step, Steps
+from ..core import NO_THREAD, ReadError, Step, Steps
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -23,29 +23,29 @@ for _name in ("PIL", "imageio", "pydicom", "tifffile"):
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
-def needed(module: str, package: str, what: str) -> Any:
-    """Import `module`, or say that `package` is missing and `what` it reads.
+def needed(module: str, package: str, what: str, remedy: str = "install it") -> Any:
+    """Import `module`, or say that `package` is missing, `what` it reads and how it comes here.
 
     Imported late: a Blender whose platform lacks one wheel still reads the other formats.
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise ReadError(f"reading {what} needs the Python package {package}, which is missing; install it") from error
+        raise ReadError(f"reading {what} needs the Python package {package}, which is missing; {remedy}") from error
 
 
-def imported_steps(module: str, package: str, what: str) -> Steps[Any]:
+def imported_steps(module: str, package: str, what: str, remedy: str = "install it") -> Steps[Any]:
     """`needed` with steps: the first import of pydicom or nibabel takes up to half a second.
 
     It runs in a thread, the only one that lives across steps; closing the generator waits for its end.
     """
     if module not in sys.modules:
         with futures.ThreadPoolExecutor(1) as pool:
-            loading = pool.submit(needed, module, package, what)
+            loading = pool.submit(needed, module, package, what, remedy)
             while not futures.wait([loading], STEP_SECONDS).done:
                 yield Step(0.0, f"Loading {package}")
             loading.result()
-    return needed(module, package, what)
+    return needed(module, package, what, remedy)
 
 
 @contextmanager
@@ -70,13 +70,21 @@ def quiet_batches_steps(
     for start in range(0, len(items), at_once):
         batch = items[start : start + at_once]
         with quiet():
-            if min(threads, len(batch)) > 1:
-                with futures.ThreadPoolExecutor(min(threads, len(batch))) as pool:
-                    results += pool.map(work, batch)
-            else:
-                results += map(work, batch)
+            results += _mapped(work, batch, min(threads, len(batch)))
         yield Step(len(results) / len(items), message)
     return results
+
+
+def _mapped(work: Callable[[Item], Result], batch: Sequence[Item], threads: int) -> list[Result]:
+    """Results of a batch, by several threads, or by this one where there is no memory for another."""
+    if threads > 1:
+        try:
+            with futures.ThreadPoolExecutor(threads) as pool:
+                return list(pool.map(work, batch))
+        except RuntimeError as error:
+            if str(error) != NO_THREAD:
+                raise
+    return list(map(work, batch))
 
 
 def reason(error: BaseException) -> str:

@@ -7,21 +7,32 @@ every format, so they are answered here. Affines map (x, y, z) = (column, row, s
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import MemoryLimitError, ReadError, SettingsError, Stages, Steps, finish, one_line, worker_count
-from ..core.volume import SlabVolume, SliceReader, ValuesInMemory, Volume, box_of, spacing_of
+from ..core import (
+    MemoryLimitError,
+    ReadError,
+    SettingsError,
+    Stages,
+    Steps,
+    descriptions,
+    finish,
+    one_line,
+    worker_count,
+)
+from ..core.files.input_files import add_inputs
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, box_of, spacing_of
 from .file_formats import stem
 from .labels.names.tables import table_for
-from .value_kind import LABEL, kind_steps, require_volume_memory
+from .options import ReadingOptions, options_of
+from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
 
@@ -117,8 +128,8 @@ class RawValues:
         To RAS+ mm; None where the format has neither orientation nor spacing.
     notes : tuple of str
         What was assumed.
-    kind : str
-        As in `Volume`, or empty where only name and values can tell.
+    kind : ValueKind or None
+        None where only name and values can tell.
     label_names : mapping of int to str
         Where the file has them.
     label_colors : mapping of int to (red, green, blue) int
@@ -132,23 +143,35 @@ class RawValues:
     values: NDArray[Any] | SliceReader
     affine: NDArray[np.float64] | None
     notes: tuple[str, ...] = ()
-    kind: str = ""
+    kind: ValueKind | None = None
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
 
 
-class ReadOptions(NamedTuple):
-    """What a format's reader is asked for beside its file."""
+@dataclass(frozen=True)
+class ReadOptions(ReadingOptions):
+    """What a format's reader is asked for beside its file: the reading options, and how the work is to be done.
 
-    series: str = ""  # UID or number; empty for the series with the most slices
-    strict: bool = False
-    spacing: tuple[float, float, float] | None = None
+    Parameters
+    ----------
+    time : int
+        Which of the series' volumes, from 1 to its number of times.
+    level : int
+        Which of the resolutions, 0 the full one.
+    threads : int
+    whole : bool
+        Whether all values will be wanted, at once.
+    memory_limit : int or None
+        Bytes that they may take; None for what is available.
+    """
+
+    time: int = 1
+    level: int = 0
     threads: int = 1
-    time: int = 1  # which of the series' volumes, from 1 to its number of times
-    whole: bool = True  # whether all values will be wanted, at once
-    memory_limit: int | None = None  # bytes that they may take; None for what is available
+    whole: bool = True
+    memory_limit: int | None = None
 
 
 class VolumeSource(ABC):
@@ -168,19 +191,34 @@ class VolumeSource(ABC):
     Attributes
     ----------
     format : str
-        'DICOM', 'NIfTI', 'NRRD', 'NumPy', 'TIFF', 'PNG', 'JPEG' or 'BMP'.
+        As in the registry, or 'DICOM SEG', 'DICOM RTSTRUCT' or 'masks'.
     has_geometry : bool
         Whether the format says spacing and orientation.
+    has_series : bool
+        Whether there may be several series, one of which is read.
+    levels : tuple of (columns, rows, slices)
+        The sizes in which it is stored, the full resolution first; empty where there is one alone.
+    label_groups : tuple of str
+        Label volumes that lie in it, as paths from it.
     """
 
     format: str
     has_geometry: bool
+    has_series = False
+    levels: tuple[tuple[int, int, int], ...] = ()
+    label_groups: tuple[str, ...] = ()
 
     def __init__(self, path: Path, series: tuple[Series, ...], files: Sequence[Path], name: str = "") -> None:
         self.path = path
         self.series = series
-        self.files = tuple(files)
+        self._files = tuple(files)
         self.name = name or stem(path)
+        add_inputs(self._files or (path,))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that belong to it."""
+        return self._files
 
     @abstractmethod
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
@@ -193,45 +231,37 @@ class VolumeSource(ABC):
 
     def read_steps(
         self,
-        spacing: float | Sequence[float] | None = None,
-        series: str | int | None = None,
-        strict: bool = False,
-        flip: str = "",
+        options: ReadingOptions | None = None,
+        *,
         threads: int | None = None,
-        time: int | None = None,
         region: Sequence[float] | None = None,
         region_unit: str = "voxel",
         stride: Sequence[int] = (1, 1, 1),
         memory_limit: int | None = None,
+        **fields: Any,
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
         sides = checked_stride(stride)
         whole = region is None and sides == (1, 1, 1)
         stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
-        opened = self._opened_steps(spacing, series, strict, flip, threads, time, whole, memory_limit)
+        opened = self._opened_steps(options_of(options, fields), threads, whole, memory_limit)
         slabs = yield from stages.run("Looking at the values", opened)
         x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
-        slabs = slabs.cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+        slabs = slabs.part((x, y, z))
         if not whole:
             shape = [-(-size // side) for size, side in zip(slabs.size, sides, strict=True)]
             require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name, memory_limit)
-        return (yield from stages.run("Reading values", self._named_errors_steps(slabs.volume_steps(sides))))
+        return (yield from stages.run("Reading values", self._named_errors_steps(slabs.in_memory_steps(sides))))
 
     def slabs_steps(
-        self,
-        spacing: float | Sequence[float] | None = None,
-        series: str | int | None = None,
-        strict: bool = False,
-        flip: str = "",
-        threads: int | None = None,
-        time: int | None = None,
-    ) -> Steps[SlabVolume]:
+        self, options: ReadingOptions | None = None, *, threads: int | None = None, **fields: Any
+    ) -> Steps[Volume]:
         """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit.
 
         What a value means, and the type of scaled values, can hang on all values: where headers do not settle it, they
         are looked at here, and none is kept.
         """
-        return (yield from self._opened_steps(spacing, series, strict, flip, threads, time, whole=False))
+        return (yield from self._opened_steps(options_of(options, fields), threads, whole=False))
 
     def _named_errors_steps(self, steps: Steps[Result]) -> Steps[Result]:
         """The same steps; a file that cannot be opened is a `ReadError`."""
@@ -243,28 +273,16 @@ class VolumeSource(ABC):
             raise out_of_memory(self.path) from error
 
     def _opened_steps(
-        self,
-        spacing: float | Sequence[float] | None,
-        series: str | int | None,
-        strict: bool,
-        flip: str,
-        threads: int | None,
-        time: int | None,
-        whole: bool,
-        memory_limit: int | None = None,
-    ) -> Steps[SlabVolume]:
+        self, options: ReadingOptions, threads: int | None, whole: bool, memory_limit: int | None = None
+    ) -> Steps[Volume]:
         """The volume, its values in memory if all are wanted at once."""
-        spacing_mm, axes = checked_spacing(spacing), checked_flip(flip)
-        requested_series = "" if series is None else str(series).strip()
-        if requested_series and self.format != "DICOM":
-            raise ReadError(
-                f"{self.path.name} has no series, as only DICOM has; leave out the series '{requested_series}'"
-            )
-        read_time, notes = self.selected_time(series, time)
-        options = ReadOptions(
-            requested_series, strict, spacing_mm, worker_count(threads), read_time, whole, memory_limit
-        )
-        return (yield from self._named_errors_steps(self._slabs_steps(options, axes, notes)))
+        if options.series and not self.has_series:
+            raise ReadError(f"{self.path.name} has no series to choose from; leave out the series '{options.series}'")
+        level, notes = self.selected_level(options.level)
+        time, time_notes = self.selected_time(options.series, options.time)
+        given = {name: getattr(options, name) for name in descriptions(ReadingOptions)} | {"time": time, "level": level}
+        request = ReadOptions(**given, threads=worker_count(threads), whole=whole, memory_limit=memory_limit)
+        return (yield from self._named_errors_steps(self._slabs_steps(request, [*notes, *time_notes])))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
         """The time to read, from 1 on, and the note that says which where none was asked for."""
@@ -283,12 +301,22 @@ class VolumeSource(ABC):
         )
         return line.default_time, [note]
 
-    def read(self, **options: Any) -> Volume:
-        """`read_steps` in one go."""
-        return finish(self.read_steps(**options))
+    def selected_level(self, level: int | None) -> tuple[int, list[str]]:
+        """The resolution to read, 0 the full one, and the note that says which there are."""
+        last = max(0, len(self.levels) - 1)
+        if level is not None and not 0 <= level <= last:
+            remedy = f"choose from 0 to {last}" if last else "it has one resolution, so leave the level out"
+            raise ReadError(f"{self.path.name} has no level {level}; {remedy}")
+        sizes = [f"{number} ({' x '.join(map(str, size))})" for number, size in enumerate(self.levels)]
+        note = f"level {level or 0} was read of the levels of resolution {', '.join(sizes)}"
+        return level or 0, [note] if last else []
 
-    def _slabs_steps(self, options: ReadOptions, flip: str, time_notes: Sequence[str]) -> Steps[SlabVolume]:
-        """The volume, with the user's spacing and mirrored axes applied and said."""
+    def read(self, options: ReadingOptions | None = None, **fields: Any) -> Volume:
+        """Do what `read_steps` does, without steps."""
+        return finish(self.read_steps(options, **fields))
+
+    def _slabs_steps(self, options: ReadOptions, said: Sequence[str]) -> Steps[Volume]:
+        """Return the volume with the requested spacing and mirrored axes, and notes about them."""
         stages = Stages({"Reading values": 9, "Looking at the values": 1})
         raw = yield from stages.run("Reading values", self.read_raw_steps(options))
         reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
@@ -298,16 +326,13 @@ class VolumeSource(ABC):
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
             reader = ValuesInMemory(values)
         spacing = options.spacing
-        notes = [*time_notes, *raw.notes]
+        notes = [*said, *raw.notes]
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
             affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
             what = "a NumPy file" if self.format == "NumPy" else self.format
-            notes.append(
-                f"{what} has no orientation: taken as axial, columns towards the patient's left, "
-                "rows towards the back, slices towards the head; flip x, y or z changes it"
-            )
+            notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
                 notes.append(
                     f"spacing {lengths_text(spacing)} mm as asked, in place of the file's own "
@@ -318,70 +343,39 @@ class VolumeSource(ABC):
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
             notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
-        if flip:
-            affine = flipped(affine, reader.shape[::-1], flip)
-            notes.append(f"mirrored along {', '.join(flip)} as asked, the volume staying in its place")
+        if options.flip:
+            affine = flipped(affine, reader.shape[::-1], options.flip)
+            notes.append(f"mirrored along {', '.join(options.flip)} as asked, the volume staying in its place")
         kind = raw.kind
-        if not kind:
+        if kind is None:
             looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
             kind = yield from stages.run("Looking at the values", looking)
         names, colors = raw.label_names, raw.label_colors
-        if kind == LABEL and not names:
+        if kind == ValueKind.LABEL and not names:
             names, colors, found = table_for(self.path, self.name)
             notes += found
-        slices, rows, columns = reader.shape
-        box = ((0, columns), (0, rows), (0, slices))
         names = {value: one_line(name) for value, name in names.items()}
-        said = tuple(one_line(note) for note in notes)
-        return SlabVolume(reader, box, affine, said, one_line(self.name), kind, names, colors)
+        lines = tuple(one_line(note) for note in notes)
+        return Volume(reader, affine, lines, options.name or one_line(self.name), kind, names, colors)
+
+
+def taken_as_axial(what: str) -> str:
+    """Return the note for a format without orientation."""
+    return (
+        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
+        "rows towards the back, slices towards the head; flip x, y or z changes it"
+    )
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
-    """What the system says of a file that cannot be opened."""
+    """Return the error for a file that the system does not open."""
     name = Path(error.filename).name if isinstance(error.filename, str) else path.name
     return ReadError(f"{name} cannot be read ({error.strerror or error}); check the file and its permissions")
 
 
 def out_of_memory(path: Path) -> MemoryLimitError:
-    """What is said of a file that claims so much memory while it is unpacked that none is left."""
+    """Return the error for a file whose unpacking takes more memory than is left."""
     return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
-
-
-def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
-    """`spacing` as (x, y, z) mm, or a `SettingsError`; one number stands for all three.
-
-    Examples
-    --------
-    >>> checked_spacing(0.5)
-    (0.5, 0.5, 0.5)
-    """
-    if spacing is None:
-        return None
-    try:
-        sides = (spacing,) * 3 if isinstance(spacing, (int, float)) else tuple(spacing)
-        numbers = tuple(float(value) for value in sides)
-    except (TypeError, ValueError) as error:
-        raise SettingsError(f"spacing is three numbers x, y, z in mm, not {spacing!r}") from error
-    if len(numbers) != 3:
-        raise SettingsError(f"spacing is three numbers x, y, z in mm, not {len(numbers)}: {spacing}")
-    for axis, value in zip("xyz", numbers, strict=True):
-        if not (math.isfinite(value) and value > 0):
-            raise SettingsError(f"spacing along {axis} must be above 0 mm, not {value:g}; measure it or leave it out")
-    return (numbers[0], numbers[1], numbers[2])
-
-
-def checked_flip(flip: str | None) -> str:
-    """The axes to mirror, each once and in the order x, y, z, or a `SettingsError`.
-
-    Examples
-    --------
-    >>> checked_flip("ZX")
-    'xz'
-    """
-    letters = (flip or "").lower().replace(",", "").replace(" ", "")
-    if set(letters) - set("xyz") or len(set(letters)) != len(letters):
-        raise SettingsError(f"flip takes the axes x, y and z, each at most once, such as 'xz', not {flip!r}")
-    return "".join(sorted(letters))
 
 
 def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:

@@ -28,6 +28,8 @@ BLOCK = 1 << 22  # bytes read at once
 class RawSlices(SliceReader):
     """Plain values (slices, rows, columns) in C order, from byte `start` of a file on."""
 
+    thread_safe = True  # every call opens the file for itself
+
     def __init__(self, path: Path, start: int, shape: tuple[int, int, int], stored: np.dtype[Any]) -> None:
         self.path, self.start, self.stored = path, start, stored
         self.shape, self.dtype = shape, stored.newbyteorder("=")
@@ -83,16 +85,17 @@ class TransposedSlices(SliceReader):
         self.stored = stored
         columns, rows, slices = stored.shape
         self.shape, self.dtype = (slices, rows, columns), stored.dtype
+        self.thread_safe = stored.thread_safe
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Read with the axes turned round."""
+        """Read with the axes in reverse order."""
         step = self.stored.at_once
         for start in range(0, len(columns), step):
             part = slice(start, start + step)
             out[..., part] = self.stored.read(columns[part], rows, slices).T
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """In the file's order, as a view."""
+        """Return the values as a view of an array in the file's order."""
         return (yield from self.stored.values_steps(columns, rows, slices)).T
 
 
@@ -152,12 +155,12 @@ class PackedSlices(SliceReader):
             self._close()
 
     def _next_at(self, number: int) -> None:
-        """Bring the stream to a slice."""
+        """Move the stream to the first byte of a slice."""
         self._stream_at(number)
         self._next = number
 
     def _stream_at(self, number: int) -> IO[bytes]:
-        """The stream, at a slice."""
+        """Return the stream, moved to the first byte of a slice."""
         if self._stream is None or number < self._next:
             self._close()
             self._stream = self.opened(self._files)
@@ -181,6 +184,7 @@ class JoinedSlices(SliceReader):
         for part in parts:
             self.firsts.append(self.firsts[-1] + part.shape[0])
         self.shape, self.dtype = (self.firsts[-1], *parts[0].shape[1:]), parts[0].dtype
+        self.thread_safe = all(part.thread_safe for part in parts)
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Read from each file in turn."""
@@ -201,9 +205,10 @@ class TimeSlices(SliceReader):
     def __init__(self, stored: SliceReader, first: int, slices: int, step: int = 1) -> None:
         self.stored, self.first, self.step = stored, first, step
         self.shape, self.dtype = (slices, *stored.shape[1:]), stored.dtype
+        self.thread_safe = stored.thread_safe
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Read the slices further on."""
+        """Read the slices of this time from the other reader."""
         start, stop = (self.first + self.step * end for end in (slices.start, slices.stop))
         moved = range(start, stop, self.step * slices.step)
         self.stored.fill(out, moved, rows, columns)
@@ -226,6 +231,7 @@ class InterleavedSlices(SliceReader):
         self.stored, self.number, self.count = stored, number, count
         slices, rows, columns = stored.shape
         self.shape, self.dtype = (slices, rows, columns // count), stored.dtype
+        self.thread_safe = stored.thread_safe
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Read every `count`-th column."""

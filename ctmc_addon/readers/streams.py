@@ -80,11 +80,13 @@ def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
     if not isinstance(stream, PACKED):
         stream.seek(count, 1)
         return
-    for start in range(0, count, CHUNK):
+    left = count
+    while left > 0:
         yield Step(0.0, f"Reading {name}")
         try:
-            passed = len(stream.read(min(CHUNK, count - start)))
+            passed = len(stream.read(min(CHUNK, left)))
         except STREAM_ERRORS as error:
             raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
         if not passed:
-            raise ReadError(f"{name} is truncated: it ends before its values; copy it again")
+            raise ReadError(f"{name} is truncated: it ends before the values that its header tells of; copy it again")
+        left -= passed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What all readers ask of gray values: do they fit, what scale have they, what do they mean."""
+"""What all readers ask of gray values: do they fit, what is their scale, what do they mean."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Step, Steps, amount, require_memory
-from ..core.volume import SliceReader, ValuesInMemory, fitting_stride
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, fitting_stride
 
-HU, GRAY, LABEL = "HU", "grey value", "label"
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MASK_VALUES = (1, 255)  # inside, where outside is 0
 MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
@@ -78,6 +77,7 @@ class ScaledSlices(SliceReader):
     def __init__(self, stored: SliceReader, slope: float, intercept: float, dtype: np.dtype[Any]) -> None:
         self.stored, self.slope, self.intercept = stored, slope, intercept
         self.shape, self.dtype = stored.shape, dtype
+        self.chunk_slices, self.thread_safe = stored.chunk_slices, stored.thread_safe
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Scale slice by slice."""
@@ -87,7 +87,7 @@ class ScaledSlices(SliceReader):
 
     @property
     def own_bytes(self) -> int:
-        """None where values in memory are scaled in their place."""
+        """Bytes that reading all values adds; 0 where values in memory are scaled in place."""
         in_place = isinstance(self.stored, ValuesInMemory) and self.dtype.itemsize == self.stored.dtype.itemsize
         return 0 if in_place else super().own_bytes
 
@@ -121,7 +121,7 @@ def range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
 
 
 class Seen:
-    """What was seen of values that come some slices at a time."""
+    """The range of values that come some slices at a time, and which small whole numbers occur."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self.low, self.high = math.inf, -math.inf
@@ -134,7 +134,7 @@ class Seen:
         return self.integer and self.low >= 0 and self.high <= 255 and int(self.small.sum()) <= MOST_LABELS
 
     def add(self, values: NDArray[Any]) -> bool:
-        """Look at more of them; it is never enough."""
+        """Take more values into account, and return False, as every value has to be seen."""
         self.low = min(self.low, float(np.fmin.reduce(values, axis=None)))
         self.high = max(self.high, float(np.fmax.reduce(values, axis=None)))
         return False
@@ -152,7 +152,7 @@ def is_label_name(name: str) -> bool:
     return bool(words) and (words[0] in LABEL_WORDS or words[-1] in LABEL_WORDS)
 
 
-def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[str]:
+def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[ValueKind]:
     """What the values mean, where the file does not say it.
 
     Labels: the file names them; or its name begins or ends like a label file's and all values are whole
@@ -163,14 +163,14 @@ def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu:
     seen = Seen(reader.dtype)
     named = is_label_name(name)
     if has_label_names or (named and seen.integer):
-        return LABEL
+        return ValueKind.LABEL
     if not (named or may_be_hu):
-        return GRAY
+        return ValueKind.GRAY
     may_be_negative = reader.dtype.kind in "if"
     may_be_whole = named
 
     def look(values: NDArray[Any]) -> bool:
-        """Look at more of them; whether that settles it."""
+        """Take more values into account, and return whether the kind is known."""
         nonlocal may_be_whole
         seen.add(values)
         if may_be_whole:
@@ -183,10 +183,10 @@ def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu:
 
     yield from reader.runs_steps(look)
     if may_be_whole:
-        return LABEL
+        return ValueKind.LABEL
     if may_be_hu and seen.integer and seen.low >= 0 and seen.high <= 255:
-        return LABEL if seen.few else GRAY
-    return HU if may_be_hu and seen.low < AIR_HU else GRAY
+        return ValueKind.LABEL if seen.few else ValueKind.GRAY
+    return ValueKind.HU if may_be_hu and seen.low < AIR_HU else ValueKind.GRAY
 
 
 class NotAMask(Exception):

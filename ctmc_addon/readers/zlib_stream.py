@@ -24,11 +24,11 @@ class ZlibFile(io.RawIOBase):
         self.decoder = zlib.decompressobj(zlib.MAX_WBITS | 32)
 
     def readable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def readinto(self, target: Any) -> int:
-        """Fill `target`, as far as there is something."""
+        """Read into `target`, and return the number of bytes read, 0 at the end."""
         view = memoryview(target).cast("B")
         done = 0
         while done < len(view) and not self.decoder.eof:

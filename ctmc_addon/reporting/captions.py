@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..core import ReconstructionSettings
+from ..core import ReconstructionSettings, smoothing_of
 
 
 def figure_caption(
@@ -98,8 +98,5 @@ def smoothing_phrase(settings: ReconstructionSettings) -> str:
     >>> smoothing_phrase(ReconstructionSettings(label=2, smoothing_mm=1.5))
     'Gaussian of 1.5 mm'
     """
-    if settings.smoothing_method == "gaussian":
-        return f"Gaussian of {settings.gaussian_mm:g} mm"
-    if settings.label is None:
-        return ""
-    return {"constrained": "constrained smoothing", "none": "not smoothed"}[settings.smoothing_method]
+    bare = settings.label is None and settings.smoothing_method == "none"
+    return "" if bare else smoothing_of(settings).caption(settings)

@@ -6,10 +6,9 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
-from ..core import ReconstructionSettings, Setting, described
+from ..core import Described, ReconstructionSettings, Setting, defaults, descriptions, used_settings
 
 
 def flag_of(name: str, about: Setting) -> str:
@@ -17,7 +16,7 @@ def flag_of(name: str, about: Setting) -> str:
 
     Examples
     --------
-    >>> flag_of("keep_parts", described()["keep_parts"])
+    >>> flag_of("keep_parts", descriptions(ReconstructionSettings)["keep_parts"])
     '--keep-parts'
     """
     return "--" + (about.flag or name.replace("_", "-"))
@@ -33,43 +32,33 @@ def command_of(settings: ReconstructionSettings) -> str:
     >>> command_of(ReconstructionSettings(threshold=200, slice_steps=4))
     '--threshold 200'
     """
+    used = used_settings(settings)
+    return " ".join(flags_of(settings, but=[name for name in descriptions(ReconstructionSettings) if name not in used]))
+
+
+def flags_of(values: Described, but: Sequence[str] = ()) -> list[str]:
+    """Return the words of the flags that give these values, without those at their default."""
     words = []
-    for name, about in described().items():
-        value = getattr(settings, name)
-        if value == getattr(ReconstructionSettings, name):
-            continue
-        if name == "slice_steps" and settings.smoothing_method != "constrained":
+    own = defaults(type(values))
+    for name, about in descriptions(type(values)).items():
+        value = getattr(values, name)
+        if value == own[name] or name in but:
             continue
         items = value if isinstance(value, tuple) else (value,)
-        words.append(flag_of(name, about))
+        flag = flag_of(name, about)
+        words.append(f"--no-{flag[2:]}" if value is False else flag)
         words += [] if about.type is bool else [item if isinstance(item, str) else f"{item:.12g}" for item in items]
-    return " ".join(words)
-
-
-def reading_flags(reading: Mapping[str, Any]) -> list[str]:
-    """Return the flags that say how INPUT is read, from the keyword arguments of `read_volume`.
-
-    Examples
-    --------
-    >>> reading_flags({"spacing": (0.7, 0.7, 2.0), "flip": "z", "series": None, "time": 2})
-    ['--spacing', '0.7', '0.7', '2', '--flip', 'z', '--time', '2']
-    """
-    words = []
-    if reading.get("spacing"):
-        words += ["--spacing", *(f"{side:.12g}" for side in reading["spacing"])]
-    for name in ("flip", "series", "time"):
-        if reading.get(name):
-            words += [f"--{name}", str(reading[name])]
     return words
 
 
-def command_line(source: str, output: str, settings: ReconstructionSettings, reading: Mapping[str, Any]) -> str:
-    """Return the whole line, its words quoted for this system's shell.
+def command_line(source: str, output: str, settings: ReconstructionSettings, reading: Described | None = None) -> str:
+    """Return the whole line, its words quoted for this system's shell; `reading` is how the source is read.
 
     Examples
     --------
-    >>> command_line("scan", "bone.stl", ReconstructionSettings(threshold=200), {})
+    >>> command_line("scan", "bone.stl", ReconstructionSettings(threshold=200))
     'ctmc reconstruct scan -o bone.stl --threshold 200'
     """
-    words = ["ctmc", "reconstruct", source, "-o", output, *reading_flags(reading), *command_of(settings).split()]
+    read = flags_of(reading) if reading is not None else []
+    words = ["ctmc", "reconstruct", source, "-o", output, *read, *command_of(settings).split()]
     return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)

@@ -44,17 +44,6 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 10 else f"{max(seconds, 0.1):.1f} s"
 
 
-def kind_text(kind: str) -> str:
-    """Return `Volume.kind` as it is shown; its value for scripts and JSON keeps the older spelling.
-
-    Examples
-    --------
-    >>> kind_text("HU"), kind_text("grey value")
-    ('HU', 'gray value')
-    """
-    return kind.replace("grey", "gray")
-
-
 def voxel_sides(stride: Sequence[int], spacing: Sequence[float]) -> str:
     """Return the sides of a voxel in pixels and millimeters, equal ones once.
 

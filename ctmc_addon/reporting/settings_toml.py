@@ -6,19 +6,46 @@ The comments are the settings' own texts, so the file is its own manual. What is
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import textwrap
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..core import VERSION, ReconstructionSettings, Setting, SettingsError, described, with_present_names
+from ..core import (
+    SETTINGS,
+    VERSION,
+    ReconstructionSettings,
+    Setting,
+    SettingsError,
+    checked,
+    defaults,
+    descriptions,
+    with_present_names,
+)
 
 WIDTH = 100
+Tables = Mapping[str, Sequence[type]]
+"""Names of the tables below the settings, and the described dataclasses whose fields stand in each."""
 
 
-def to_toml(settings: ReconstructionSettings, labels: Sequence[int | str] = ()) -> str:
-    """Return every setting with its text, unit, limits and value; in place of its label several, by number or name.
+def to_toml(
+    settings: ReconstructionSettings,
+    labels: Sequence[int | str] = (),
+    tables: Tables | None = None,
+    given: Mapping[str, Mapping[str, Any]] | None = None,
+) -> str:
+    """Return every setting with its text, unit, limits and value, and the tables that may stand below.
+
+    Parameters
+    ----------
+    settings : ReconstructionSettings
+    labels : sequence of int or str
+        In place of the settings' label several, by number or name.
+    tables : mapping of str to sequence of type, optional
+    given : mapping of str to mapping, optional
+        For a table the values of its fields, by name; what is not given stands as a comment.
 
     Examples
     --------
@@ -28,10 +55,28 @@ def to_toml(settings: ReconstructionSettings, labels: Sequence[int | str] = ()) 
     2
     """
     lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
-    for name, about in described().items():
+    for name, about in SETTINGS.items():
         value = labels_value(labels) if name == "label" and labels else getattr(settings, name)
-        lines += ["", *comment_of(about), value_line(name, value, about)]
+        lines += ["", *comment_of(about), value_line(name, value, about.start)]
+    for table, kinds in (tables or {}).items():
+        lines += ["", f"[{table}]", *table_lines(kinds, (given or {}).get(table, {}))]
     return "\n".join(lines) + "\n"
+
+
+def table_lines(kinds: Sequence[type], given: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a table's fields, those that are not given as comments."""
+    lines = []
+    for kind in kinds:
+        own = defaults(kind)
+        for name, about in kept(kind).items():
+            example = own[name] if about.start is None else about.start
+            lines += [*comment_of(about), value_line(name, given.get(name), example), ""]
+    return lines[:-1]
+
+
+def kept(kind: type) -> dict[str, Setting]:
+    """Return the descriptions of the fields that a settings file holds."""
+    return {name: about for name, about in descriptions(kind).items() if about.kept}
 
 
 def labels_value(labels: Sequence[int | str]) -> Any:
@@ -40,18 +85,20 @@ def labels_value(labels: Sequence[int | str]) -> Any:
 
 
 def comment_of(about: Setting) -> list[str]:
-    """Return text, unit and limits as lines of comment."""
+    """Return text, unit, limits and what holds without a value as lines of comment."""
     facts = [about.unit] if about.unit else []
-    if about.choices or about.low is not None or about.high is not None:
+    if about.choices or about.is_limited:
         facts.append(about.limits)
+    if about.without:
+        facts.append(f"default: {about.without}")
     text = about.text.rstrip(".") + (f" ({'; '.join(facts)})" if facts else "") + "."
     return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
 
 
-def value_line(name: str, value: Any, about: Setting) -> str:
+def value_line(name: str, value: Any, example: Any) -> str:
     """Return `name = value`; where there is no value, an example as a comment."""
     if value is None:
-        return f"# {name} = {toml_value(about.start)}"
+        return f"# {name} = {toml_value(example)}"
     return f"{name} = {toml_value(value)}"
 
 
@@ -63,20 +110,21 @@ def toml_value(value: Any) -> str:
     >>> toml_value((2, 2, 1)), toml_value(True), toml_value("mesh"), toml_value(1e-7)
     ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
     """
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, list)):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
 
 
-def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
-    """Return the settings in a TOML text, by name.
+def from_toml(text: str, name: str = "the settings file", tables: Tables | None = None) -> dict[str, Any]:
+    """Return the settings in a TOML text, by name, and each of the tables as a dictionary.
 
     Parameters
     ----------
     name : str
         Of the file, for messages.
+    tables : mapping of str to sequence of type, optional
 
     Raises
     ------
@@ -88,13 +136,34 @@ def from_toml(text: str, name: str = "the settings file") -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
+        found = {table: table_of(table, values.pop(table), kinds) for table, kinds in in_both(tables, values)}
         values = with_present_names(values)
         for key, value in values.items():
-            require_labels(value) if key == "label" else require_type(key, value)
+            if key == "label":
+                require_labels(value)
+            elif key in SETTINGS:
+                require_type(key, value, SETTINGS[key])
         ReconstructionSettings.from_dict(values | ({"label": 1} if "label" in values else {}))
     except SettingsError as error:
         raise SettingsError(f"{name}: {error}") from error
-    return values
+    return values | found
+
+
+def in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str, Sequence[type]]]:
+    """Return the tables that the file has."""
+    return [(table, kinds) for table, kinds in (tables or {}).items() if table in values]
+
+
+def table_of(table: str, values: Any, kinds: Sequence[type]) -> dict[str, Any]:
+    """Return a table's values, checked; an unknown name or a value outside its limits is a `SettingsError`."""
+    if not isinstance(values, dict):
+        raise SettingsError(f"{table} is a table, [{table}] on a line of its own, not {values!r}")
+    known = {name: about for kind in kinds for name, about in kept(kind).items()}
+    for key, value in values.items():
+        if key not in known:
+            raise SettingsError(f"unknown setting {key!r} in [{table}]; its settings are {', '.join(known)}")
+        require_type(key, value, known[key])
+    return {key: checked(key, value, known[key]) for key, value in values.items()}
 
 
 def require_labels(value: Any) -> None:
@@ -104,11 +173,14 @@ def require_labels(value: Any) -> None:
         raise SettingsError(f"label must be a whole number, a name in quotes, or a list of these, not {value!r}")
 
 
-def require_type(name: str, value: Any) -> None:
+def require_type(name: str, value: Any, about: Setting) -> None:
     """Raise a `SettingsError` for what Python would convert silently: "false" to true, true to 1."""
-    about = described().get(name)
-    if about is None:
-        return  # refused by name later
+    if about.many:
+        if not isinstance(value, list):
+            raise SettingsError(f"{name} must be a list in brackets, not {value!r}")
+        for item in value:
+            require_type(name, item, dataclasses.replace(about, many=False))
+        return
     items = value if isinstance(value, list) and about.size > 1 else [value]
     types, expected = {bool: (bool, "true or false"), str: (str, "a word in quotes")}.get(
         about.type, ((int, float), "a number" if about.size == 1 else f"{about.size} numbers in brackets")

@@ -238,7 +238,7 @@ class LongOperator(Needs):
         except (CtmcError, MemoryError) as error:
             return refuse(self, job.scene, error)
         finally:
-            if not unfinished:  # done, refused or a defect: nothing is left behind
+            if not unfinished:  # The job has ended, was refused or failed: its timer and status go.
                 stop(job)
         if unfinished:
             show(job, context)
@@ -263,14 +263,12 @@ class CTMC_OT_cancel(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        """Only with something to stop."""
         if running() is None:
             cls.poll_message_set("No job is running")
             return False
         return True
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        """Stop it."""
         stop_running()
         self.report({"INFO"}, translate("Cancelled"))
         return {"FINISHED"}

@@ -13,8 +13,8 @@ from ctmc_addon.core.cost_estimate import CALIBRATION, FieldCache, cost_estimate
 from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.pipeline import reconstruct
 from ctmc_addon.core.progress import finish
+from ctmc_addon.core.reconstruct import reconstruct
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.volume.volume import Volume
 

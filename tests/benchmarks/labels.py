@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, marching_cubes, reconstruct
+from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, marching_cubes, reconstruct
 from ctmc_addon.core.volume.smoothing import constrained_steps
 
 from . import documents
@@ -180,7 +180,7 @@ def times() -> None:
             runs = []
             for _ in range(3):
                 start = time.perf_counter()
-                field = finish(constrained_steps(case.mask, spacing_of(case.affine), threads=threads))
+                field = finish(constrained_steps(case.mask, spacing_of(case.affine), budget=Budget(threads)))
                 runs.append(time.perf_counter() - start)
             seconds.append(min(runs))
         faces = len(marching_cubes(field.values, 0.0, normals=False).faces)

@@ -14,6 +14,8 @@ from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, proces
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.progress import Step
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def session(tmp_path):

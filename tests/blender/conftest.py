@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 
@@ -66,8 +67,7 @@ def ball():
     """Build the extracted surface of a ball of 8 mm at the origin, whose gradient is radial."""
 
     def build(**settings) -> Reconstruction:
-        index = np.indices((24, 24, 24), dtype=np.float64) - 11.5
-        values = (100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32)
+        values = (100 - 5 * distance_mm((24, 24, 24))).astype(np.float32)
         affine = np.eye(4)
         affine[:3, 3] = -11.5
         return reconstruct(Volume(values, affine, name="ball"), ReconstructionSettings(threshold=60.0, **settings))

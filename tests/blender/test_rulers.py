@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 
@@ -24,8 +25,7 @@ def scene():
 
 def ball(scene, scale):
     """A ball of 8 mm radius round (12, 12, 12) mm."""
-    z, y, x = np.indices((25, 25, 25)) - 12.0
-    volume = Volume((100 - 10 * np.sqrt(x**2 + y**2 + z**2)).astype(np.float32), np.eye(4))
+    volume = Volume((100 - 10 * distance_mm((25, 25, 25))).astype(np.float32), np.eye(4))
     return add_reconstruction(reconstruct(volume, ReconstructionSettings(threshold=100 - 10 * RADIUS)), scene, scale)
 
 

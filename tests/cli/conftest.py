@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -79,6 +80,14 @@ def truth(phantom_folder):
 def scene():
     """Blender; tests that need it skip without it."""
     return pytest.importorskip("bpy", reason="the Python package bpy is not installed")
+
+
+@pytest.fixture
+def small_pictures(scene, monkeypatch):
+    """Render the picture beside a surface with a twentieth of its pixels."""
+    from ctmc_addon.blender.figure import render
+
+    monkeypatch.setattr(render, "render_figure", partial(render.render_figure, size=(280, 210)))
 
 
 @pytest.fixture

@@ -47,7 +47,6 @@ def test_a_surface_under_a_limit_has_the_bytes_of_one_without(ctmc, volume, tmp_
     assert ctmc(*words, tmp_path / "free.stl").code == 0
     done = limited(mebibytes << 20, *words, tmp_path / "limited.stl")
     assert (done.returncode, done.stderr) == (0, "")
-    assert ("written as it was extracted" in done.stdout) == (mebibytes < 1024)
     assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
 
 
@@ -67,7 +66,6 @@ def test_a_surface_that_is_written_as_it_is_extracted_has_its_report(volume, tmp
     words = ["reconstruct", volume, "--threshold", "132", "--threads", "1", "-o", tmp_path / "a.stl"]
     done = limited(160 << 20, *words, "--report", tmp_path / "a.json")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "written as it was extracted" in done.stdout
     report = json.loads((tmp_path / "a.json").read_text("utf-8"))
     assert (tmp_path / "a.stl").stat().st_size == 84 + 50 * report["faces"]
     assert report["area_mm2"] > 0

@@ -9,12 +9,12 @@ from ctmc_addon.cli.arguments import (
     add_settings,
     command_of,
     flag_of,
-    help_of,
     overridden,
     settings_from,
 )
+from ctmc_addon.cli.described_flags import help_of
 from ctmc_addon.core import ReconstructionSettings
-from ctmc_addon.core.settings import described
+from ctmc_addon.core.settings import SETTINGS
 
 
 def parsed(line):
@@ -24,7 +24,7 @@ def parsed(line):
 
 
 def test_every_setting_has_its_flag_with_text_and_limits():
-    flags = {name: flag_of(name, about) for name, about in described().items()}
+    flags = {name: flag_of(name, about) for name, about in SETTINGS.items()}
     assert set(flags.values()) == {
         "--threshold", "--upper", "--label", "--stride", "--alpha", "--topology", "--smoothing", "--smoothing-mm",
         "--slice-steps", "--close-border", "--region",
@@ -34,14 +34,14 @@ def test_every_setting_has_its_flag_with_text_and_limits():
     parser = argparse.ArgumentParser()
     add_settings(parser)
     shown = " ".join(parser.format_help().split())
-    for name, about in described().items():
+    for name, about in SETTINGS.items():
         assert flags[name] in shown
         assert about.text.split(". ")[0][:40] in shown
 
 
 def test_the_help_says_unit_limits_and_default():
-    assert help_of(described()["stride"], (1, 1, 1)).endswith("(px; from 1 to 16; default 1 1 1)")
-    assert help_of(described()["reduction"], None).endswith("(at least 0 and below 1)")
+    assert help_of(SETTINGS["stride"], (1, 1, 1)).endswith("(px; from 1 to 16; default 1 1 1)")
+    assert help_of(SETTINGS["reduction"], None).endswith("(at least 0 and below 1)")
 
 
 @pytest.mark.parametrize(

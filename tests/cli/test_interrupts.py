@@ -14,6 +14,7 @@ import pytest
 from ctmc_addon.cli.interrupts import interrupts_held, sigterm_raised
 
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.once
 # Sends the process a signal when the module is imported that is named first.
 SIGNAL_AT_IMPORT = """
 import builtins, signal, sys
@@ -97,7 +98,6 @@ def with_default_handlers():
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no such signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_while_a_surface_is_written_leaves_nothing(tmp_path, number, code):

@@ -103,20 +103,20 @@ def test_what_cannot_be_is_one_sentence_and_leaves_nothing(refused, misused, lab
 
 
 def test_when_one_file_of_a_folder_fails_none_is_left(refused, labels_file, tmp_path, monkeypatch):
-    from ctmc_addon.core.files import mesh_files
+    from ctmc_addon.core.sinks import write as sink
 
     out = tmp_path / "out"
     out.mkdir()
     (out / "Liver 1.stl").write_bytes(b"older")
-    write, done = mesh_files.write_mesh, []
+    write_steps, done = sink.write_pieces_steps, []
 
-    def fails(path, *args):
+    def fails_steps(path, *args):
         done.append(path)
         if len(done) == 4:
             raise OutputError("the disk is full")
-        write(path, *args)
+        return (yield from write_steps(path, *args))
 
-    monkeypatch.setattr(mesh_files, "write_mesh", fails)
+    monkeypatch.setattr(sink, "write_pieces_steps", fails_steps)
     assert "disk is full" in refused("reconstruct", labels_file, "--label", "all", "-o", out)
     assert names_in(out) == ["Liver 1.stl"]
     assert (out / "Liver 1.stl").read_bytes() == b"older"

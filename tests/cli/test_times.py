@@ -8,6 +8,7 @@ import weakref
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 from ctmc_addon import readers
 from ctmc_addon.core import ReconstructionSettings, reconstruct
@@ -18,8 +19,7 @@ RADII = (4.0, 5.0, 6.0)
 
 def balls(path, radii=RADII, label=False):
     """A ball in the middle of 20 mm, one radius after the other; gray values fall 10 with each mm."""
-    x, y, z = np.indices((20, 20, 20)) - 9.5
-    distance = np.sqrt(x**2 + y**2 + z**2)
+    distance = distance_mm((20, 20, 20))
     values = np.stack([1000 + 10 * (radius - distance) for radius in radii], axis=3).astype(np.float32)
     if label:
         values = (values >= 1000).astype(np.uint8)
@@ -81,10 +81,10 @@ def test_names_sort_as_the_times_do(ctmc, tmp_path):
 def test_one_time_is_in_memory_at_a_time(ctmc, beating, tmp_path, monkeypatch):
     read, alive = readers.VolumeSource.read_steps, []
 
-    def remembered_steps(source, **options):
+    def remembered_steps(source, *args, **options):
         gc.collect()
         alive.append(sum(volume() is not None for volume in volumes))
-        volume = yield from read(source, **options)
+        volume = yield from read(source, *args, **options)
         volumes.append(weakref.ref(volume.values))
         return volume
 

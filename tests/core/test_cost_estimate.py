@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from volumes import in_file
 
-from ctmc_addon.core import ReconstructionSettings, Volume, cost_estimate, finish, fitting, reconstruct
+from ctmc_addon.core import Budget, ReconstructionSettings, Volume, cost_estimate, finish, reconstruct
 from ctmc_addon.core.cost_estimate import FieldCache, cost_estimate_steps
 from ctmc_addon.core.errors import MeshError, ThresholdError
+from ctmc_addon.core.plan import FACE_BYTES
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +45,8 @@ def test_voxels_vertices_and_triangles_are_exact(volume, settings):
 
 def test_values_are_prepared_again_only_when_something_matters_to_them(volume, monkeypatch):
     made = []
-    plain = cost_estimate.scalar_field_steps
-    monkeypatch.setattr(cost_estimate, "scalar_field_steps", lambda *args: made.append(1) or plain(*args))
+    plain = cost_estimate.field_steps
+    monkeypatch.setattr(cost_estimate, "field_steps", lambda *args: made.append(1) or plain(*args))
     cache = FieldCache(volume)
     for settings in (
         {"threshold": 100.0, "smoothing_mm": 1.0},
@@ -61,29 +65,31 @@ def test_a_threshold_without_a_surface_is_refused_after_another_one(volume):
         finish(cost_estimate_steps(cache, ReconstructionSettings(threshold=5000.0)))
 
 
-def test_what_is_smoothed_a_slab_at_a_time_is_counted_so_too(monkeypatch):
-    monkeypatch.setattr(cost_estimate, "SLABS_BYTES", 0)
-    monkeypatch.setattr(fitting, "SLABS_BYTES", 0)
+def test_what_is_smoothed_a_slab_at_a_time_is_counted_so_too():
     square = [np.square(np.arange(48) - 23.5) for _ in range(3)]
     ball = Volume(-np.add.outer(np.add.outer(*square[:2]), square[2]).astype(np.float32), np.eye(4))
     settings = ReconstructionSettings(threshold=-144.0, smoothing_mm=1.0, stride=(2, 1, 1))
     real = reconstruct(ball, settings)
-    limit = 4 * real.full_faces * fitting.FACE_BYTES // 3
+    limit = 4 * real.full_faces * FACE_BYTES // 3
     assert limit < 9 * ball.values.size
-    found = finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit), settings))
+    most = Budget(bytes=limit, slab_bytes=1, work_bytes=0)
+    little = replace(most, bytes=limit // 3)
+    cache = FieldCache(in_file(ball), most)
+    found = finish(cost_estimate_steps(cache, settings))
+    assert not cache.field.values.held
     assert (found.faces, found.vertices) == (real.full_faces, len(real.mesh.vertices))
     assert found.voxels == real.voxels_visited
     assert found.fits
-    streamed = reconstruct(ball, settings, memory_limit=limit)
-    assert streamed.mesh.vertices.tobytes() == real.mesh.vertices.tobytes()
-    assert streamed.mesh.faces.tobytes() == real.mesh.faces.tobytes()
-    found = finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit // 3), settings))
+    fetched = reconstruct(in_file(ball), settings, most)
+    assert fetched.mesh.vertices.tobytes() == real.mesh.vertices.tobytes()
+    assert fetched.mesh.faces.tobytes() == real.mesh.faces.tobytes()
+    found = finish(cost_estimate_steps(FieldCache(ball, little), settings))
     assert "stride 3 2 2 would fit" in found.sentence
     wider = ReconstructionSettings(threshold=-144.0, smoothing_mm=1.0, stride=(3, 2, 2))
-    assert finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit // 3), wider)).fits
+    assert finish(cost_estimate_steps(FieldCache(ball, little), wider)).fits
     nothing = ReconstructionSettings(threshold=-5.0, smoothing_mm=1.0, stride=(9, 9, 9))
-    with pytest.raises(MeshError, match="choose another threshold"):
-        finish(cost_estimate_steps(FieldCache(ball, memory_limit=limit), nothing))
+    with pytest.raises(MeshError, match="no sample of this grid is cut off by threshold -5; use a smaller stride"):
+        finish(cost_estimate_steps(FieldCache(ball, most), nothing))
 
 
 def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
@@ -96,19 +102,19 @@ def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
 
 def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
     settings = ReconstructionSettings(threshold=100.0)
-    full = finish(cost_estimate_steps(FieldCache(volume), settings))
+    full = finish(cost_estimate_steps(FieldCache(volume, Budget(work_bytes=0)), settings))
     assert full.fits or full.available is not None
-    found = finish(cost_estimate_steps(FieldCache(volume, memory_limit=full.memory // 2), settings))
+    found = finish(cost_estimate_steps(FieldCache(volume, Budget(bytes=full.memory // 2, work_bytes=0)), settings))
     assert not found.fits
     assert "GiB are available; stride" in found.sentence
     assert "would fit" in found.sentence
     words = found.remedy.split()
     wider = ReconstructionSettings(threshold=100.0, stride=tuple(int(word) for word in words[1:4]))
-    assert finish(cost_estimate_steps(FieldCache(volume, memory_limit=full.memory // 2), wider)).fits
+    assert finish(cost_estimate_steps(FieldCache(volume, Budget(bytes=full.memory // 2, work_bytes=0)), wider)).fits
 
 
 def test_where_no_stride_fits_a_region_is_advised(volume):
-    found = finish(cost_estimate_steps(FieldCache(volume, memory_limit=1), ReconstructionSettings(threshold=100.0)))
+    found = finish(cost_estimate_steps(FieldCache(volume, Budget(bytes=1)), ReconstructionSettings(threshold=100.0)))
     assert found.remedy == "choose a smaller region"
 
 

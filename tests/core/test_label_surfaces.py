@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from volumes import in_file
 
 from ctmc_addon.core import (
+    NO_THREAD,
+    Budget,
     LabelError,
     ReconstructionSettings,
     SettingsError,
@@ -18,10 +21,7 @@ from ctmc_addon.core import (
     reconstruct_labels_steps,
 )
 from ctmc_addon.core.errors import MemoryLimitError
-from ctmc_addon.core.simplification.simplify import memory_needed
-from ctmc_addon.core.simplification.streaming import reduce_pieces
-from ctmc_addon.core.streaming import parts
-from ctmc_addon.core.volume import SlabVolume
+from ctmc_addon.core.simplification.whole import memory_needed
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
@@ -65,7 +65,7 @@ def same(first, second):
 )
 def test_every_label_has_the_bytes_it_has_alone(settings):
     volume = organs()
-    results = {threads: reconstruct_labels(volume, settings, None, threads) for threads in (1, 2, 5)}
+    results = {threads: reconstruct_labels(volume, settings, None, Budget(threads=threads)) for threads in (1, 2, 5)}
     labels = [result.settings.label for result in results[1].surfaces]
     assert labels == sorted(labels)
     assert len(labels) >= 7
@@ -73,26 +73,26 @@ def test_every_label_has_the_bytes_it_has_alone(settings):
         assert results[threads].left_out == results[1].left_out
         assert [result.settings.label for result in results[threads].surfaces] == labels
         for result in results[threads].surfaces:
-            same(result, reconstruct(organs(), replace(settings, label=result.settings.label), 1))
+            same(result, reconstruct(organs(), replace(settings, label=result.settings.label), Budget(threads=1)))
 
 
 def test_values_that_are_fetched_give_the_same_bytes():
-    fetched = reconstruct_labels(SlabVolume.of(organs()), ReconstructionSettings(), None, 3)
+    fetched = reconstruct_labels(in_file(organs()), ReconstructionSettings(), None, Budget(threads=3))
     for first, second in zip(
         fetched.surfaces, reconstruct_labels(organs(), ReconstructionSettings()).surfaces, strict=True
     ):
         same(first, second)
 
 
-def test_what_does_not_fit_beside_other_labels_is_made_whole_alone(monkeypatch):
-    monkeypatch.setattr(reduce_pieces, "BATCH_FACES", 300)
-    monkeypatch.setattr(parts, "SLAB_BYTES", 1)
+def test_what_does_not_fit_beside_other_labels_is_made_whole_alone():
     boxes = np.kron([[1, 2], [3, 4]], np.pad(np.ones((8, 8)), 2))
     values = np.pad(np.broadcast_to(boxes, (8, 24, 24)), ((2, 2), (0, 0), (0, 0))).astype(np.uint8)
     volume, settings = Volume(values, AFFINE, kind="label"), ReconstructionSettings(reduction=0.9, smoothing="none")
     whole = reconstruct_labels(volume, settings).surfaces
-    limit = memory_needed(whole[0].full_faces, None) + 1
-    for first, second in zip(reconstruct_labels(volume, settings, None, 2, limit).surfaces, whole, strict=True):
+    budget = Budget(threads=2, bytes=memory_needed(whole[0].full_faces, None) + 1)
+    with pytest.raises(MemoryLimitError):
+        reconstruct(volume, replace(settings, label=1), budget.shared_by(2))
+    for first, second in zip(reconstruct_labels(volume, settings, None, budget).surfaces, whole, strict=True):
         same(first, second)
 
 
@@ -137,35 +137,59 @@ def test_of_all_labels_those_without_a_surface_are_left_out_and_said():
 def test_what_does_not_fit_beside_others_is_made_alone():
     volume = organs()
     alone = {}
-    for result in reconstruct_labels(volume, ReconstructionSettings(), None, 1).surfaces:
+    for result in reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=1)).surfaces:
         alone[result.settings.label] = result
     low, high = 10_000, 1 << 28
     while high - low > 4096:  # the least memory with which every label can be made alone
         limit = (low + high) // 2
         try:
             for label in alone:
-                reconstruct(volume, ReconstructionSettings(label=label), 1, limit)
+                reconstruct(volume, ReconstructionSettings(label=label), Budget(threads=1, bytes=limit))
             high = limit
         except MemoryLimitError:
             low = limit
-    surfaces, _ = reconstruct_labels(volume, ReconstructionSettings(), None, 4, high)
+    surfaces, _ = reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=4, bytes=high))
     for result in surfaces:
         same(result, alone[result.settings.label])
     with pytest.raises(MemoryLimitError):
-        reconstruct_labels(volume, ReconstructionSettings(), None, 4, low)
+        reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=4, bytes=low))
 
 
 def test_closing_the_steps_ends_every_thread(monkeypatch):
     monkeypatch.setattr(label_surfaces, "SMALL_WORK", 1 << 30)  # all side by side
     before = threading.active_count()
-    steps = reconstruct_labels_steps(organs(), ReconstructionSettings(), None, 3)
-    for _ in range(6):
-        next(steps)
+    steps = reconstruct_labels_steps(organs(), ReconstructionSettings(), None, Budget(threads=3))
+    assert any(threading.active_count() > before for _ in steps)
     steps.close()
     assert threading.active_count() == before
 
 
 def test_the_fraction_rises_to_one():
-    fractions = [step.fraction for step in reconstruct_labels_steps(organs(), ReconstructionSettings(), None, 2)]
+    fractions = [
+        step.fraction for step in reconstruct_labels_steps(organs(), ReconstructionSettings(), None, Budget(threads=2))
+    ]
     assert fractions == sorted(fractions)
     assert 0.9 < fractions[-1] <= 1
+
+
+@pytest.mark.parametrize("room", [0, 1, 2])
+def test_where_the_system_gives_no_thread_labels_are_made_one_after_the_other(monkeypatch, room):
+    monkeypatch.setattr(label_surfaces, "SMALL_WORK", 1 << 30)  # all side by side
+    settings = ReconstructionSettings(smoothing="none", reduction=0.5)
+    expected = reconstruct_labels(organs(), settings, None, Budget(threads=1))
+    left = [None] * room
+    start = threading.Thread.start
+
+    def refused(thread):
+        if not left:
+            raise RuntimeError(NO_THREAD)
+        left.pop()
+        start(thread)
+
+    before = threading.active_count()
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    found = reconstruct_labels(organs(), settings, None, Budget(threads=3))
+    assert (left, threading.active_count()) == ([], before)
+    assert found.left_out == expected.left_out
+    for first, second in zip(found.surfaces, expected.surfaces, strict=True):
+        same(first, second)

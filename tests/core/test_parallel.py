@@ -9,7 +9,7 @@ import pytest
 from ctmc_addon.core import Step, finish
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.memory import NO_THREAD
-from ctmc_addon.core.parallel import map_steps, side_by_side_steps, worker_count
+from ctmc_addon.core.parallel import in_order_steps, map_steps, side_by_side_steps, worker_count
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -114,3 +114,117 @@ def test_work_is_done_by_this_thread_where_no_other_can_be_started(monkeypatch):
     monkeypatch.setattr(threading.Thread, "start", start)
     assert finish(map_steps(lambda number: number * number, range(40), threads=4)) == [n * n for n in range(40)]
     assert room == []
+
+
+def doubled(number, slow=()):
+    def work_steps():
+        for _ in range(3):
+            if number in slow:
+                time.sleep(0.01)
+            yield Step(0.5)
+        if number == 5:
+            raise SettingsError("five")
+        return 2 * number
+
+    return work_steps
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_works_that_come_one_by_one_give_their_results_in_order(threads):
+    items = list(in_order_steps([Step(0.1), *map(doubled, range(5)), Step(0.9)], threads))
+    assert [item for item in items if not isinstance(item, Step)] == [0, 2, 4, 6, 8]
+    assert {item.fraction for item in items if isinstance(item, Step)} - {0.0} == {0.1, 0.9}
+    items = in_order_steps([doubled(number, slow=range(5)) for number in range(9)], threads)
+    with pytest.raises(SettingsError, match="five"):
+        list(items)
+
+
+def test_no_more_works_come_than_can_be_at_work():
+    begun = []
+
+    def works():
+        for number in range(6):
+            begun.append(number)
+            yield doubled(number, slow=range(6)) if number != 5 else doubled(7)
+
+    seen = [
+        len(begun) - done
+        for done, item in enumerate(item for item in in_order_steps(works(), 2) if not isinstance(item, Step))
+    ]
+    assert len(begun) == 6
+    assert max(seen) <= 3
+
+
+def test_works_that_come_one_by_one_end_with_the_steps():
+    before, ended = threading.active_count(), []
+
+    def works():
+        try:
+            yield from (doubled(number, slow=range(9)) for number in range(9))
+        finally:
+            ended.append(True)
+
+    steps = in_order_steps(works(), 3)
+    next(steps)
+    steps.close()
+    assert (threading.active_count(), ended) == (before, [True])
+
+
+def test_works_are_done_here_where_the_system_gives_no_thread(monkeypatch):
+    started = []
+    start = threading.Thread.start
+
+    def refused(thread):
+        if started:
+            raise RuntimeError(NO_THREAD)
+        started.append(thread)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    items = in_order_steps([doubled(number, slow=[0]) for number in range(5)], 3)
+    assert [item for item in items if not isinstance(item, Step)] == [0, 2, 4, 6, 8]
+    assert len(started) == 1
+
+
+@pytest.mark.parametrize("room", [0, 1, 2])
+def test_works_side_by_side_are_done_by_the_threads_there_are_or_here(monkeypatch, room):
+    started = []
+    start = threading.Thread.start
+
+    def refused(thread):
+        if len(started) == room:
+            raise RuntimeError(NO_THREAD)
+        started.append(thread)
+        start(thread)
+
+    before = threading.active_count()
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    here = []
+
+    def work_steps(number):
+        for step in range(4):
+            time.sleep(0.002)
+            yield Step(step / 4)
+        here.append(threading.current_thread() is threading.main_thread())
+        return 10 * number
+
+    seen = []
+    works = [lambda n=n: work_steps(n) for n in range(7)]
+    assert finish(side_by_side_steps(works, [1] * 7, 4), seen.append) == [10 * n for n in range(7)]
+    assert len(started) == room
+    assert any(here) == (room == 0)
+    assert threading.active_count() == before
+    fractions = [step.fraction for step in seen]
+    assert fractions == sorted(fractions)
+
+
+def test_another_error_of_a_thread_that_does_not_start_stays_what_it_is(monkeypatch):
+    def refused(_thread):
+        raise RuntimeError("cannot schedule new futures after interpreter shutdown")
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    works = [lambda n=n: doubled(n)() for n in range(3)]
+    for steps in (side_by_side_steps(works, [1] * 3, 2), map_steps(str, range(3), 2), in_order_steps(works, 2)):
+        with pytest.raises(RuntimeError, match="interpreter shutdown"):
+            for _ in steps:
+                pass

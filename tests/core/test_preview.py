@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview, reconstruct
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, preview, reconstruct, smoothing_of
 from ctmc_addon.core.preview import Preview, strides, subsample
 
 
@@ -40,7 +40,7 @@ def test_the_pace_is_learnt_from_the_last_surface(ball, monkeypatch):
 
     monkeypatch.setattr(preview, "timed_steps", half_second_steps)
     quick = Preview(ball[0], 0.3)
-    monkeypatch.setitem(preview.FIRST_SECONDS, "none", 0.0)
+    monkeypatch.setattr(type(smoothing_of(ReconstructionSettings())), "voxel_seconds", 0.0)
     settings = ReconstructionSettings(threshold=100.0)
     assert quick.interactive(settings).stride == (1, 1, 1)
     coarse = [quick.interactive(settings).stride for _ in range(3)]

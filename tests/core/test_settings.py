@@ -9,11 +9,11 @@ import pytest
 
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.core.settings import described
+from ctmc_addon.core.settings import SETTINGS
 
 
 def test_every_setting_describes_itself():
-    for name, about in described().items():
+    for name, about in SETTINGS.items():
         assert about.text, name
         assert about.label, name
         assert about.choices or about.type in (int, float, bool), name

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ctmc_addon.core import LabelError, ReconstructionSettings, SettingsError, Volume, reconstruct
+from ctmc_addon.core import Budget, LabelError, ReconstructionSettings, SettingsError, Volume, reconstruct
 from ctmc_addon.core.volume.affine import to_index
 
 THICK = np.diag([0.75, 0.75, 5.0, 1.0])
@@ -163,7 +163,8 @@ def test_thin_tubes_in_thick_slices_stay_in_one_piece():
 def test_the_same_bytes_for_any_number_of_threads():
     mask = ellipsoid((13, 80, 80), (4.6, 34, 34))
     volume = Volume(mask.astype(np.uint8), THICK)
-    one, three = (reconstruct(volume, ReconstructionSettings(label=1), threads=threads).mesh for threads in (1, 3))
+    settings = ReconstructionSettings(label=1)
+    one, three = (reconstruct(volume, settings, Budget(threads=threads)).mesh for threads in (1, 3))
     assert one.vertices.tobytes() == three.vertices.tobytes()
     assert one.faces.tobytes() == three.faces.tobytes()
 
@@ -225,7 +226,8 @@ def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for():
     import tracemalloc
 
     from ctmc_addon.core import finish
-    from ctmc_addon.core.volume.scalar_field import scalar_field_steps
+    from ctmc_addon.core.volume.field import field_steps
+    from ctmc_addon.core.volume.smoothing import constrained_bytes
 
     box = np.zeros((12, 80, 80), bool)
     box[2:10, 30:50, 30:50] = box[0, 0, 0] = box[-1, -1, -1] = True
@@ -234,7 +236,8 @@ def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for():
         volume = Volume(mask.astype(np.uint8), np.diag([0.7, 0.7, 5.0, 1.0]), kind="label")
         settings = ReconstructionSettings(label=1, close_border=True, slice_steps=8)
         tracemalloc.start()
-        field = finish(scalar_field_steps(volume, settings, 1))
+        field = finish(field_steps(volume, settings, Budget(threads=1)))
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert 0.4 < peak / field.working_bytes < 1.05
+        assert field.slice_steps == 8
+        assert 0.4 < peak / constrained_bytes(mask, volume.spacing, 8, True) < 1.05

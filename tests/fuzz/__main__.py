@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`make fuzz`: whole files of every format, changed at random, each read with limits on memory and time.
 
-SECONDS=600 SEED=1 FORMATS="nii npy" choose how long, which changes, and which formats. What should not have happened
-is listed once for each place in the code, and one input for each is kept in out/fuzz.
+SECONDS=600 SEED=1 FORMATS="nii npy" choose how long, which changes, and which formats. What was read is compared with a
+second reader where there is one (peers.py). What should not have happened is listed once for each place in the code,
+and one input for each is kept in out/fuzz.
 """
 
 from __future__ import annotations
@@ -52,8 +53,10 @@ def fuzz(seconds: float, seed: int, names: list[str]) -> int:
             folder.mkdir()
             whole[name] = SEEDS[name](folder).relative_to(folder)
             look = worker.look_at(folder / whole[name])
-            if look.verdict != "volume":
-                print(f"the whole {name} is no volume: {look.text}", flush=True)
+            if look.verdict not in ("volume", "not compared"):
+                print(f"the whole {name} is no volume: {look.verdict}, {look.text}", flush=True)
+            elif look.verdict == "not compared":
+                print(f"no second reader compares {name}: {look.text}", flush=True)
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             in_process = chance.random() < IN_A_PROCESS
@@ -67,7 +70,8 @@ def fuzz(seconds: float, seed: int, names: list[str]) -> int:
                 done += 1
                 slowest = max(slowest, look.seconds)
                 if look.is_defect:
-                    key = f"{look.verdict}: {look.text.partition(': ')[0]}"
+                    what = f"{name}, " if look.verdict == "differs" else ""
+                    key = f"{look.verdict}: {what}{look.text.partition(': ')[0]}"
                     count, text = defects.get(key, (0, ""))
                     if not count:
                         kept = ROOT / "out" / "fuzz" / f"{seed}-{done}"

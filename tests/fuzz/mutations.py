@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Changes to a whole file: bits, bytes, cuts, copied pieces, and numbers set to what no file should say."""
+"""Changes to a whole file: bits, bytes, cuts, copied pieces, extreme numbers, and single fields of TIFF and DICOM."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import random
 import re
 import struct
 import zlib
+from typing import Any
 
 HEADER = 1200  # bytes in which most numbers stand that say how the rest is read
 WORDS = [
@@ -99,6 +100,132 @@ def set_word(chance: random.Random, content: bytearray) -> None:
         content[match.start() : match.end()] = chance.choice(WORDS)
 
 
+TIFF_CODES = [254, 256, 257, 258, 259, 262, 266, 270, 273, 277, 278, 279, 282, 284, 296, 305, 317, 320, 322, 323, 324]
+TIFF_CODES += [325, 338, 339, 347, 530, 32997, 50838, 50839]
+TIFF_VALUES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 24, 32, 64, 32773, 32946, 34925, 50000, 65535]
+VRS = [b"US", b"SS", b"UL", b"SL", b"OB", b"OW", b"DS", b"IS", b"FD", b"FL", b"UN", b"SQ", b"LO", b"CS", b"UI", b"AT"]
+DICOM_NUMBERS = [
+    b"0 ",
+    b"1 ",
+    b"-1",
+    b"2 ",
+    b"1.5 ",
+    b"1e308 ",
+    b"nan ",
+    b"inf ",
+    b"",
+    b"1\\2 ",
+    b"x ",
+    b"-1024 ",
+    b"0.5 ",
+]
+
+
+def tiff_entries(content: bytearray) -> tuple[str, bool, list[int]]:
+    """Byte order, whether it is BigTIFF, and where the entries of all pages are."""
+    order = "<" if content[:2] == b"II" else ">"
+    big = content[2:4] in (b"+\0", b"\0+")
+    number, count, entry = ("Q", "Q", 20) if big else ("I", "H", 12)
+    entries: list[int] = []
+    try:
+        (at,) = struct.unpack_from(order + number, content, 8 if big else 4)
+        while at and len(entries) < 400:
+            (tags,) = struct.unpack_from(order + count, content, at)
+            first = at + struct.calcsize(count if big else "H")
+            entries += range(first, first + min(tags, 60) * entry, entry)
+            (at,) = struct.unpack_from(order + number, content, first + tags * entry)
+    except (struct.error, OverflowError):
+        pass
+    return order, big, [at for at in entries if at + entry <= len(content)]
+
+
+def change_tiff_entry(chance: random.Random, content: bytearray) -> None:
+    """Change the tag, type, count or value of one entry, or one of the numbers that it points to."""
+    order, big, entries = tiff_entries(content)
+    if not entries:
+        return
+    at = chance.choice(entries)
+    number = "Q" if big else "I"
+    room = struct.calcsize(number)
+    most = (1 << 8 * room) - 1
+    what = chance.randrange(6)
+    if what == 0:
+        struct.pack_into(order + "H", content, at, chance.choice(TIFF_CODES))
+    elif what == 1:
+        struct.pack_into(order + "H", content, at + 2, chance.choice((*range(19), 255)))
+    elif what == 2:
+        struct.pack_into(order + number, content, at + 4, chance.choice((*TIFF_VALUES, *NUMBERS)) & most)
+    elif what == 3:
+        letter = chance.choice("HHI")
+        value = chance.choice((*TIFF_VALUES, *NUMBERS)) & (0xFFFF if letter == "H" else 0xFFFFFFFF)
+        struct.pack_into(order + letter, content, at + 4 + room, value)
+    elif what == 4:  # a little more or less
+        (value,) = struct.unpack_from(order + "H", content, at + 4 + room)
+        struct.pack_into(order + "H", content, at + 4 + room, (value + chance.choice((-2, -1, 1, 2))) & 0xFFFF)
+    else:
+        (place_of_values,) = struct.unpack_from(order + number, content, at + 4 + room)
+        if place_of_values + 4 <= len(content):
+            struct.pack_into(order + "H", content, place_of_values, chance.choice(TIFF_VALUES))
+
+
+def dicom_elements(content: bytearray) -> list[tuple[int, int, int, int, bool]]:
+    """Of each element: its first byte, that of its length, the bytes of the length, its value, whether it has a VR."""
+    found: list[tuple[int, int, int, int, bool]] = []
+    at = 132
+    while at + 8 <= len(content) and len(found) < 500:
+        group, _ = struct.unpack_from("<HH", content, at)
+        vr = bytes(content[at + 4 : at + 6])
+        explicit = vr.isalpha() and vr.isupper() and group != 0xFFFE
+        if explicit and vr in (b"OB", b"OW", b"SQ", b"UN", b"UT", b"OF", b"OD", b"OL", b"UC", b"UR", b"SV", b"UV"):
+            where, size, value = at + 8, 4, at + 12
+        elif explicit:
+            where, size, value = at + 6, 2, at + 8
+        else:
+            where, size, value = at + 4, 4, at + 8
+        if value > len(content):
+            break
+        length = int.from_bytes(content[where : where + size], "little")
+        found.append((at, where, size, value, explicit))
+        inside = length == 0xFFFFFFFF or vr == b"SQ" or group == 0xFFFE
+        at = value if inside else value + length
+    return found
+
+
+def change_dicom_element(chance: random.Random, content: bytearray) -> None:
+    """Change the tag, VR, length or value of one element, or leave it out."""
+    elements = dicom_elements(content)
+    if not elements:
+        return
+    at, where, size, value, explicit = chance.choice(elements)
+    length = int.from_bytes(content[where : where + size], "little")
+    what = chance.randrange(6)
+    if what == 0:
+        other = chance.choice(elements)[0]
+        content[at : at + 4] = content[other : other + 4]
+    elif what == 1 and explicit:
+        content[at + 4 : at + 6] = chance.choice(VRS)
+    elif what == 2:
+        changed = chance.choice((0, 1, 2, length + 1, length + 2, max(0, length - 2), 0xFFFE, (1 << 8 * size) - 1))
+        content[where : where + size] = (changed & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+    elif what == 3 and length == 2:
+        content[value : value + 2] = chance.choice((0, 1, 2, 7, 8, 11, 12, 15, 16, 32, 34, 40, 65535)).to_bytes(
+            2, "little"
+        )
+    elif what == 4 and length < 200:
+        word = chance.choice(DICOM_NUMBERS)
+        content[where : where + size] = len(word).to_bytes(size, "little")
+        content[value : value + length] = word
+    elif what == 5 and length < 2000:
+        del content[at : value + length]
+
+
+def by_field(content: bytes) -> Any:
+    """The change that knows the fields of such a file; None where there is none."""
+    if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return change_tiff_entry
+    return change_dicom_element if content[128:132] == b"DICM" else None
+
+
 CHANGES = (flip_bits, flip_bits, set_bytes, cut, copy_piece, leave_out, set_number, set_number, set_word)
 
 
@@ -106,9 +233,11 @@ def mutated(chance: random.Random, content: bytes) -> bytes:
     """The content changed in one to four places; inside its packing as often as outside, check sums mended as often."""
     inside = content[:2] == b"\x1f\x8b" and chance.random() < 0.6
     changed = bytearray(gzip.decompress(content) if inside else content)
+    fields = by_field(content)
     for _ in range(chance.choice((1, 1, 2, 4))):
         if changed:
-            chance.choice(CHANGES)(chance, changed)
+            change = fields if fields is not None and chance.random() < 0.5 else chance.choice(CHANGES)
+            change(chance, changed)
     if inside:
         return gzip.compress(bytes(changed), 1, mtime=0)
     if content.startswith(b"\x89PNG") and chance.random() < 0.6:

@@ -13,6 +13,7 @@ import nibabel
 import nrrd
 import numpy as np
 import tifffile
+from hand_made_tiff import DEFLATE, LZW, NONE, PACKBITS, gray_page, tiff
 from PIL import Image
 
 SHAPE = (4, 34, 40)  # (slices, rows, columns); JPEG 2000's encoder wants 32 at least
@@ -122,6 +123,22 @@ def tiff_pages(**options: Any) -> Seed:
         if options.get("imagej") or options.get("ome"):
             options["metadata"] = {"axes": "ZYX", "spacing": 2.0, "unit": "um"}
         tifffile.imwrite(folder / "ct.tif", values, photometric="minisblack", **options)
+        return folder / "ct.tif"
+
+    return write
+
+
+def tiff_of_bits(bits: int, compression: int = NONE, palette: bool = False, **options: Any) -> Seed:
+    """A TIFF of several pages with samples of so many bits, or with a palette of gray."""
+
+    def write(folder: Path) -> Path:
+        more: dict[str, Any] = {}
+        if palette:
+            shades = [int(shade) for shade in np.linspace(0, 65535, 1 << bits)]
+            more = {"t262": (3, [3]), "t320": (3, shades * 3)}
+        planes = VALUES.astype(int) * 16 % (1 << bits) if bits > 8 else VALUES.astype(int) % (1 << bits)
+        pages = [gray_page(plane, bits, compression, 10, **options, **more) for plane in planes]
+        (folder / "ct.tif").write_bytes(tiff(pages))
         return folder / "ct.tif"
 
     return write
@@ -405,6 +422,20 @@ SEEDS: dict[str, Seed] = {
     "pages lzw": tiff_by_pillow("tiff_lzw"),
     "pages jpeg": tiff_by_pillow("jpeg"),
     "pages packbits": tiff_by_pillow("packbits"),
+    "pages 1": tiff_of_bits(1),
+    "pages 1 packbits": tiff_of_bits(1, PACKBITS),
+    "pages 2": tiff_of_bits(2),
+    "pages 2 lzw": tiff_of_bits(2, LZW),
+    "pages 4": tiff_of_bits(4),
+    "pages 4 packbits": tiff_of_bits(4, PACKBITS),
+    "pages 12": tiff_of_bits(12),
+    "pages 12 lzw": tiff_of_bits(12, LZW),
+    "pages 12 zlib differences": tiff_of_bits(12, DEFLATE, differences=True),
+    "pages 16 lzw differences": tiff_of_bits(16, LZW, differences=True),
+    "pages palette 1": tiff_of_bits(1, palette=True),
+    "pages palette 4": tiff_of_bits(4, palette=True),
+    "pages palette 8": tiff_of_bits(8, LZW, palette=True),
+    "png 1": pictures("png", "1"),
     "no suffix": named(npy, "volume"),
     "dicom": dicom(),
     "dicom implicit": dicom(IMPLICIT),

@@ -22,6 +22,8 @@ from typing import NamedTuple
 from ctmc_addon.core import CtmcError
 from ctmc_addon.readers import read_volume
 
+from .peers import disagreement
+
 MEMORY = 2 << 30  # bytes of address space
 SECONDS = 10.0
 LIBRARIES = ("imageio.v3", "nibabel", "nibabel.nifti2", "nrrd", "PIL.Image", "pydicom.pixels", "tifffile")
@@ -30,14 +32,14 @@ LIBRARIES = ("imageio.v3", "nibabel", "nibabel.nifti2", "nrrd", "PIL.Image", "py
 class Look(NamedTuple):
     """What came of reading a path."""
 
-    verdict: str  # 'volume', 'refused', 'traceback', 'memory', 'hang' or 'killed'
+    verdict: str  # 'volume', 'not compared', 'refused', 'differs', 'traceback', 'memory', 'hang' or 'killed'
     text: str  # the sentence, or what names the defect
     seconds: float = 0.0
 
     @property
     def is_defect(self) -> bool:
         """Whether the path did what no file may do."""
-        return self.verdict not in ("volume", "refused")
+        return self.verdict not in ("volume", "not compared", "refused")
 
 
 def load_libraries() -> None:
@@ -115,6 +117,9 @@ def what_comes_of(path: Path) -> tuple[str, str]:
     """The verdict on a path and its text, as of `Look`."""
     try:
         volume = read_volume(path, threads=1)
+        found = disagreement(path, volume)
+        if found:
+            return ("not compared", found[1:]) if found.startswith("?") else ("differs", found)
         return "volume", f"{volume.values.shape} {volume.values.dtype}"
     except CtmcError as error:
         text = str(error)

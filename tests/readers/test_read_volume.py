@@ -70,7 +70,7 @@ def test_a_given_spacing_names_the_one_it_replaces(oblique):
 
 
 def test_a_series_is_refused_where_there_is_none_to_choose(oblique):
-    with pytest.raises(CtmcError, match=r"ct.nii has no series, as only DICOM has; leave out the series '1.2.3'"):
+    with pytest.raises(CtmcError, match=r"ct.nii has no series to choose from; leave out the series '1.2.3'"):
         read_volume(oblique, series="1.2.3")
     assert read_volume(oblique, series="").size == SIZE
 

@@ -6,7 +6,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 PINS = (Path(__file__).resolve().parents[2] / "tools" / "wheels.txt").read_text(encoding="utf-8")
+pytestmark = pytest.mark.once
 
 
 def test_every_library_has_one_version_and_a_hash_for_each_wheel():

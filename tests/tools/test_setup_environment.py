@@ -7,6 +7,8 @@ import subprocess
 
 import pytest
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def setup_environment(load_tool):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 
@@ -23,7 +24,14 @@ def scene():
 @pytest.fixture
 def ball_file(tmp_path):
     """A ball of 6 mm radius at 100 and above, 1 x 1 x 2 mm once the spacing is given."""
-    z, y, x = np.indices((12, 24, 24)) - np.array([5.5, 11.5, 11.5])[:, None, None, None]
-    values = 160 - 10 * np.sqrt(x**2 + y**2 + (2 * z) ** 2)
+    values = 160 - 10 * distance_mm((12, 24, 24), spacing=(1, 1, 2))
     np.save(tmp_path / "ball.npy", values.astype(np.int16))
     return tmp_path / "ball.npy"
+
+
+@pytest.fixture
+def loaded(scene, ball_file):
+    """The ball, loaded, threshold 100."""
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.threshold = 100.0
+    return scene

@@ -35,7 +35,10 @@ def main() -> int:
             print(f"The window tests of Blender {version} are skipped: {reason}")
         else:
             provided.append(suite)
-    return run_tests(sys.executable, ["tests/window", "-m", "window", *sys.argv[1:]]) if provided else 0
+    if not provided:
+        return 0
+    # All tests share one window, so one process has them.
+    return run_tests(sys.executable, ["tests/window", "-m", "window", *sys.argv[1:]], processes=0)
 
 
 if __name__ == "__main__":

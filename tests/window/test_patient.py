@@ -13,7 +13,7 @@ from window.scenes import IDLE, QUIET, begin, load
 pytestmark = pytest.mark.window
 
 NO_OBJECTS = "bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])"
-SERIES = 'bpy.ops.ctmc.load(series="{}", again=True)'
+SERIES = 'bpy.ops.ctmc.load(again=True, series="{}")'
 LIST_HEIGHT = 200  # pixels, of a list of two series
 
 

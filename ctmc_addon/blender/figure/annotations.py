@@ -189,5 +189,5 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
 
 
 def last_label(scale: ColorScale) -> str:
-    """The last distance on the bar."""
+    """Return the text at the end of the color bar: its largest distance."""
     return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm:g}"

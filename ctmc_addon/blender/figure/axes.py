@@ -31,7 +31,7 @@ FAR: Color = (0.55, 0.55, 0.55)
 
 
 def reach_mm(font_mm: float) -> float:
-    """From the middle to the letters."""
+    """Return the distance from the middle of the axes to their letters, mm."""
     return REACH * font_mm
 
 
@@ -88,7 +88,7 @@ def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.
 
 
 def page_ink(clear: bool, limits: list[float]) -> bpy.types.Material:
-    """The page itself, white or nothing at all, which hides what lies behind; clear where letters have faded."""
+    """Return a material like the page, white or empty, which hides what lies behind; clear where letters fade."""
     material = flat_material("CTMC Page", (1.0, 1.0, 1.0))
     tree = material.node_tree
     page = tree.nodes.new("ShaderNodeHoldout").outputs[0] if clear else emission(material, (1.0, 1.0, 1.0))
@@ -107,7 +107,7 @@ def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
 
 
 def clear_socket(material: bpy.types.Material) -> Any:
-    """The socket of nothing at all."""
+    """Return the socket of a shader that is fully transparent."""
     return material.node_tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
 
 

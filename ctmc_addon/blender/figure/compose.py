@@ -120,7 +120,9 @@ def compose(
         points = np.concatenate([all_positions(figure), *(np.array(ruler.places) for ruler in rulers_of(cells))])
         arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even)
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
-            layers = 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1  # in and out of all but the last
+            layers = (
+                2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1
+            )  # a ray enters and leaves each but the last
             for surface, copy in zip(cell.surfaces, copies, strict=True):
                 figure.blocks += assign_materials(copy, surface, style, figure.unit, pictures, layers)
     except BaseException:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...core import (
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
@@ -25,7 +26,6 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
-from ...core.volume import SlabVolume
 from ..surface.objects import temporary_surfaces
 from .annotations import NO_BREAK
 from .distance_map import DistanceMap, color_scale, distance_map_steps, keep_distances
@@ -75,7 +75,7 @@ class Compared:
 
 
 def sheet_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     settings: ReconstructionSettings,
     comparison: Comparison,
     path: str | os.PathLike[str],
@@ -84,8 +84,7 @@ def sheet_steps(
     blend: str | os.PathLike[str] | None = None,
     deviation: bool = False,
     limit_mm: float | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
+    budget: Budget | None = None,
 ) -> Steps[tuple[tuple[int, int], list[Compared]]]:
     """Reconstruct, measure and render every cell; returns the picture's size in pixels and the cells.
 
@@ -102,6 +101,7 @@ def sheet_steps(
         If there is no surface at some settings, alpha does nothing, or a file cannot be written.
     """
     require_measurable(settings, limit_mm)
+    budget = budget or Budget()
     if comparison.alphas and not comparison.smoothings and not settings.alpha_matters:
         raise SettingsError(
             "alpha moves vertices between gray values, and a bare label has none: "
@@ -109,11 +109,9 @@ def sheet_steps(
         )
     stages = Stages(STAGES)
     bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
-    full = reference_steps(volume, bare, bool(comparison.alphas), threads, memory_limit)
+    full = reference_steps(volume, bare, bool(comparison.alphas), budget)
     reference = yield from stages.run("Reconstructing in full resolution", full)
-    comparing = cells_steps(
-        volume, comparison.variants(settings, volume.spacing), reference, deviation, threads, memory_limit
-    )
+    comparing = cells_steps(volume, comparison.variants(settings, volume.spacing), reference, deviation, budget)
     compared, maps = yield from stages.run("Comparing", comparing)
     compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
     distances = color_scale(maps, limit_mm) if deviation else None
@@ -124,65 +122,68 @@ def sheet_steps(
 
 
 def cells_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     variants: Sequence[tuple[str, ReconstructionSettings]],
     reference: ReferenceSurface,
     deviation: bool,
-    threads: int | None,
-    memory_limit: int | None,
+    budget: Budget,
 ) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
     """Every cell of a sheet, and its map of distances if there is to be one."""
     compared, maps = [], []
     for number, (title, settings) in enumerate(variants):
         stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
-        extracting = stages.run("Reconstructing", timed_steps(volume, settings, threads, memory_limit))
+        extracting = stages.run("Reconstructing", timed_steps(volume, settings, budget))
         result, seconds = yield from equal_part(extracting, number, len(variants))
-        measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, threads))
+        measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, budget.threads))
         distance = yield from equal_part(measuring, number, len(variants))
         compared.append(
             Compared(string.ascii_lowercase[number], title, result, seconds, distance.mean, distance.largest)
         )
         if deviation:
-            mapping = stages.run("Measuring the map", distance_map_steps(result.mesh, reference, threads))
+            mapping = stages.run("Measuring the map", distance_map_steps(result.mesh, reference, budget.threads))
             maps.append((yield from equal_part(mapping, number, len(variants))))
     return compared, maps
 
 
 def timed_steps(
-    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None, memory_limit: int | None
+    volume: Volume, settings: ReconstructionSettings, budget: Budget
 ) -> Steps[tuple[Reconstruction, float]]:
     """A reconstruction and its seconds, the median of three if one is short."""
     runs: list[float] = []
     while not runs or (len(runs) < 3 and runs[0] < SHORT_SECONDS):
-        result = yield from equal_part(reconstruct_steps(volume, settings, threads, memory_limit), len(runs), 3)
+        result = yield from equal_part(reconstruct_steps(volume, settings, budget), len(runs), 3)
         runs.append(sum(stage.seconds for stage in result.stages))
     return result, statistics.median(runs)
 
 
 def deviation_figure_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     result: Reconstruction,
     path: str | os.PathLike[str],
     page: Page,
     style: FigureStyle,
     blend: str | os.PathLike[str] | None = None,
     limit_mm: float | None = None,
-    threads: int | None = None,
-    memory_limit: int | None = None,
+    budget: Budget | None = None,
 ) -> Steps[tuple[int, int]]:
     """A figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
+    budget = budget or Budget()
     stages = Stages({"Reconstructing in full resolution": 20, **MEASURING, "Rendering": 50})
-    full = reference_steps(volume, result.settings, False, threads, memory_limit)
+    full = reference_steps(volume, result.settings, False, budget)
     reference = yield from stages.run("Reconstructing in full resolution", full)
-    measuring = surface_distance_steps(result.mesh, reference, threads)
+    measuring = surface_distance_steps(result.mesh, reference, budget.threads)
     distance = yield from stages.run("Measuring the error", measuring)
-    mapping = distance_map_steps(result.mesh, reference, threads)
+    mapping = distance_map_steps(result.mesh, reference, budget.threads)
     distance_map = yield from stages.run("Measuring the map", mapping)
-    caption = style.caption or (
-        f"Distance to the surface of full resolution: mean {distance.mean:.3g}{NO_BREAK}mm, "
-        f"at most {distance.largest:.3g}{NO_BREAK}mm; "
-        f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
+    caption = (
+        style.caption
+        if style.caption is not None
+        else (
+            f"Distance to the surface of full resolution: mean {distance.mean:.3g}{NO_BREAK}mm, "
+            f"at most {distance.largest:.3g}{NO_BREAK}mm; "
+            f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
+        )
     )
     style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)
     rendering = rendered_steps([(result, ())], [distance_map], path, page, style, blend)
@@ -200,11 +201,10 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
 
 
 def reference_steps(
-    volume: Volume | SlabVolume,
+    volume: Volume,
     settings: ReconstructionSettings,
     straight: bool,
-    threads: int | None,
-    memory_limit: int | None,
+    budget: Budget,
 ) -> Steps[ReferenceSurface]:
     """The surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(
@@ -215,7 +215,7 @@ def reference_steps(
         target_faces=None,
         max_error_mm=None,
     )
-    result = yield from reconstruct_steps(volume, full, threads, memory_limit)
+    result = yield from reconstruct_steps(volume, full, budget)
     return ReferenceSurface(result.mesh)
 
 
@@ -240,7 +240,7 @@ def rendered_steps(
 
 
 def holds_others(mesh: TriangleMesh, every: Sequence[TriangleMesh]) -> bool:
-    """Whether the box around a surface holds those of all the others, and there are others."""
+    """Return whether there are other surfaces and the box around this one contains theirs."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     others = [other.vertices for other in every if other is not mesh]
     return bool(others) and all(

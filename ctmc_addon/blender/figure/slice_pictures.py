@@ -19,7 +19,7 @@ from ..surface.evaluate import evaluated_copy
 
 @dataclass
 class SlicePictures:
-    """What hangs the pictures of a cell: a copy, or an empty, for each slice."""
+    """The objects that carry the pictures of a cell: a copy of the plane, or an empty, for each slice."""
 
     scene: bpy.types.Scene
     blocks: list[bpy.types.ID]
@@ -35,7 +35,7 @@ class SlicePictures:
             mesh.materials[slot] = self.hung(material)
 
     def add_anchor(self, plane: bpy.types.Object, mesh: bpy.types.Mesh | None = None) -> bpy.types.Object:
-        """What a picture hangs on, where the plane is."""
+        """Add the object that carries a picture: a copy of the plane with this mesh, or an empty where it is None."""
         anchor = bpy.data.objects.new("CTMC Slice", mesh)
         anchor.matrix_world = plane.matrix_world
         anchor.visible_shadow = False
@@ -45,7 +45,7 @@ class SlicePictures:
         return anchor
 
     def hung(self, material: bpy.types.Material) -> bpy.types.Material:
-        """A copy of a slice's material that hangs on this figure's objects."""
+        """Return a copy of a slice's material whose picture follows this figure's objects."""
         copy = material.copy()
         self.blocks.append(copy)
         for node in copy.node_tree.nodes:
@@ -55,7 +55,7 @@ class SlicePictures:
         return copy
 
     def keep_caps(self, mesh: bpy.types.Mesh, material: bpy.types.Material) -> None:
-        """Give a surface its material, but for the caps that show a slice."""
+        """Give a surface its material and leave the caps that show a slice as they are."""
         before = list(mesh.materials)
         caps = [slot for slot, old in enumerate(before) if old is not None and shows_slice(old)]
         slots = np.zeros(len(mesh.polygons), np.int32)

@@ -6,26 +6,17 @@ No Blender here: the flags of the command line and the properties of the sidebar
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from ...core import ReconstructionSettings, SettingsError
-from ...reporting.captions import smoothing_phrase, stride_phrase
+from ...core import Described, SettingsError, setting
 from ..colors import GRAY, INK, RED, YELLOW, Color
+from .comparison import Comparison as Comparison
 
 MM_PER_INCH = 25.4
 POINT_MM = MM_PER_INCH / 72
-WIDTHS_MM = (20.0, 400.0)
-DPIS = (36.0, 600.0)
-FONTS_PT = (4.0, 24.0)
 PIXELS = 80_000_000  # what Cycles can hold on a usual machine
 AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
-ELEVATIONS = (-90.0, 90.0)
-OPACITY, OPACITIES = 0.3, (0.02, 1.0)  # of a transparent surface
-MOST_CELLS = 26  # of a sheet: there is a letter for each
-SECONDS, FPS, REVOLUTIONS = 3600.0, (1, 120), 100  # of a turntable: at most, from and to, at most
 
 Box = tuple[float, float, float, float]  # left, bottom, right, top, mm from the page's lower left corner
 
@@ -74,28 +65,9 @@ STYLES = {
 }
 
 
-def require_within(what: str, value: float, limits: tuple[float, float], unit: str = "") -> None:
-    """Raise `SettingsError` for a value outside its limits."""
-    low, high = limits
-    if not low <= value <= high:
-        raise SettingsError(f"{what} must be from {low:g} to {high:g} {unit}".rstrip() + f", not {value:g}")
-
-
 @dataclass(frozen=True)
-class Page:
+class Page(Described):
     """Width and resolution of a figure; its height follows from what is on it unless it is given.
-
-    Parameters
-    ----------
-    width_mm : float
-        As printed: one column of most journals is 85, two are 170.
-    dpi : float
-        Pixels to the inch, at most 600.
-    height_mm : float or None
-    transparent : bool
-        No background instead of a white one.
-    font_pt : float
-        Size of the letters, points.
 
     Raises
     ------
@@ -103,18 +75,39 @@ class Page:
         If a value lies outside its limits.
     """
 
-    width_mm: float = 85.0
-    dpi: float = 300.0
-    height_mm: float | None = None
-    transparent: bool = False
-    font_pt: float = 8.0
-
-    def __post_init__(self) -> None:
-        require_within("a figure's width", self.width_mm, WIDTHS_MM, "mm")
-        if self.height_mm is not None:
-            require_within("a figure's height", self.height_mm, WIDTHS_MM, "mm")
-        require_within("a figure's resolution", self.dpi, DPIS, "dpi")
-        require_within("the size of a figure's letters", self.font_pt, FONTS_PT, "points")
+    width_mm: float = setting(
+        85.0,
+        "Width as printed. A column of most journals is 85 mm, two are 170",
+        label="Width",
+        unit="mm",
+        low=20.0,
+        high=400.0,
+    )
+    dpi: float = setting(
+        300.0,
+        "Pixels to the inch. Larger = sharper, and longer to render",
+        label="Resolution",
+        unit="dpi",
+        low=36.0,
+        high=600.0,
+    )
+    height_mm: float | None = setting(
+        None,
+        "Height as printed",
+        label="Height",
+        unit="mm",
+        low=20.0,
+        high=400.0,
+        start=60.0,
+        without="what the surface needs",
+    )
+    transparent: bool = setting(
+        False,
+        "No background instead of a white one; videos always have one",
+        label="Transparent",
+        type=bool,
+    )
+    font_pt: float = setting(8.0, "Size of the letters", label="Letters", unit="pt", low=4.0, high=24.0)
 
     @property
     def font_mm(self) -> float:
@@ -207,22 +200,11 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class FigureStyle:
+class FigureStyle(Described):
     """How a figure is seen and what is written on it.
 
     Parameters
     ----------
-    style : {"paper", "clinical", "print"}
-    engine : {"cycles", "eevee", "workbench"}
-    azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
-    edges : bool or None
-        Triangle edges; None leaves that to the style.
-    scale_bar, orientation : bool
-    caption : str
-        Under the whole.
-    columns : int or None
-        Cells side by side.
     distances : ColorScale or None
         Colors for the distances that the surfaces carry, in place of the style's.
     samples : int or None
@@ -231,23 +213,77 @@ class FigureStyle:
     Raises
     ------
     SettingsError
-        If the camera would stand head down.
+        If a value lies outside its limits: above 90 degrees of elevation the camera would stand head down.
     """
 
-    style: str = "paper"
-    engine: str = "cycles"
-    azimuth: float = AZIMUTH
-    elevation: float = ELEVATION
-    edges: bool | None = None
-    scale_bar: bool = True
-    orientation: bool = True
-    caption: str = ""
-    columns: int | None = None
+    style: str = setting(
+        "paper",
+        "How surfaces look. Several at once keep their own colors; print makes all of them gray",
+        label="Style",
+        note="of several labels clinical",
+        choices=tuple(STYLES),
+        choice_texts={name: style.text for name, style in STYLES.items()},
+        type=str,
+    )
+    engine: str = setting(
+        "cycles",
+        "What renders the figure",
+        label="Engine",
+        note="EEVEE and Workbench need EGL on Linux",
+        choices=tuple(ENGINES),
+        choice_labels={name: engine.label for name, engine in ENGINES.items()},
+        choice_texts={name: engine.text for name, engine in ENGINES.items()},
+        type=str,
+    )
+    azimuth: float = setting(
+        AZIMUTH,
+        "Where the camera stands: 0 = before the patient, 90 = at the left, 180 = behind",
+        label="Azimuth",
+        unit="degrees",
+    )
+    elevation: float = setting(
+        ELEVATION,
+        "How high the camera stands: 90 = above the head, -90 = below the feet",
+        label="Elevation",
+        unit="degrees",
+        low=-90.0,
+        high=90.0,
+    )
+    edges: bool | None = setting(
+        None,
+        "Draw the edges of the triangles",
+        label="Edges",
+        type=bool,
+        start=True,
+        without="as the style has them",
+    )
+    scale_bar: bool = setting(True, "A bar of round length in mm", label="Scale Bar", type=bool)
+    orientation: bool = setting(
+        True,
+        "The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
+        label="Orientation",
+        type=bool,
+    )
+    caption: str | None = setting(
+        None,
+        "Written under the figure",
+        label="Caption",
+        note="'' for none",
+        type=str,
+        start="Bone",
+        without="what it shows",
+    )
+    columns: int | None = setting(
+        None,
+        "Cells side by side in a sheet",
+        label="Columns",
+        low=1,
+        type=int,
+        start=2,
+        without="as they fit",
+    )
     distances: ColorScale | None = None
     samples: int | None = None
-
-    def __post_init__(self) -> None:
-        require_within("the camera's elevation", self.elevation, ELEVATIONS, "degrees")
 
     @property
     def edge(self) -> Color | None:
@@ -259,36 +295,86 @@ class FigureStyle:
 
 
 @dataclass(frozen=True)
-class Turn:
-    """How long a turntable turns and how far.
+class Transparency(Described):
+    """How clear a surface is that holds others."""
 
-    Parameters
-    ----------
-    seconds : float
-        Of the whole loop.
-    fps : int
-        Frames a second.
-    revolutions : int
-        Whole turns in the loop; negative ones turn the other way.
+    opacity: float = setting(
+        0.3,
+        "Of a surface that holds all the others, so that they are seen in it. Smaller = clearer",
+        label="Opacity",
+        low=0.02,
+        high=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class DistanceMap(Described):
+    """Whether surfaces have the colors of their distances, and where these end."""
+
+    deviation: bool = setting(
+        False,
+        "Color every surface by its distance to full resolution, with a color bar",
+        label="Distances",
+        type=bool,
+    )
+    limit_mm: float | None = setting(
+        None,
+        "Distance at the end of the color bar",
+        label="Bar End",
+        unit="mm",
+        low=0.0,
+        low_open=True,
+        high=1000.0,
+        start=1.0,
+        without="where 99 % of the points are within",
+    )
+
+
+@dataclass(frozen=True)
+class Turn(Described):
+    """How long a turntable turns and how far: so many whole turns in a loop of so many seconds.
 
     Raises
     ------
     SettingsError
-        If a value lies outside its limits.
+        If a value lies outside its limits, or the frames are too few or too many for the turns.
     """
 
-    seconds: float = 6.0
-    fps: int = 24
-    revolutions: int = 1
+    seconds: float = setting(
+        6.0,
+        "Length of the loop. Larger = slower, and longer to render",
+        label="Length",
+        unit="s",
+        low=0.0,
+        low_open=True,
+        high=3600.0,
+    )
+    fps: int = setting(
+        24,
+        "Pictures in a second. Larger = smoother, and longer to render",
+        label="Frame Rate",
+        unit="fps",
+        low=1,
+        high=120,
+        type=int,
+    )
+    revolutions: int = setting(
+        1,
+        "Whole turns in the loop. Below 0 = the other way round",
+        label="Revolutions",
+        low=-100,
+        high=100,
+        type=int,
+    )
 
     def __post_init__(self) -> None:
-        require_within("a turntable's frames a second", self.fps, FPS)
-        if self.revolutions == 0 or abs(self.revolutions) > REVOLUTIONS:
-            raise SettingsError(f"revolutions must be from 1 to {REVOLUTIONS}, or negative, not {self.revolutions}")
-        if not 0 < self.seconds <= SECONDS or self.frames < 2 * abs(self.revolutions) + 1:
+        super().__post_init__()
+        if self.revolutions == 0:
+            raise SettingsError("revolutions must be from 1 to 100, or negative, not 0")
+        if self.frames < 2 * abs(self.revolutions) + 1:
             raise SettingsError(
-                f"{self.seconds:g} s at {self.fps} frames a second are too few or too many frames for "
-                f"{abs(self.revolutions)} revolutions; take up to {SECONDS:g} s and at least 3 frames a revolution"
+                f"{self.seconds:g} s at {self.fps} frames a second are too few frames for "
+                f"{abs(self.revolutions)} revolutions; take at least 3 frames a revolution"
             )
 
     @property
@@ -301,86 +387,5 @@ class Turn:
         return 360.0 * self.revolutions * frame / self.frames
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """What a sheet compares: one of these, or two of them crossed, the first down and the second across.
-
-    Parameters
-    ----------
-    strides : sequence of (x, y)
-        Voxel sides, px.
-    alphas : sequence of float
-    levels : sequence of float
-        Share of the triangles to remove, per cent.
-    smoothings : sequence of {"none", "gaussian", "constrained"}
-
-    Raises
-    ------
-    SettingsError
-        If none or more than two are given, or they make too many cells.
-    """
-
-    strides: Sequence[tuple[int, int]] = ()
-    alphas: Sequence[float] = ()
-    levels: Sequence[float] = ()
-    smoothings: Sequence[str] = ()
-
-    def __post_init__(self) -> None:
-        many = self.counts
-        if not 1 <= len(many) <= 2:
-            raise SettingsError(
-                "a sheet compares strides, alphas, levels or smoothings, or two of them crossed; give one or two"
-            )
-        count = many[0] * many[-1] if len(many) == 2 else many[0]
-        if count > MOST_CELLS:
-            raise SettingsError(f"{count} cells are more than there are letters; compare at most {MOST_CELLS}")
-        for level in self.levels:
-            if not 0 <= level <= 99:
-                raise SettingsError(f"a level must be from 0 to 99 per cent of the triangles to remove, not {level:g}")
-
-    @property
-    def counts(self) -> list[int]:
-        """How many values are compared along each axis."""
-        return [len(axis) for axis in (self.smoothings, self.strides, self.alphas, self.levels) if axis]
-
-    @property
-    def columns(self) -> int | None:
-        """Cells side by side where two are crossed, else None."""
-        return self.counts[1] if len(self.counts) == 2 else None
-
-    def variants(
-        self, settings: ReconstructionSettings, spacing_mm: Sequence[float] = ()
-    ) -> list[tuple[str, ReconstructionSettings]]:
-        """The title and the settings of every cell; strides in mm too where the spacing is given."""
-        axes: list[list[tuple[str, dict[str, Any]]]] = []
-        if self.smoothings:
-            axes.append([])
-            for name in self.smoothings:
-                change: dict[str, Any] = {
-                    "smoothing": name,
-                    "smoothing_mm": settings.smoothing_mm if name == "gaussian" else None,
-                }
-                axes[0].append((smoothing_phrase(replace(settings, **change)) or "not smoothed", change))
-        if self.strides:
-            z = settings.stride[2]
-            axes.append([(stride_phrase((x, y), spacing_mm[:2]), {"stride": (x, y, z)}) for x, y in self.strides])
-        if self.alphas:
-            axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
-        if self.levels:
-            free = {"target_faces": None, "max_error_mm": None, "simplifier": "builtin"}
-            axes.append(
-                [
-                    (
-                        f"{level:g} % simplified" if level else "not simplified",
-                        {**free, "reduction": level / 100 or None},
-                    )
-                    for level in self.levels
-                ]
-            )
-        out = []
-        for choice in itertools.product(*axes):
-            changes: dict[str, Any] = {}
-            for _, change in choice:
-                changes |= change
-            out.append((", ".join(title for title, _ in choice), replace(settings, **changes)))
-        return out
+FIGURE_SETTINGS = (Page, FigureStyle, Transparency, DistanceMap, Comparison, Turn)
+"""All that describes itself here: the table `[figure]` of a settings file."""

@@ -22,6 +22,7 @@ import bpy
 
 from ...core import VERSION, OutputError, Step, Steps, finish
 from ...core.files.atomic_write import made_folder, refused, whole_file, write_json
+from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
 from .axes import PIVOT
@@ -67,6 +68,9 @@ def turntable_steps(
     require_turntable(target, page, resume, overwrite)
     if blend is not None:
         require_own_blend(Path(blend))
+    if is_video(target):  # the folder goes when the video is complete
+        for file in folder.rglob("*"):
+            require_no_input(file)
     yield Step(0.0, "Setting up the turntable")
     figure = compose([cell], page, style, scene, turning=True, even=True)
     try:
@@ -213,8 +217,11 @@ def is_finished_video(path: Path) -> bool:
 def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
     """Raise `OutputError` if the folder has frames of another turntable; remove them if it may be overwritten."""
     if overwrite:
-        for old in [*folder.glob("frame_*.png"), folder / NOTE]:
-            old.unlink(missing_ok=True)
+        older = [*folder.glob("frame_*.png"), folder / NOTE]
+        for file in older:
+            require_no_input(file)
+        for file in older:
+            file.unlink(missing_ok=True)
     try:
         before = json.loads((folder / NOTE).read_text("utf-8")) if (folder / NOTE).exists() else None
     except ValueError:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...core import Steps, TriangleMesh, equal_part, simplify_steps
+from ...core import Budget, Steps, TriangleMesh, equal_part, simplify_steps
 from ..colors import BONE
 from ..datablocks import remove_blocks
 from ..materials import surface_material
@@ -29,14 +29,14 @@ class Level:
 
 
 def simplified_steps(
-    mesh: TriangleMesh, percents: Sequence[float], memory_limit: int | None = None
+    mesh: TriangleMesh, percents: Sequence[float], budget: Budget | None = None
 ) -> Steps[list[tuple[float, TriangleMesh]]]:
     """The surface with these shares of its triangles removed, per cent."""
     simplified = []
     for number, percent in enumerate(percents):
         small = mesh
         if percent:
-            simplifying = simplify_steps(mesh, reduction=percent / 100, memory_limit=memory_limit)
+            simplifying = simplify_steps(mesh, reduction=percent / 100, budget=budget or Budget())
             small = yield from equal_part(simplifying, number, len(percents))
         simplified.append((percent, small))
     return simplified

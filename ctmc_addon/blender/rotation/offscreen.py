@@ -53,7 +53,7 @@ class TriangleDrawing:
         free_shader()
 
     def show(self, level: Level) -> None:
-        """Nothing to do: every level is there."""
+        """Do nothing: the triangles of every level are on the GPU already."""
 
     def draw(self, level: Level) -> None:
         """Clear, draw, and read one pixel, which waits until all are drawn."""

@@ -84,7 +84,9 @@ def cut_nodes(
         return nodes.between(share, places[outer], places[inner])
 
     count = nodes.total(is_inside.values())
-    islands, _ = nodes.separate(triangles, nodes.compare("GREATER_THAN", count, 0.5), "POINT")  # others were of squares
+    islands, _ = nodes.separate(
+        triangles, nodes.compare("GREATER_THAN", count, 0.5), "POINT"
+    )  # others have no corner inside
     pairs = (("own", "after"), ("own", "before"), ("before", "own"))
     to_after, to_before, from_before = (crossing_of(*pair) for pair in pairs)
     target = nodes.switch(is_inside["after"], to_before, to_after)

@@ -11,7 +11,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 from ...core import Volume
-from ...core.volume import AIR, resliced, slice_corners, slice_through
+from ...core.volume import AIR, ValueKind, resliced, slice_corners, slice_through
 from .material import pack, paint, picture_of, set_window, show_in_solid
 from .plane import PLANE, SHOWN, SLICE, is_slice, outside_body
 
@@ -24,7 +24,7 @@ def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
 
 
 def pictures_of(obj: bpy.types.Object) -> list[tuple[bpy.types.Material, bpy.types.Image]]:
-    """The materials of a slice that have its picture still, with it."""
+    """Return the materials of a slice that still have its picture, each with that picture."""
     found = [(material, picture_of(material)) for material in obj.data.materials]
     return [(material, picture) for material, picture in found if picture is not None]
 
@@ -37,12 +37,12 @@ def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Ob
 
 
 def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: float, *, again: bool = False) -> int:
-    """Take the pictures of a CT's slices where they stand now; how many had moved.
+    """Take the pictures of a CT's slices where they stand now; return how many slices had moved.
 
     Parameters
     ----------
     again : bool
-        Also of those that have not moved: undo brings places back, but no pictures.
+        Take those of slices that have not moved too: undo restores positions, but not pictures.
     """
     moved = 0
     for obj in slices_of(scene, fingerprint):
@@ -53,7 +53,7 @@ def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: flo
             continue
         for material, picture in pictures:
             columns, rows = picture.size
-            values = resliced(volume, corners, (rows, columns), AIR if volume.kind == "HU" else 0.0)
+            values = resliced(volume, corners, (rows, columns), AIR if volume.kind == ValueKind.HU else 0.0)
             paint(material, values, outside_body(volume, values, corners))
         obj[SHOWN] = corners.ravel().tolist()
         moved += 1

@@ -90,7 +90,7 @@ def _picture_node(tree: Any, label: str, picture: bpy.types.Image) -> Any:
 
 
 def picture_of(material: bpy.types.Material | None, label: str = VALUES) -> bpy.types.Image | None:
-    """A picture of a slice's material; None where someone has taken it away."""
+    """Return a picture of a slice's material; None where a user has removed it."""
     return getattr(_node_of(material, label), "image", None)
 
 

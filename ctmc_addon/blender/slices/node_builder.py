@@ -50,19 +50,19 @@ class Nodes:
         return self.of("FunctionNodeCompare", first, second, data_type="FLOAT", operation=operation)
 
     def negate(self, value: Any) -> Any:
-        """Whether it is not so."""
+        """Return whether a condition is false."""
         return self.of("FunctionNodeBooleanMath", value, operation="NOT")
 
     def either(self, first: Any, second: Any) -> Any:
-        """Whether one of two is so."""
+        """Return whether at least one of two conditions is true."""
         return self.of("FunctionNodeBooleanMath", first, second, operation="OR")
 
     def total(self, values: Any) -> Any:
-        """The sum of several numbers; what is so counts 1."""
+        """Return the sum of several numbers; a condition that is true counts as 1."""
         return reduce(lambda first, second: self.math("ADD", first, second), values)
 
     def switch(self, condition: Any, otherwise: Any, then: Any) -> Any:
-        """One of two vectors."""
+        """Return one of two vectors, chosen by a condition."""
         return self.of("GeometryNodeSwitch", condition, otherwise, then, input_type="VECTOR")
 
     def between(self, share: Any, start: Any, end: Any) -> Any:
@@ -103,7 +103,7 @@ class Nodes:
         return next(socket for socket in node.outputs if socket.enabled)
 
     def vertex_from(self, corner: Any, steps: int) -> Any:
-        """The number of the vertex that stands so many corners farther round the face."""
+        """Return the number of the vertex that lies so many corners farther along the face."""
         return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:

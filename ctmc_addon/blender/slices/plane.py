@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Volume
-from ...core.volume import SliceIndex, ends_of_body, outside_air, slice_corners, slice_values
+from ...core.volume import SliceIndex, ValueKind, ends_of_body, outside_air, slice_corners, slice_values
 from ..ct_box import link_beside_ct
 from .material import UV, slice_material
 
@@ -67,4 +67,4 @@ def add_slice(
 
 def outside_body(volume: Volume, values: NDArray[Any], corners_mm: NDArray[np.float64]) -> NDArray[np.bool_] | None:
     """Where the values of a slice with these corners are air around the body; None where they are not HU."""
-    return outside_air(values, ends_of_body(corners_mm)) if volume.kind == "HU" else None
+    return outside_air(values, ends_of_body(corners_mm)) if volume.kind == ValueKind.HU else None

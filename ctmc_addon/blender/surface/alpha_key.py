@@ -126,7 +126,7 @@ def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
 
 
 def value_of(key: bpy.types.ShapeKey) -> float:
-    """How far a key moves the mesh."""
+    """Return the value of a shape key as Blender applies it: 0 while it is muted."""
     return 0.0 if key.mute else float(key.value)
 
 

@@ -37,7 +37,7 @@ def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, floa
     try:
         obj.location = placement.origin
         scene.collection.objects.link(obj)
-        evaluated_object(obj, scene)  # everyobj but the modifier, before the clock starts
+        evaluated_object(obj, scene)  # Blender evaluates all but the modifier before the clock starts.
         modifier = obj.modifiers.new("CTMC Decimate", "DECIMATE")
         modifier.ratio = min(1.0, target_faces / len(mesh.faces))
         start = time.perf_counter()

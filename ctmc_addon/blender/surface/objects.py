@@ -175,7 +175,7 @@ def object_name(result: Reconstruction, structure: str = "") -> str:
 
 
 def call(obj: bpy.types.Object, name: str) -> None:
-    """Call a surface, and mesh and materials that have its name, otherwise; one that a user has named stays."""
+    """Rename a surface, with the mesh and materials of the same name; a name that a user gave stays."""
     before, name = obj.name, shortened(name, NAME_BYTES - 4)
     if obj.get(NAMED) != before or before.rpartition(".")[0] == name or before == name:
         return

@@ -65,7 +65,7 @@ class Placement:
         if self.applied is not None:
             matrix[:3, :3] = matrix[:3, :3] @ np.array(self.applied)
         own = matrix[:3, :3] @ np.array(self.origin)
-        # Nothing but a move, or nothing at all, must leave no rounding behind.
+        # An object that was only moved, or not at all, gets a matrix without rounding errors.
         matrix[:3, 3] = (matrix[:3, 3] - own) / self.scale
         return matrix
 

@@ -106,7 +106,7 @@ def require_provenance(obj: bpy.types.Object) -> Provenance:
 def parsed(
     settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str
 ) -> Provenance | None:
-    """What stands in the property's texts; None if anything is missing or not what it should be."""
+    """Return the provenance in the property's texts; None if a field is missing or of a wrong type."""
     try:
         reported = parsed_json(report)
         x, y, z = reported["spacing_mm"]

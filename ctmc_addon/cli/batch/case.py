@@ -15,16 +15,15 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, CtmcError, ReconstructionSettings, Stage, Volume, advised_steps, finish
+from ...core import VERSION, Budget, CtmcError, ReconstructionSettings, Stage, Volume, finish
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import SUFFIXES
-from ...core.volume import SlabVolume
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -34,6 +33,7 @@ from .files import (
     failed_record,
     identity,
     input_key,
+    options_of,
     own_unfinished_folder,
     put_output,
     record_path,
@@ -57,13 +57,12 @@ def run(_args: argparse.Namespace) -> None:
     line = first_line()
     if not line:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the batch gets it too, and ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
     task = json.loads(line)
     unfinished = own_unfinished_folder(task)
     threading.Thread(target=leave_with_the_batch, args=(unfinished,), daemon=True).start()
     try:
-        with readers.outside_allowed() if task["allow_outside"] else nullcontext():
-            do_case(task, unfinished)
+        do_case(task, unfinished)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 
@@ -84,7 +83,7 @@ def leave_with_the_batch(unfinished: Path) -> None:
     while os.read(0, 1 << 16):
         pass
     shutil.rmtree(unfinished, ignore_errors=True)
-    with suppress(OSError):  # other cases of the run are at work there
+    with suppress(OSError):  # not empty while other cases of the run work there
         unfinished.parent.rmdir()
     os._exit(1)
 
@@ -116,7 +115,7 @@ class Case:
         self.task = task
         self.unfinished = unfinished
         self.source: Path | None = None
-        self.volume: Volume | SlabVolume | None = None
+        self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
@@ -127,11 +126,9 @@ class Case:
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
-        with outputs.label_writer(settings.simplifier) as writer:
-            making = surfaces_steps(volume, settings, output["labels"], task["threads"], writer=writer)
-            if not output["labels"]:
-                written_bytes = outputs.triangle_bytes(settings.simplifier)
-                making = advised_steps(making, volume, settings, written_bytes, task["threads"])
+        written_bytes = outputs.triangle_bytes(settings.simplifier)
+        with outputs.writer(settings.simplifier) as writer:
+            making = surfaces_steps(volume, settings, output["labels"], Budget(task["threads"]), writer, written_bytes)
             surfaces, _ = finish(written_steps(finish(making), outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -160,16 +157,16 @@ class Case:
             return {"folder": made_folder(own / name), "suffix": suffix}
         return {"surfaces": (own / f"{name}{suffix}",)}
 
-    def read(self, settings: ReconstructionSettings, several: bool) -> Volume | SlabVolume:
+    def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
         """The volume that the label is in, kept for the outputs to come."""
         path = Path(self.task["input"])
         source = source_of(path, settings.label)
         if self.volume is None or self.source != source:
             self.volume = None
-            opened = finish(readers.open_volume_steps(source))
+            options = options_of(self.task)
+            opened = finish(readers.open_volume_steps(source, options.allow_outside))
             self.input_key = input_key(opened, self.task["verify"])
-            reading = {**self.task["reading"], "threads": self.task["threads"]}
-            volume = finish(needed_steps(opened, path, reading, settings, several))
+            volume = finish(needed_steps(opened, path, options, settings, several, threads=self.task["threads"]))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume

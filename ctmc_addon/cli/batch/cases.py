@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import OutputError, ReadError, ReconstructionSettings, SettingsError
-from ...readers import VOLUME_SUFFIXES, natural_key, stem, suffix
+from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError
+from ...core.files.file_names import file_key, is_file_name
+from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
-from ..file_names import file_key, is_file_name
+from ..commands.reconstruct import source_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # folders within folders that are searched for cases
@@ -45,12 +46,12 @@ class Case:
 
     name: str
     path: Path
-    reading: Mapping[str, Any]  # keyword arguments of read_volume
+    reading: ReadingOptions
     outputs: tuple[Output, ...]
 
 
 def collect(
-    inputs: Sequence[str], settings: Mapping[str, Any], reading: Mapping[str, Any], aside: Path | None = None
+    inputs: Sequence[str], settings: Mapping[str, Any], reading: ReadingOptions, aside: Path | None = None
 ) -> list[Case]:
     """The cases in the order of the inputs, those of a folder in natural order.
 
@@ -60,8 +61,8 @@ def collect(
         Folders, files, globs and `.csv` manifests.
     settings : mapping
         Of every case, by name; a manifest's own win. `label` may be a list, which gives as many surfaces.
-    reading : mapping
-        Keyword arguments of `read_volume`; a manifest's own win.
+    reading : ReadingOptions
+        Of every case; a manifest's own win.
     aside : path, optional
         A folder to pass over: the output's, where it lies within an input's.
 
@@ -96,7 +97,7 @@ def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
 
 def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
     """The volumes in a folder, or the one that a file is."""
-    if not input_path.is_dir():
+    if not input_path.is_dir() or readers.folder_format(input_path):
         return [CaseInput(input_path, readers.volume_name(input_path))]
     volumes = volumes_in(input_path, aside, DEEPEST)
     return [CaseInput(volume_path, name) for volume_path, name in volumes] or [CaseInput(input_path, stem(input_path))]
@@ -124,19 +125,22 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
 
 
 def volume_files(folder: Path) -> list[Path]:
-    """Files that are a volume each, in natural order, without the labels that belong to one of them."""
-    files = sorted(
-        (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file()), key=natural_key
-    )
-    volumes = [file for file in files if suffix(file) in VOLUME_SUFFIXES]
+    """Files and folders that are a volume each, in natural order, without labels that belong to one of them."""
+    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
+    files = [entry for entry in entries if entry.is_file()]
+    volumes = [
+        entry
+        for entry in entries
+        if (readers.folder_format(entry) if entry.is_dir() else suffix(entry) in VOLUME_SUFFIXES)
+    ]
     if not volumes:
-        tiffs = [file for file in files if suffix(file) in readers.TIFF_SUFFIXES]
+        tiffs = [file for file in files if suffix(file) in readers.PAGE_SUFFIXES]
         volumes = tiffs if tiffs and readers.is_volume_file(tiffs[0]) else []
     labels = {readers.segmentation_sibling(file) for file in volumes}
     return [file for file in volumes if file not in labels]
 
 
-def case_of(source: CaseInput, settings: Mapping[str, Any], reading: Mapping[str, Any]) -> Case:
+def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
     """The case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
     choices = choices_of(values)
@@ -155,7 +159,7 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: Mapping[str
         if not source.where:
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
-    return Case(source.name, source.path, {**reading, **source.reading}, outputs)
+    return Case(source.name, source.path, replace(reading, **source.reading), outputs)
 
 
 def require_different_files(cases: Sequence[Case]) -> None:
@@ -184,3 +188,14 @@ def require_file_name(name: str) -> None:
 def short(case: Case) -> str:
     """The case's path as its last two parts."""
     return "/".join(case.path.parts[-2:])
+
+
+def voxels_of(case: Case) -> int:
+    """Voxels in the file that will be read; 0 where that is unknown, as of broken headers, which fail at once."""
+    path = source_of(case.path, case.outputs[0].settings.label)
+    try:
+        return readers.estimate_voxels(path)
+    except OutputError:  # it would replace a file of this input
+        raise
+    except (CtmcError, OSError):
+        return 0

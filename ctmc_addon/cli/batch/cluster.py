@@ -19,7 +19,7 @@ LOOK = 1.0  # seconds between two questions to the scheduler about who does what
 
 
 class Cluster(Scheduler):
-    """A cluster that does cases."""
+    """A dask.distributed cluster that makes the cases of a batch."""
 
     def run(self, tasks: Sequence[Task]) -> Events:
         """Do the tasks on the cluster."""
@@ -59,7 +59,7 @@ class Cluster(Scheduler):
         try:
             taken = {key for keys in self.client.processing().values() for key in keys}
         except (OSError, TimeoutError):
-            return []  # the scheduler is away; its futures will say so
+            return []  # The connection to the scheduler is lost; the futures will report it.
         return [index for index, future in futures.items() if future.key in taken]
 
     def problem(self, future: Any) -> str:

@@ -11,27 +11,39 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core import VERSION, CtmcError, Step, Steps
+from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes
 from ...core.files.atomic_write import made_folder, require_writable
+from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import source_of
 from ..outputs import Outputs
 from ..terminal import Progress, listing, require_empty, table
-from .cases import Case, collect
+from .cases import Case, collect, voxels_of
 from .files import (
     is_same_input,
     key_or_empty,
+    options_of,
     read_record,
+    record_path,
     remove_unfinished,
     settings_of,
     stands_for,
+    thumbnail_path,
     unfinished_folder,
 )
-from .memory import jobs_at_once, memory_limit, needed_bytes
 from .process import Event, Events, run_here
-from .summary import SummaryRow, counts, numbers, row_of, write_summary, write_summary_if_possible
+from .summary import (
+    LABELS_FILE,
+    SUMMARY_FILES,
+    SummaryRow,
+    counts,
+    numbers,
+    row_of,
+    write_summary,
+    write_summary_if_possible,
+)
 
 if TYPE_CHECKING:
     from .cluster import Cluster
@@ -55,7 +67,7 @@ def add_parser(commands: Any) -> None:
         help="folder of volumes or slices, file, glob, or a .csv with the columns input, case and any setting",
     )
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="where to write; made with its parents")
-    add_reading(parser)
+    add_reading(parser, names=False)
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
     group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
@@ -96,6 +108,7 @@ def run(args: argparse.Namespace) -> None:
     try:
         made_folder(folder)
         require_writable(folder / "summary.json")
+        plan_outputs(cases, folder, f".{args.output_format}")
         remove_unfinished(folder)
         with unfinished_folder(folder) as unfinished, Progress() as progress:
             rows = progress.finish(batch_steps(cases, folder, unfinished, args, cluster))
@@ -116,6 +129,19 @@ def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
             purpose = outputs.blender_needed_for(output.settings.simplifier)
             if purpose and not has_blender():
                 require_blender(purpose)
+
+
+def plan_outputs(cases: Sequence[Case], folder: Path, suffix: str) -> None:
+    """Raise an `OutputError` before the start if a file of an input would be replaced."""
+    add_inputs(case.path for case in cases if case.path.is_file())
+    has_labels = any(output.labels for case in cases for output in case.outputs)
+    for name in (*SUMMARY_FILES, *([LABELS_FILE] if has_labels else [])):
+        plan_output(folder / name)
+    for case in cases:
+        for output in case.outputs:
+            plan_output(record_path(folder, output.name))
+            plan_output(thumbnail_path(folder, output.name))
+            plan_output(folder / f"{output.name}{suffix}")
 
 
 def connected(address: str) -> Cluster:
@@ -162,14 +188,13 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "run": run,
         "case": case.name,
         "input": str(case.path.absolute()),
-        "reading": dict(case.reading),
+        "reading": case.reading.to_dict(),
         "outputs": [output.plain() for output in case.outputs],
         "folder": str(folder.absolute()),
         "format": f".{args.output_format}",
         "space": args.space,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
-        "allow_outside": args.allow_outside,
         "threads": args.threads,
         "version": VERSION,
     }
@@ -189,7 +214,7 @@ def remaining_steps(
             if record is not None and stands_for(record, task, output):
                 source = source_of(Path(task["input"]), settings_of(output).label)
                 if source not in keys:
-                    keys[source] = key_or_empty(source, task["verify"])
+                    keys[source] = key_or_empty(source, task["verify"], options_of(task).allow_outside)
                 if is_same_input(record, keys[source]):
                     rows[output["name"]].fill(record)
                     continue
@@ -218,9 +243,9 @@ def started(
         events = run_here([], 1, [], None)  # nothing to be done, and nothing to be said of how
     else:
         by_name = {case.name: case for case in cases}
-        needs = [needed_bytes(by_name[task["case"]]) for task in tasks]
-        limit = memory_limit()
-        jobs = jobs_at_once(args.jobs, needs, limit)
+        needs = [case_bytes(voxels_of(by_name[task["case"]])) for task in tasks]
+        limit = cases_bytes(Budget())
+        jobs = cases_at_once(args.jobs, needs, Budget())
         for task in tasks:
             task["threads"] = task["threads"] or max(1, (os.cpu_count() or 1) // jobs)
         memory = f"; a case needs up to {max(needs, default=0) / GIB:.1f} GiB of memory"

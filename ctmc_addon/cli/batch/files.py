@@ -17,10 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings
+from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, descriptions
 from ...core.files.atomic_write import made_folder, refused, write_json
+from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
-from ...readers import VolumeSource, files_below, open_volume
+from ...readers import ReadingOptions, VolumeSource, files_below, open_volume
 from ..arguments import label_for_checks
 
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
@@ -52,12 +53,20 @@ def put_output(
     thumbnail: Path | None,
     record: Mapping[str, Any],
 ) -> None:
-    """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it."""
+    """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it.
+
+    Raises
+    ------
+    OutputError
+        If one of them cannot be written, or would replace a file of the input.
+    """
     places = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
     if thumbnail is not None:
         places.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
     older = (read_record(folder, name) or {}).get("files")
     target = record_path(folder, name)
+    for path in (target, thumbnail_path(folder, name), *(place for _, place in places)):
+        require_no_input(path)
     try:
         target.unlink(missing_ok=True)
         for path, target in places:
@@ -119,11 +128,12 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
     """What a JSON must carry, besides the key of the input, to stand for this output."""
+    reading = options_of(task)
     return {
         "version": VERSION,
         "settings": output["settings"],
         "labels": output["labels"],
-        "reading": task["reading"],
+        "reading": {name: getattr(reading, name) for name, about in descriptions(ReadingOptions).items() if about.kept},
         "format": task["format"],
         "space": task["space"],
     }
@@ -155,6 +165,11 @@ def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
     return ReconstructionSettings.from_dict(
         output["settings"] | ({"label": label_for_checks(labels)} if labels else {})
     )
+
+
+def options_of(task: Mapping[str, Any]) -> ReadingOptions:
+    """How a task's input is read."""
+    return ReadingOptions.from_dict(task["reading"])
 
 
 def failed_record(
@@ -197,10 +212,10 @@ def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
     return key
 
 
-def key_or_empty(path: Path, verify: bool) -> dict[str, str]:
+def key_or_empty(path: Path, verify: bool, allow_outside: bool = False) -> dict[str, str]:
     """The key of the input at a path; empty where it cannot be opened."""
     try:
-        return input_key(open_volume(path), verify)
+        return input_key(open_volume(path, allow_outside), verify)
     except (CtmcError, OSError):
         return {}
 

@@ -15,10 +15,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core import ReadError, Setting, SettingsError, described
-from ...readers import stem
-from ..arguments import at_least, flag_of, flip_of, label_choices, setting_reader, spacing_of
+from ...core import SETTINGS, ReadError, Setting, SettingsError, descriptions
+from ...core.files.input_files import add_inputs
+from ...readers import ReadingOptions, stem
+from ..arguments import flag_of, label_choices
+from ..described_flags import value_reader
 
+READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
@@ -43,6 +46,7 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     SettingsError
         If a cell does not fit its column.
     """
+    add_inputs([path])
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -77,16 +81,16 @@ Parse = Callable[[str], Any]
 def column_of(title: str, where: str) -> tuple[str, str, Parse]:
     """What kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
     columns: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
-    for name, about in described().items():
+    for name, about in SETTINGS.items():
         columns[name] = columns[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
     columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
-    for name, parse in READING.items():
-        columns[name] = ("reading", name, parse)
+    for name, about in READING.items():
+        columns[name] = ("reading", name, parse_of(name, about))
     column = columns.get(underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
             f"{where}: unknown column '{title}'; the columns are input, case, "
-            f"{', '.join([*map(word_of, described()), *READING])}"
+            f"{', '.join([*map(word_of, SETTINGS), *READING])}"
         )
     return column
 
@@ -99,7 +103,7 @@ def word_of(name: str) -> str:
     >>> word_of("min_part_mm3"), word_of("keep_parts"), word_of("case")
     ('min-part', 'keep-parts', 'case')
     """
-    return flag_of(name, described()[name]).lstrip("-") if name in described() else name
+    return flag_of(name, SETTINGS[name]).lstrip("-") if name in SETTINGS else name
 
 
 def underscored(title: str) -> str:
@@ -140,20 +144,11 @@ def parse_of(name: str, about: Setting) -> Parse:
         return switch
     if about.choices:
         return str
-    return label_choices if name == "label" else setting_reader(name, about)
+    return label_choices if name == "label" else value_reader(name, about)
 
 
 def switch(cell: str) -> bool:
-    """True or false."""
+    """Read a truth value from a cell."""
     if cell.lower() not in SWITCHES:
         raise argparse.ArgumentTypeError("write true or false")
     return SWITCHES[cell.lower()]
-
-
-READING: dict[str, Parse] = {
-    "spacing": spacing_of,
-    "flip": flip_of,
-    "series": str,
-    "strict": switch,
-    "time": at_least(1),
-}

@@ -31,13 +31,13 @@ Task = Mapping[str, Any]
 
 
 class Event(NamedTuple):
-    """What has become of a task: 'running', or 'ended' with its records written."""
+    """A change in the state of a task: 'running', or 'ended' with its records written."""
 
     task: Task
     status: str
 
 
-Events = Generator[Event | None, None, None]  # what happens, and None while nothing does
+Events = Generator[Event | None, None, None]  # yields events, and None while nothing happens
 
 
 class CaseProcess:

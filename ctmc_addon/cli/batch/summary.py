@@ -14,6 +14,8 @@ from ...core import VERSION, OutputError
 from ...core.files.atomic_write import write_csv, write_json, write_text
 from .files import read_record, thumbnail_path
 
+SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
+LABELS_FILE = "labels.csv"  # written where a case has several labels
 MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed")  # of each of several surfaces
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
 STYLE = (
@@ -34,7 +36,7 @@ class SummaryRow:
     volume_mm3: float | None = None
     seconds: float | None = None
     error: str | None = None
-    surfaces: list[dict[str, Any]] = field(default_factory=list)  # of several labels
+    surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
 
     def fill(self, record: dict[str, Any] | None) -> None:
         """Fill the row from an output's JSON."""
@@ -57,12 +59,12 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     cases = [{name: value for name, value in row.items() if name != "surfaces"} for row in plain]
     labels = [{"case": row.case, **surface} for row in rows for surface in row.surfaces]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
-        (write_json, "summary.json", (plain,)),
-        (write_csv, "summary.csv", (cases, [field.name for field in fields(SummaryRow) if field.name != "surfaces"])),
-        (write_text, "summary.html", (html_text(folder, rows, over),)),
+        (write_json, AS_JSON, (plain,)),
+        (write_csv, AS_CSV, (cases, [field.name for field in fields(SummaryRow) if field.name != "surfaces"])),
+        (write_text, AS_PAGE, (html_text(folder, rows, over),)),
     ]
     if labels:
-        files.append((write_csv, "labels.csv", (labels, ["case", *MEASURES])))
+        files.append((write_csv, LABELS_FILE, (labels, ["case", *MEASURES])))
     for write, name, content in files:
         try:
             write(folder / name, *content)

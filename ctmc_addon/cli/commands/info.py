@@ -6,15 +6,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
 from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
-from ...core.volume import SlabVolume, ValueFacts, label_extents_steps, value_facts_steps
-from ...reporting.formatting import SIDES, kind_text
+from ...core.volume import ValueFacts, ValueKind, label_extents_steps, value_facts_steps
+from ...reporting.formatting import SIDES
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
 from .reconstruct import needed_steps
@@ -37,21 +36,20 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read the volume and print what it is."""
-    stages = Stages(STAGES)
+    options, stages = reading_of(args), Stages(STAGES)
     with Progress() as progress:
-        source = progress.finish(stages.run("Reading headers", readers.open_volume_steps(args.input)))
-        reading = needed_steps(source, Path(args.input), reading_of(args), ReconstructionSettings(), several=True)
+        opening = readers.open_volume_steps(args.input, options.allow_outside)
+        source = progress.finish(stages.run("Reading headers", opening))
+        reading = needed_steps(source, Path(args.input), options, ReconstructionSettings(), several=True)
         volume = progress.finish(stages.run("Reading values", reading))
-        volume = replace(volume, name=args.name or volume.name)
-        held = volume.values if isinstance(volume, Volume) else volume
-        values = progress.finish(stages.run("Looking at the values", value_facts_steps(held)))
+        values = progress.finish(stages.run("Looking at the values", value_facts_steps(volume)))
         labels = progress.finish(stages.run("Counting the labels", labels_steps(volume)))
     facts = facts_of(volume, source, values, labels)
     print(json_text(facts) if args.json else text_of(facts, source.series), end="" if args.json else "\n")
 
 
 def facts_of(
-    volume: Volume | SlabVolume, source: readers.VolumeSource, values: ValueFacts, labels: list[dict[str, Any]]
+    volume: Volume, source: readers.VolumeSource, values: ValueFacts, labels: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """What is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
     finite = values.low <= values.high
@@ -63,7 +61,7 @@ def facts_of(
         "spacing_mm": list(volume.spacing),
         "orientation": volume.orientation,
         "affine": volume.affine.tolist(),
-        "dtype": str(volume.dtype if isinstance(volume, SlabVolume) else volume.values.dtype),
+        "dtype": str(volume.dtype),
         "kind": volume.kind,
         "low": values.low if finite else None,
         "high": values.high if finite else None,
@@ -74,14 +72,16 @@ def facts_of(
             for series in source.series
         ],
         "labels": labels,
+        "levels": [list(size) for size in source.levels],
+        "label_groups": list(source.label_groups),
         "label_file": None if sibling is None else sibling.name,
         "notes": list(volume.notes),
     }
 
 
-def labels_steps(volume: Volume | SlabVolume) -> Steps[list[dict[str, Any]]]:
+def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
     """Every label with its value, its name and sRGB color if it has them, and its voxels."""
-    if volume.kind != "label":
+    if volume.kind != ValueKind.LABEL:
         return []
     extents = yield from label_extents_steps(volume)
     counts = {value: extent.voxels for value, extent in extents.items()}
@@ -102,7 +102,7 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     """The facts for a person, and the series as the scanner's operator called them."""
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
-    values += f", {kind_text(facts['kind'])}{'s' if facts['kind'] != 'HU' else ''}"
+    values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"
     if facts["not_finite"]:
         values += f"; {facts['not_finite']} are NaN or infinite, --nan-as gives them a value"
     labels = [
@@ -126,7 +126,10 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     if len(series) > 1 or any(item.uid or item.times > 1 for item in series):
         texts = [f"{item.screen_text}{', UID ' + item.uid if item.uid else ''}" for item in series]
         lines += titled("series", texts)
+    if len(facts["levels"]) > 1:
+        lines += titled("levels", [f"{number}: {dimensions(size)}" for number, size in enumerate(facts["levels"])])
     lines += titled("labels", labels)
+    lines += titled("label groups", facts["label_groups"])
     if facts["label_file"]:
         lines.append(("label file", f"{facts['label_file']} beside it"))
     return listing([*lines, *titled("notes", facts["notes"])])

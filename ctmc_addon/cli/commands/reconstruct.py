@@ -8,11 +8,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ... import readers
 from ...core import (
-    MemoryLimitError,
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     Stage,
@@ -20,25 +20,30 @@ from ...core import (
     Step,
     Steps,
     Volume,
-    advised_steps,
-    give_back,
+    reads_at_once,
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
-from ...core.streaming import fits_in_memory
-from ...core.volume import ALL, SlabVolume, require_labels
+from ...core.volume import require_labels
 from ...reporting.formatting import count
-from ..arguments import UsageError, add_input, add_settings, add_work, command_of, reading_of, settings_and_labels
+from ..arguments import (
+    UsageError,
+    add_input,
+    add_settings,
+    add_work,
+    asks_all_times,
+    command_of,
+    reading_of,
+    settings_and_labels,
+)
 from ..blender_host import require_blender
 from ..outputs import Outputs, surface_output, written_steps
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
-from .pieces import is_only_choice, written_in_pieces, written_pieces_steps
 from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
 
-AnyVolume = TypeVar("AnyVolume", Volume, SlabVolume)
 FORMATS = tuple(suffix.lstrip(".") for suffix in mesh_files.SURFACE_SUFFIXES)
 MOST_FILES = 8  # named in the summary
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
@@ -81,18 +86,18 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
     settings, choices = settings_and_labels(args)
-    if args.time == ALL:
+    if asks_all_times(args):
         suffix = Path(args.output).suffix.lower()
         require_one_each(choices, suffix if suffix in mesh_files.SURFACE_SUFFIXES else "", args.figure, args.scheduler)
     outputs = Outputs(
         report=require_writable(args.report, (".json",)) if args.report else None,
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
-        **surface_output(args.output, f".{args.format}", may_be_several(choices) or args.time == ALL),
+        **surface_output(args.output, f".{args.format}", may_be_several(choices) or asks_all_times(args)),
     )
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
-    if args.time == ALL:
+    if asks_all_times(args):
         run_times(args, settings, choices, outputs)
         return
     stages = Stages(STAGES)
@@ -103,31 +108,14 @@ def run(args: argparse.Namespace) -> None:
         own_folder(outputs.folder or Path(args.output).parent),
         Progress() as progress,
         workers_of(args.scheduler, source, reading_of(args)) as workers,
-        outputs.label_writer(settings.simplifier) as writer,
+        outputs.writer(settings.simplifier) as writer,
     ):
-        volume = progress.finish(
-            stages.run("Reading", fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler)))
-        )
-        making = measured_steps(
-            surfaces_steps(volume, settings, choices, args.threads, workers, outputs.hold_normals, writer), outputs
-        )
-        in_pieces_too = written_in_pieces(outputs, settings, choices)
-        if not in_pieces_too and is_only_choice(settings, choices):
-            written_bytes = outputs.triangle_bytes(settings.simplifier)
-            making = advised_steps(making, volume, settings, written_bytes, args.threads)
-        surfaces: Surfaces | None = None
-        try:
-            surfaces = progress.finish(stages.run("Reconstructing", making))
-        except (MemoryLimitError, MemoryError):
-            if not in_pieces_too:
-                raise
-        if surfaces is None:
-            give_back()
-            in_pieces = written_pieces_steps(volume, settings, args.threads, outputs)
-            in_pieces = advised_steps(in_pieces, volume, settings, 0, args.threads, in_pieces=True)
-            result, files = progress.finish(stages.run("Writing", in_pieces))
-            print(summary(result, volume, files))
-            return
+        reading = fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler))
+        volume = progress.finish(stages.run("Reading", reading))
+        budget = Budget(args.threads, workers=workers)
+        written_bytes = outputs.triangle_bytes(settings.simplifier)
+        making = measured_steps(surfaces_steps(volume, settings, choices, budget, writer, written_bytes), outputs)
+        surfaces = progress.finish(stages.run("Reconstructing", making))
         stage = Stage("Reading", stages.seconds["Reading"])
         results = tuple(replace(result, stages=(stage, *result.stages)) for result in surfaces.results)
         writing = written_steps(replace(surfaces, results=results), outputs)
@@ -154,77 +142,80 @@ def run_times(
     """Read and reconstruct every time, write, and print what came out."""
     path, reading = Path(args.input), reading_of(args)
     stages = Stages({"Reading headers": 1, "Reading and reconstructing": 18, "Writing": 2})
-    with own_folder(outputs.folder or Path(args.output).parent), Progress() as progress:
-        opening = readers.open_volume_steps(source_of(path, settings.label))
+    with (
+        own_folder(outputs.folder or Path(args.output).parent),
+        Progress() as progress,
+        outputs.writer(settings.simplifier) as writer,
+    ):
+        opening = readers.open_volume_steps(source_of(path, settings.label), reading.allow_outside)
         source = progress.finish(stages.run("Reading headers", opening))
 
-        def read_steps(time: int) -> Steps[Volume | SlabVolume]:
-            volume = yield from needed_steps(source, path, {**reading, "time": time}, settings)
-            return replace(volume, name=args.name or volume.name)
+        def read_steps(time: int) -> Steps[Volume]:
+            return (yield from needed_steps(source, path, replace(reading, time=time), settings))
 
-        making = times_steps(read_steps, number_of_times(source, args.series), settings, choices, args.threads)
+        count = number_of_times(source, reading.series)
+        making = times_steps(read_steps, count, settings, choices, Budget(args.threads), writer)
         surfaces, volume = progress.finish(stages.run("Reading and reconstructing", making))
         surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
     print(summary_of_several(surfaces, volume, files, stages.seconds))
 
 
-def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume | SlabVolume]:
+def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
     """Read INPUT as the flags say; where it does not fit, values are fetched later."""
     return (yield from fetched_steps(args, settings, several=True))
 
 
 def fetched_steps(
     args: argparse.Namespace, settings: ReconstructionSettings, several: bool, by_workers: bool = False
-) -> Steps[Volume | SlabVolume]:
+) -> Steps[Volume]:
     """Read INPUT as the flags say; where only some of it is wanted or it does not fit, values are fetched later.
 
     `several` and `by_workers` are those of `needed_steps`.
     """
-    path = Path(args.input)
+    path, reading = Path(args.input), reading_of(args)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
-    opening = readers.open_volume_steps(source_of(path, settings.label))
+    opening = readers.open_volume_steps(source_of(path, settings.label), reading.allow_outside)
     source = yield from stages.run("Reading headers", opening)
-    needed = needed_steps(source, path, reading_of(args), settings, several, by_workers)
-    volume = yield from stages.run("Reading values", needed)
-    return replace(volume, name=args.name or volume.name)
+    needed = needed_steps(source, path, reading, settings, several, by_workers)
+    return (yield from stages.run("Reading values", needed))
 
 
 def needed_steps(
     source: readers.VolumeSource,
     path: Path,
-    reading: Mapping[str, Any],
+    reading: readers.ReadingOptions,
     settings: ReconstructionSettings,
     several: bool = False,
     by_workers: bool = False,
-) -> Steps[Volume | SlabVolume]:
+    threads: int | None = None,
+) -> Steps[Volume]:
     """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later.
 
     For `several` surfaces any part of it is wanted; `by_workers` it is always fetched.
     """
     whole = not by_workers and reads_whole(source, reading, settings, several)
     if whole:
-        return checked((yield from source.read_steps(**reading)), source, path, settings.label)
-    return checked((yield from source.slabs_steps(**reading)), source, path, settings.label)
+        return checked((yield from source.read_steps(reading, threads=threads)), source, path, settings.label)
+    return checked((yield from source.slabs_steps(reading, threads=threads)), source, path, settings.label)
 
 
 def reads_whole(
-    source: readers.VolumeSource, reading: Mapping[str, Any], settings: ReconstructionSettings, several: bool
+    source: readers.VolumeSource, reading: readers.ReadingOptions, settings: ReconstructionSettings, several: bool
 ) -> bool:
-    """Whether all values are wanted and leave memory for a surface."""
-    series = source.selected_series(reading["series"])
-    if not several and (settings.region is not None or max(settings.stride) > 1):
-        return False
+    """Return whether all values are needed and leave enough memory for a surface."""
+    series = source.selected_series(reading.series)
     if series is None:
         return True
-    return fits_in_memory(math.prod(series.shape) * series.voxel_bytes)
+    every = ReconstructionSettings() if several else settings
+    return reads_at_once(math.prod(series.shape) * series.voxel_bytes, every, Budget())
 
 
-def checked(volume: AnyVolume, source: readers.VolumeSource, path: Path, label: int | None) -> AnyVolume:
+def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int | None) -> Volume:
     """The volume with a note of where its label is taken from, or an error where it cannot have one."""
     if label is not None:
-        require_labels(volume, label)  # before the work
+        require_labels(volume, label)  # raises before the surface is made
     if source.path != path:
-        note = f"{path.name} holds gray values: label {label} is taken from {source.path.name} beside it"
+        note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume
 
@@ -243,7 +234,7 @@ def small_components_lines(result: Reconstruction) -> list[str]:
     return [f"{counts} are smaller than {SMALL:g} mm3; --min-part {SMALL:g} removes them"]
 
 
-def summary(result: Reconstruction, volume: Volume | SlabVolume, files: Sequence[Path]) -> str:
+def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> str:
     """Settings, stages, counts, measures and notes, for a person."""
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
@@ -270,14 +261,12 @@ def summary(result: Reconstruction, volume: Volume | SlabVolume, files: Sequence
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
 
-def head_of(volume: Volume | SlabVolume) -> str:
+def head_of(volume: Volume) -> str:
     """Name, size and spacing."""
     return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
 
 
-def summary_of_several(
-    surfaces: Surfaces, volume: Volume | SlabVolume, files: Sequence[Path], seconds: Mapping[str, float]
-) -> str:
+def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """A row for every surface, and what holds for all, for a person."""
     rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "parts")]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]

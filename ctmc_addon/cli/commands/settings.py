@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from ...reporting.settings_toml import to_toml
-from ..arguments import add_settings, settings_and_labels
+from ..arguments import TABLES, add_reading, add_settings, given_table, settings_and_labels
 
 
 def add_parser(commands: Any) -> None:
@@ -19,9 +19,11 @@ def add_parser(commands: Any) -> None:
         "ctmc settings --label 2 > case.toml",
     )
     add_settings(parser, many=("label",))
+    add_reading(parser, names=False)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
     """Print the settings that the flags give."""
-    print(to_toml(*settings_and_labels(args)), end="")
+    given = {table: given_table(args, table) for table in TABLES}
+    print(to_toml(*settings_and_labels(args), TABLES, given), end="")

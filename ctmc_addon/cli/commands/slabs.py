@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, ReadError, finish
-from ...core.streaming import SlabResult, SlabTask, slab_result_steps
+from ...core import CtmcError, ReadError, SlabResult, SlabTask, finish, slab_result_steps
 from ..scheduler import PATIENCE, Scheduler
 
 TICK = 0.05  # seconds between two looks at the futures
 AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
 LOST = "the scheduler {} lost a slab; start again when it runs"
 LONGEST_ALONE = 60.0  # seconds without any worker
-RETRIES = 2  # of a task that failed for another reason than what the file holds
+RETRIES = 2  # of a task that failed for another reason than the content of the file
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,13 @@ class ClusterWorkers:
     cluster : Scheduler
     path : Path
         Of the file or folder, from the root on.
-    reading : mapping
-        How it is read: keyword arguments of `VolumeSource.slabs_steps`.
+    reading : ReadingOptions
+        How it is read.
     """
 
     cluster: Scheduler
     path: Path
-    reading: Mapping[str, Any]
+    reading: readers.ReadingOptions
 
     @property
     def count(self) -> int:
@@ -52,7 +51,7 @@ class ClusterWorkers:
 
     def results(self, tasks: Sequence[SlabTask]) -> Generator[SlabResult | None, None, None]:
         """The results in the order of the tasks, and None while nothing happens."""
-        module, path, reading = __name__, str(self.path), dict(self.reading)
+        module, path, reading = __name__, str(self.path), self.reading.to_dict()
 
         def done_by_worker(task: bytes) -> Any:
             # Travels as code and bytes, for the scheduler unpacks it too and has perhaps no ctmc.
@@ -77,7 +76,7 @@ class ClusterWorkers:
             raise CtmcError(LOST.format(self.cluster.address)) from error
         finally:
             if futures:
-                with suppress(OSError, TimeoutError):  # of a scheduler that is gone
+                with suppress(OSError, TimeoutError):  # the scheduler may be gone
                     client.cancel(list(futures.values()), force=True)
 
     def _waiting(self, future: Any) -> Iterator[None]:
@@ -112,7 +111,7 @@ class ClusterWorkers:
 
 
 @contextmanager
-def workers_of(address: str | None, path: Path, reading: Mapping[str, Any]) -> Iterator[ClusterWorkers | None]:
+def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions) -> Iterator[ClusterWorkers | None]:
     """The workers of the scheduler at an address, if one is given, who read `path`."""
     if not address:
         yield None
@@ -130,7 +129,8 @@ def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabRes
     """Do a task, on a worker; the file is opened anew, as it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
     try:
-        volume = finish(readers.open_volume(path).slabs_steps(**reading))
+        options = readers.ReadingOptions.from_dict(reading)
+        volume = finish(readers.open_volume(path, options.allow_outside).slabs_steps(options))
     except ReadError as error:
         raise ReadError(f"a worker says: {error}; INPUT must lie where all workers see it under its path") from error
     return finish(slab_result_steps(volume, task))

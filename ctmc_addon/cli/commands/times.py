@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ...core import (
+    Budget,
     CtmcError,
     LabelError,
     MeshError,
@@ -19,12 +20,13 @@ from ...core import (
     Volume,
     equal_part,
 )
-from ...core.volume import SlabVolume, used_threshold_steps
+from ...core.volume import used_threshold_steps
 from ...readers import VolumeSource
 from ..arguments import UsageError
+from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 
-Reader = Callable[[int], Steps[Volume | SlabVolume]]
+Reader = Callable[[int], Steps[Volume]]
 STAGES = {"Reading": 3, "Reconstructing": 6}
 IN_TURN = (".blend",)  # files that show one surface after the other
 
@@ -48,7 +50,7 @@ def number_of_times(source: VolumeSource, series: str | None) -> int:
     line = source.selected_series(series)
     if line is not None and line.times == 1:
         raise ReadError(f"{source.path.name} holds a single time; leave --time all out")
-    return 1 if line is None else line.times  # without a series: reading says what is wrong
+    return 1 if line is None else line.times  # without a series, reading raises the error that explains it
 
 
 def times_steps(
@@ -56,9 +58,10 @@ def times_steps(
     count: int,
     settings: ReconstructionSettings,
     choices: Sequence[int | str],
-    threads: int | None = None,
-) -> Steps[tuple[Surfaces, Volume | SlabVolume]]:
-    """Make the surface of each of `count` times; return them and the last volume.
+    budget: Budget,
+    writer: SurfaceWriter | None = None,
+) -> Steps[tuple[Surfaces, Volume]]:
+    """Make the surface of each of `count` times; return them and the last volume. A `writer` writes each at once.
 
     Without a threshold Otsu's of the first time is used for all, so that a change is one of the volume. A time without
     a surface is left out and said.
@@ -72,10 +75,10 @@ def times_steps(
     times: list[int] = []
     left_out: list[str] = []
     reason: CtmcError | None = None
-    volume: Volume | SlabVolume | None = None
+    volume: Volume | None = None
     note = ""
     for number in range(count):
-        volume = None  # gone before the next is read
+        volume = None  # release the memory of this time before the next one is read
         stages = Stages(STAGES)
         reading = stages.run("Reading", read_steps(number + 1))
         volume = yield from equal_part(reading, number, count)
@@ -84,7 +87,8 @@ def times_steps(
             note = f"Otsu's threshold of time 1, {threshold:.6g}, is used for all times"
             settings = replace(settings, threshold=threshold)
         try:
-            making = stages.run("Reconstructing", surfaces_steps(volume, settings, choices, threads))
+            of_time = None if writer is None else writer.of_time(number + 1)
+            making = stages.run("Reconstructing", surfaces_steps(volume, settings, choices, budget, of_time))
             one = yield from equal_part(making, number, count)
         except (LabelError, MeshError, ThresholdError) as error:
             reason = reason or error
@@ -101,4 +105,5 @@ def times_steps(
     names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(made, times, strict=True))
     notes = (note,) if note else ()
     results = tuple(replace(one.results[0], notes=(*one.results[0].notes, *notes)) for one in made)
-    return Surfaces(made[0].name, results, names, tuple(left_out), tuple(times)), volume
+    files = tuple(file for one in made for file in one.files)
+    return Surfaces(made[0].name, results, names, tuple(left_out), tuple(times), files), volume

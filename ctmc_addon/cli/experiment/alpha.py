@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core import (
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     Stages,
@@ -39,7 +40,7 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Which alphas, and whether to show them."""
+    """Add the flags for the alphas and for their pictures."""
     parser.add_argument(
         "--alphas", nargs="+", type=float, default=[0.0, 0.25, 0.75, 1.0], metavar="A", help="(default 0 0.25 0.75 1)"
     )
@@ -60,7 +61,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
         meshes, rows = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
         pictures = []
         if args.pictures:
@@ -91,7 +92,7 @@ def alpha_steps(
 ) -> Steps[tuple[list[TriangleMesh], list[Row]]]:
     """The surface of `result` at the alpha of each of the settings, simplified as they say, and its measures."""
     surface = result.surface
-    assert surface is not None  # nothing has been simplified yet
+    assert surface is not None  # The surface has not been simplified yet.
     stages = Stages({"Simplifying": 1, "Measuring": 1})
     meshes = []
     for at, settings in enumerate(variants):

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ...core.files.atomic_write import own_folder
+from ...core.files.input_files import plan_output
 from ..terminal import require_empty
 from . import alpha, rotation, simplify, voxels
 from .common import add_common
+from .table import FILES
 
 EXPERIMENTS = {"voxels": voxels, "rotation": rotation, "alpha": alpha, "simplify": simplify}
 
@@ -36,6 +38,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.overwrite:
         require_empty(Path(args.output), "replace an older experiment with --overwrite, or choose another folder")
     with own_folder(args.output) as folder:
+        for name in FILES:
+            plan_output(folder / name)
         table = EXPERIMENTS[args.experiment].table_of(args, folder)
         table.write(folder)
     print(table.printed())

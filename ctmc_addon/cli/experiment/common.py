@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...core import (
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     Steps,
@@ -17,12 +18,11 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ...core.volume import SlabVolume
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import dimensions
 from .table import plain, unique
 
-FETCHED = "The volume does not fit in memory: its file was read again for every surface, which times include."
+FETCHED = "The file was read again for every surface, which times include."
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +73,7 @@ def require_builtin(settings: ReconstructionSettings) -> None:
 
 
 def facts_of(
-    volume: Volume | SlabVolume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
+    volume: Volume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
 ) -> list[tuple[str, str]]:
     """Input, settings and notes."""
     spacing = [round(gap, 4) for gap in volume.spacing]
@@ -81,7 +81,7 @@ def facts_of(
         ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
         ("settings", f"{command_of(settings) or 'the defaults'} (surface at {threshold:.6g})"),
     ]
-    if isinstance(volume, SlabVolume):
+    if volume.reader.own_bytes:
         notes = [*notes, FETCHED]
     return facts + [("note", note) for note in unique(notes)]
 
@@ -105,10 +105,10 @@ def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> 
 
 
 def variants_steps(
-    volume: Volume | SlabVolume, variants: Sequence[ReconstructionSettings], threads: int | None
+    volume: Volume, variants: Sequence[ReconstructionSettings], budget: Budget
 ) -> Steps[list[Reconstruction]]:
     """A surface for each of the settings."""
     results = []
     for at, settings in enumerate(variants):
-        results.append((yield from equal_part(reconstruct_steps(volume, settings, threads), at, len(variants))))
+        results.append((yield from equal_part(reconstruct_steps(volume, settings, budget), at, len(variants))))
     return results

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...blender.figure.spec import ENGINES
-from ...core import CtmcError, Stages, TriangleMesh, described, reconstruct_steps
+from ...core import SETTINGS, Budget, CtmcError, Stages, TriangleMesh, reconstruct_steps
 from ..arguments import UsageError, at_least, flag_of, given_settings
 from ..blender_host import blender_at_work, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -31,7 +31,7 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Which levels, and how they turn."""
+    """Add the flags for the levels and for how they turn."""
     add_levels(parser, (0, 50, 90))
     parser.add_argument("--rounds", type=at_least(1), default=5, metavar="N", help="turns of each level (default 5)")
     parser.add_argument(
@@ -122,7 +122,7 @@ def surface_of(
     if path.suffix.lower() in MESH_SUFFIXES:
         given = sorted(given_settings(args))
         if given:
-            flag = flag_of(given[0], described()[given[0]])
+            flag = flag_of(given[0], SETTINGS[given[0]])
             raise UsageError(f"{path.name} is a mesh already; leave {flag} out")
         with blender_at_work():
             mesh = read_mesh(path)
@@ -131,7 +131,7 @@ def surface_of(
     require_builtin(settings)
     full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
     volume = progress.finish(stages.run("Reading", input_steps(args, full)))
-    result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+    result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
     return result.mesh, facts_of(volume, full, result.threshold, result.notes)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ...core import Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
+from ...core import Budget, Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
 from ...core.mesh import SurfaceDistance
 from ..arguments import at_least
 from ..blender_host import blender_at_work, require_blender
@@ -41,7 +41,7 @@ class Measured:
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Which levels, and how often."""
+    """Add the flags for the levels and the number of repetitions."""
     add_levels(parser, (50, 90))
     parser.add_argument("--repeats", type=at_least(1), default=3, metavar="N", help="timed runs of each (default 3)")
 
@@ -55,7 +55,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, args.threads)))
+        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
         simplifying = simplify_levels_steps(result.mesh, unique(args.levels), args.repeats)
         measured = progress.finish(stages.run("Simplifying", simplifying))
         steps = distances_steps([item.mesh for item in measured], result.mesh)

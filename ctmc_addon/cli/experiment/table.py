@@ -13,6 +13,7 @@ from ..machine import machine, versions
 from ..terminal import listing, table
 
 Row = dict[str, Any]
+FILES = ("table.json", "table.csv", "table.md")
 
 
 @dataclass(frozen=True)
@@ -84,11 +85,12 @@ class Table:
         return "\n".join([*head, *body, "", *lines, *(["", *pictures] if pictures else []), ""])
 
     def write(self, folder: Path) -> None:
-        """Write table.csv, table.json and table.md."""
+        """Write the files of the table."""
         rows = [{**row, **dict(self.made_on)} for row in self.rows]
-        write_json(folder / "table.json", rows)
-        write_text(folder / "table.csv", as_csv(rows))
-        write_text(folder / "table.md", self.markdown())
+        as_json, as_table, as_page = (folder / name for name in FILES)
+        write_json(as_json, rows)
+        write_text(as_table, as_csv(rows))
+        write_text(as_page, self.markdown())
 
 
 def as_csv(rows: Sequence[Row]) -> str:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...core import (
+    Budget,
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
@@ -22,7 +23,6 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import SurfaceDistance
-from ...core.volume import SlabVolume
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked
 from ..commands.reconstruct import input_steps
@@ -43,7 +43,7 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Which strides, and how often."""
+    """Add the flags for the strides and the number of repetitions."""
     parser.add_argument(
         "--strides",
         nargs="+",
@@ -79,8 +79,8 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        results = progress.finish(stages.run("Reconstructing", variants_steps(volume, variants, args.threads)))
-        timing = timed_runs_steps(volume, variants, args.repeats, args.threads)
+        results = progress.finish(stages.run("Reconstructing", variants_steps(volume, variants, Budget(args.threads))))
+        timing = timed_runs_steps(volume, variants, args.repeats, Budget(args.threads))
         runs = progress.finish(stages.run("Timing", timing))
         meshes = [result.mesh for result in results]
         distances = progress.finish(stages.run("Measuring", distances_steps(meshes[1:], meshes[0])))
@@ -101,7 +101,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
 
 
 def timed_runs_steps(
-    volume: Volume | SlabVolume, variants: Sequence[ReconstructionSettings], repeats: int, threads: int | None
+    volume: Volume, variants: Sequence[ReconstructionSettings], repeats: int, budget: Budget
 ) -> Steps[list[list[tuple[float, float]]]]:
     """What `timed_run` says of each of the settings, `repeats` times in turn."""
     runs: list[list[tuple[float, float]]] = [[] for _ in variants]
@@ -110,18 +110,16 @@ def timed_runs_steps(
             done = (turn * len(variants) + at) / (repeats * len(variants))
             yield Step(done, f"Timing a stride of {dimensions(settings.stride[:2])}, run {turn + 1} of {repeats}")
             gc.collect()
-            runs[at].append(timed_run(volume, settings, threads))
+            runs[at].append(timed_run(volume, settings, budget))
     return runs
 
 
-def timed_run(
-    volume: Volume | SlabVolume, settings: ReconstructionSettings, threads: int | None = None
-) -> tuple[float, float]:
+def timed_run(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> tuple[float, float]:
     """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
     preparing: list[float] = []
     seconds: list[float] = []
     while sum(preparing) + sum(seconds) < RUN_SECONDS and len(seconds) < MOST_IN_A_RUN:
-        stages = finish(reconstruct_steps(volume, settings, threads)).stages
+        stages = finish(reconstruct_steps(volume, settings, budget)).stages
         preparing.append(sum(stage.seconds for stage in stages if stage.name == PREPARING))
         seconds.append(sum(stage.seconds for stage in stages if stage.name != PREPARING))
     return statistics.median(preparing), statistics.median(seconds)

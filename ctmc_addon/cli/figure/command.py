@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...blender.figure.spec import Cell
-from ...core import Reconstruction, Stages
+from ...core import Budget, Reconstruction, Stages
 from ..arguments import Parser, settings_and_labels
 from ..blender_host import objects_of, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -31,7 +31,7 @@ def add_parser(commands: Any) -> None:
     parser: Parser = commands.add_parser(
         "figure", help="a figure for print, a sheet or a turntable", description=DESCRIPTION
     )
-    common.add_common(parser, "FILE.png; its folder is made", width_mm=85.0, dpi=300.0)
+    common.add_common(parser, "FILE.png; its folder is made", "figure")
     common.add_surfaces(parser)
     common.add_map(parser)
     common.add_blend(parser)
@@ -43,7 +43,8 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render, and print what came out."""
     settings, choices = settings_and_labels(args)
-    if args.deviation:
+    distances = common.map_of(args)
+    if distances.deviation:
         settings, choices = common.only_one(args, "a map of distances"), ()
     common.require_surfaces(args, choices)
     require_blender("a figure")
@@ -54,24 +55,24 @@ def run(args: argparse.Namespace) -> None:
     page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
     target = Path(args.output)
     require_png(target)
-    require_engine(args.engine, args.deviation)
+    require_engine(style.engine, distances.deviation)
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, args.threads)
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads))
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
         results: Sequence[Reconstruction] = surfaces.results
-        if args.deviation:
-            figure = deviation_figure_steps(volume, results[0], target, page, style, blend, args.limit_mm)
+        if distances.deviation:
+            figure = deviation_figure_steps(volume, results[0], target, page, style, blend, distances.limit_mm)
             size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
         else:
             with objects_of(results, names=surfaces.names) as (scene, objects, results):
                 surfaces = replace(surfaces, results=tuple(results))
-                if args.caption is None:
+                if style.caption is None:
                     style = replace(style, caption=common.caption_of(results, args.names or ()))
-                cell = Cell(common.shown_of(args, objects, surfaces))
+                cell = Cell(common.shown_of(args, style, objects, surfaces))
                 figure = figure_steps([cell], target, page, style, blend, scene)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [

@@ -5,23 +5,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...blender.colors import color_of
-from ...blender.figure.spec import (
-    AZIMUTH,
-    ELEVATION,
-    ENGINES,
-    OPACITIES,
-    STYLES,
-    FigureStyle,
-    Page,
-    ShownSurface,
-    require_within,
-)
-from ...core import OutputError, Reconstruction, ReconstructionSettings
+from ...blender.figure.spec import PAGES, DistanceMap, FigureStyle, Page, ShownSurface, Transparency
+from ...core import OutputError, Reconstruction, ReconstructionSettings, defaults, descriptions
 from ...core.files.atomic_write import own_folder
+from ...core.files.input_files import plan_output
 from ...core.volume import ALL
 from ...reporting.captions import figure_caption
 from ..arguments import (
@@ -30,69 +22,50 @@ from ..arguments import (
     add_settings,
     add_work,
     flags_checked,
+    given_table,
     settings_and_labels,
 )
+from ..described_flags import add_described, add_flag
 from ..surfaces import Surfaces, may_be_several
 from ..terminal import dimensions, listing, titled
 
 
-def add_common(parser: argparse.ArgumentParser, output: str, width_mm: float, dpi: float) -> None:
-    """INPUT, the output, the settings, and how a figure looks."""
+def add_common(parser: argparse.ArgumentParser, output: str, kind: str) -> None:
+    """INPUT, the output, the settings, and how a figure of a kind, a name in `PAGES`, looks."""
     add_input(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
     add_settings(parser, many=("label",))
     add_work(parser)
     group = parser.add_argument_group("figure")
-    group.add_argument(
-        "--style",
-        choices=tuple(STYLES),
-        help="; ".join(f"{name}: {style.text}" for name, style in STYLES.items())
-        + " (default paper, of several labels clinical)",
-    )
-    group.add_argument("--edges", action=argparse.BooleanOptionalAction, help="triangle edges (default: the style's)")
-    group.add_argument("--width-mm", type=float, default=width_mm, metavar="MM", help=f"(default {width_mm:g})")
-    group.add_argument("--height-mm", type=float, metavar="MM", help="default: what the surface needs")
-    group.add_argument("--dpi", type=float, default=dpi, metavar="N", help=f"pixels to the inch (default {dpi:g})")
-    group.add_argument("--font-pt", type=float, default=8.0, metavar="PT", help="letters (default 8; turntables 12)")
-    group.add_argument("--transparent", action="store_true", help="no background instead of a white one")
-    group.add_argument(
-        "--azimuth", type=float, default=AZIMUTH, metavar="DEG", help="camera, from the front to the left"
-    )
-    group.add_argument(
-        "--elevation", type=float, default=ELEVATION, metavar="DEG", help=f"camera, upwards (default {ELEVATION:g})"
-    )
-    group.add_argument("--scale-bar", action=argparse.BooleanOptionalAction, default=True, help="(default: yes)")
-    group.add_argument(
-        "--orientation", action=argparse.BooleanOptionalAction, default=True, help="R L A P S I (default: yes)"
-    )
-    group.add_argument("--caption", metavar="TEXT", help="under the figure; '' for none")
-    group.add_argument(
-        "--engine",
-        choices=tuple(ENGINES),
-        default=FigureStyle().engine,
-        help="cycles works on any machine; the others need EGL on Linux",
-    )
+    page = PAGES[kind]
+    add_described(group, Page, {name: getattr(page, name) for name in descriptions(Page)})
+    for name, about in descriptions(FigureStyle).items():
+        if name != "columns" or kind == "sheet":
+            add_flag(group, name, about, defaults(FigureStyle)[name])
+    parser.set_defaults(kind=kind)
+
+
+def values_of(args: argparse.Namespace, kind: type) -> dict[str, Any]:
+    """The values that the flags and the table `[figure]` of --settings give a described dataclass, by name."""
+    return {name: value for name, value in given_table(args, "figure").items() if name in descriptions(kind)}
 
 
 def page_of(args: argparse.Namespace) -> Page:
     """The page that the flags give."""
     with flags_checked():
-        return Page(args.width_mm, args.dpi, args.height_mm, args.transparent, args.font_pt)
+        return replace(PAGES[args.kind], **values_of(args, Page))
 
 
 def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
     """How the flags have one or several surfaces look."""
     with flags_checked():
-        return FigureStyle(
-            style=args.style or ("clinical" if several else "paper"),
-            engine=args.engine,
-            azimuth=args.azimuth,
-            elevation=args.elevation,
-            edges=args.edges,
-            scale_bar=args.scale_bar,
-            orientation=args.orientation,
-            caption=args.caption or "",
-        )
+        return FigureStyle(**({"style": "clinical"} if several else {}) | values_of(args, FigureStyle))
+
+
+def map_of(args: argparse.Namespace) -> DistanceMap:
+    """Whether the flags ask for a map of distances, and where its colors end."""
+    with flags_checked():
+        return DistanceMap(**values_of(args, DistanceMap))
 
 
 def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
@@ -107,10 +80,15 @@ def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
 
 
 def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
-    """`run` with the folders of its outputs made, and removed again if nothing is written to them."""
+    """`run` with the folders of its outputs made, and removed again if nothing is written to them.
+
+    An output that is a file of the input is refused as soon as the input is opened.
+    """
 
     def run_there(args: argparse.Namespace) -> None:
         with own_folder(Path(args.output).parent), own_folder(Path(args.blend or args.output).parent):
+            for path in (args.output, args.blend):
+                plan_output(path or args.output)
             run(args)
 
     return run_there
@@ -127,22 +105,17 @@ def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> 
 def add_map(parser: argparse.ArgumentParser) -> None:
     """Colors of distances."""
     group = parser.add_argument_group("map of distances")
-    group.add_argument(
-        "--deviation",
-        action="store_true",
-        help="color the surface by its distance to the surface of full resolution, with a color bar",
-    )
-    group.add_argument("--limit-mm", type=float, metavar="MM", help="end of the color bar (default: 99 %% are within)")
+    add_described(group, DistanceMap)
 
 
 def add_blend(parser: argparse.ArgumentParser) -> None:
-    """Where the .blend goes."""
+    """Add the flags for the .blend."""
     parser.add_argument("--blend", metavar="FILE.blend", help="the figure's scene (default: beside the PNG)")
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
 
 
 def blend_of(args: argparse.Namespace, target: Path) -> Path | None:
-    """Where the .blend goes."""
+    """Return the path of the .blend."""
     if args.no_blend:
         return None
     blend = Path(args.blend) if args.blend else target.with_suffix(".blend")
@@ -162,7 +135,7 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="a transparent label (default: what holds the others)",
     )
-    group.add_argument("--opacity", type=float, default=0.3, metavar="A", help="of transparent labels (default 0.3)")
+    add_described(group, Transparency)
 
 
 def require_names(args: argparse.Namespace, count: int) -> None:
@@ -172,18 +145,18 @@ def require_names(args: argparse.Namespace, count: int) -> None:
 
 
 def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> None:
-    """Raise `UsageError` for an opacity out of its limits, and for names of labels that are known to be others."""
-    with flags_checked():
-        require_within("opacity", args.opacity, OPACITIES)
+    """Raise `UsageError` for names of labels that are known to be others."""
     if all(isinstance(choice, int) for choice in choices):
         require_names(args, max(1, len(choices)))
 
 
-def shown_of(args: argparse.Namespace, objects: Sequence[Any], surfaces: Surfaces) -> tuple[ShownSurface, ...]:
+def shown_of(
+    args: argparse.Namespace, style: FigureStyle, objects: Sequence[Any], surfaces: Surfaces
+) -> tuple[ShownSurface, ...]:
     """How every surface is shown: several have a name and their label's color, and the outermost is transparent."""
     from ...blender.figure.sheet import holds_others
 
-    results = surfaces.results
+    results, opacity = surfaces.results, Transparency(**values_of(args, Transparency)).opacity
     if len(results) == 1 and not args.names:
         return (ShownSurface(objects[0], "".join(surfaces.names)),)
     labels = [result.settings.label for result in results]
@@ -199,8 +172,8 @@ def shown_of(args: argparse.Namespace, objects: Sequence[Any], surfaces: Surface
         ShownSurface(
             obj,
             name,
-            color_of(label, result.label_color) if args.style != "print" else None,
-            args.opacity if label in transparent else 1.0,
+            color_of(label, result.label_color) if style.style != "print" else None,
+            opacity if label in transparent else 1.0,
         )
         for obj, name, label, result in zip(objects, names, labels, results, strict=True)
     )

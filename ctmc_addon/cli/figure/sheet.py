@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from ...blender.figure.spec import Comparison
-from ...core import Stages, described
-from ..arguments import at_least, flags_checked
+from ...core import Budget, Stages
+from ..arguments import flags_checked
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
+from ..described_flags import add_described
 from ..experiment.voxels import sides_of
 from ..terminal import Progress, table
 from . import common
@@ -26,19 +26,9 @@ DESCRIPTION = (
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """The flags of `ctmc figure sheet`."""
-    common.add_common(parser, "FILE.png; its folder is made", width_mm=170.0, dpi=300.0)
+    common.add_common(parser, "FILE.png; its folder is made", "sheet")
     group = parser.add_argument_group("what is compared")
-    group.add_argument(
-        "--strides", nargs="+", type=sides_of, default=[], metavar="N", help="strides in x and y, px: 2, or 2x1"
-    )
-    group.add_argument("--alphas", nargs="+", type=float, default=[], metavar="A")
-    group.add_argument(
-        "--levels", nargs="+", type=float, default=[], metavar="PERCENT", help="share of the triangles to remove"
-    )
-    group.add_argument(
-        "--smoothings", nargs="+", choices=described()["smoothing"].choices[1:], default=[], help="with their volumes"
-    )
-    group.add_argument("--columns", type=at_least(1), metavar="N", help="cells side by side")
+    add_described(group, Comparison, readers={"strides": sides_of})
     common.add_map(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.in_made_folders(run))
@@ -53,19 +43,20 @@ def run(args: argparse.Namespace) -> None:
     from ...blender.figure.styles import require_engine
 
     with flags_checked():
-        axes = (args.strides, args.alphas, args.levels, args.smoothings)
-        comparison = Comparison(*(tuple(dict.fromkeys(axis)) for axis in axes))
+        axes = common.values_of(args, Comparison)
+        comparison = Comparison(**{name: tuple(dict.fromkeys(axis)) for name, axis in axes.items()})
         comparison.variants(settings)
-    page, style = common.page_of(args), replace(common.style_of(args), columns=args.columns)
+    page, style, distances = common.page_of(args), common.style_of(args), common.map_of(args)
     target = Path(args.output)
     require_png(target)
-    require_engine(args.engine, args.deviation)
+    require_engine(style.engine, distances.deviation)
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         sheet = sheet_steps(
-            volume, settings, comparison, target, page, style, blend, args.deviation, args.limit_mm, args.threads
+            *(volume, settings, comparison, target, page, style, blend),
+            *(distances.deviation, distances.limit_mm, Budget(args.threads)),
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
     rows = [("cell", "volume, ml", "triangles", "seconds", "mean, mm", "max, mm")]

@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...blender.figure.spec import Cell, Turn
-from ...core import Stages
+from ...core import Budget, Stages
 from ..arguments import flags_checked, settings_and_labels
 from ..blender_host import objects_of, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
+from ..described_flags import add_described
 from ..surfaces import may_be_several, surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common
@@ -25,19 +26,15 @@ DESCRIPTION = (
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """The flags of `ctmc figure turntable`."""
-    common.add_common(parser, "a video, such as FILE.mp4, or a folder for PNG frames", width_mm=120.0, dpi=150.0)
+    common.add_common(parser, "a video, such as FILE.mp4, or a folder for PNG frames", "turntable")
     common.add_surfaces(parser)
     group = parser.add_argument_group("turntable")
-    group.add_argument("--seconds", type=float, default=6.0, metavar="S", help="of the loop (default 6)")
-    group.add_argument("--fps", type=int, default=24, metavar="N", help="frames a second (default 24)")
-    group.add_argument(
-        "--revolutions", type=int, default=1, metavar="N", help="whole turns in the loop; -1 the other way (default 1)"
-    )
+    add_described(group, Turn)
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on where this turntable was stopped")
     again.add_argument("--overwrite", action="store_true", help="replace an older turntable")
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run), font_pt=12.0)
+    parser.set_defaults(run=common.in_made_folders(run))
 
 
 def run(args: argparse.Namespace) -> None:
@@ -49,9 +46,9 @@ def run(args: argparse.Namespace) -> None:
     from ...blender.figure.turntable import is_finished_video, is_video, require_turntable, turntable_steps
 
     with flags_checked():
-        turn = Turn(args.seconds, args.fps, args.revolutions)
+        turn = Turn(**common.values_of(args, Turn))
     page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
-    require_engine(args.engine)
+    require_engine(style.engine)
     target = Path(args.output)
     require_turntable(target, page, args.resume, args.overwrite)
     if args.resume and is_finished_video(target):
@@ -61,11 +58,11 @@ def run(args: argparse.Namespace) -> None:
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, args.threads)
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads))
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
         with objects_of(surfaces.results, names=surfaces.names) as (scene, objects, shown):
-            cell = Cell(common.shown_of(args, objects, replace(surfaces, results=tuple(shown))))
+            cell = Cell(common.shown_of(args, style, objects, replace(surfaces, results=tuple(shown))))
             video = turntable_steps(cell, target, page, style, turn, blend, scene, args.resume, args.overwrite)
             size, rendered = progress.finish(stages.run("Rendering", quiet_steps(video)))
     facts = [

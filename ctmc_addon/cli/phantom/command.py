@@ -7,10 +7,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...core import Stages, Step, Steps, equal_part
+from ...core import Stages, Step, Steps, descriptions, equal_part
 from ...core.files.atomic_write import made_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
-from ..arguments import Numbers, add_quiet, at_least, spacing_of
+from ...readers import ReadingOptions
+from ..arguments import add_quiet, at_least
+from ..described_flags import Numbers, value_reader
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices
 
@@ -33,7 +35,7 @@ def add_parser(commands: Any) -> None:
         "--spacing",
         action=Numbers,
         most=3,
-        type=spacing_of,
+        type=value_reader("spacing", descriptions(ReadingOptions)["spacing"]),
         metavar="X Y Z",
         help="mm (default: a field of view of 379 mm, and slices at most 5 mm apart over 145 mm)",
     )

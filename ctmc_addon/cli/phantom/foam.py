@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps
+from ...core import Step, Steps, Volume
 from ...core.files.atomic_write import require_writable, whole_file
 from ...core.phantom import FOAM_THRESHOLD, foam
-from ...core.volume import SlabVolume
 from ..arguments import add_quiet, at_least
 from ..terminal import Progress, dimensions, listing
 from .files import library
@@ -60,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     print(listing(facts))
 
 
-def npy_steps(volume: SlabVolume, place: Path) -> Steps[None]:
+def npy_steps(volume: Volume, place: Path) -> Steps[None]:
     """Write a .npy file."""
     with place.open("wb") as stream:
         npy: Any = np.lib.format
@@ -70,7 +69,7 @@ def npy_steps(volume: SlabVolume, place: Path) -> Steps[None]:
             stream.write(slab.data)
 
 
-def write_tiff(volume: SlabVolume, place: Path) -> None:
+def write_tiff(volume: Volume, place: Path) -> None:
     """Write a .tif file, a page for each slice; BigTIFF beyond 4 GB."""
     with place.open("wb") as stream:
         library("tifffile", "tifffile").imwrite(
@@ -85,7 +84,7 @@ def write_tiff(volume: SlabVolume, place: Path) -> None:
         )
 
 
-def slabs(volume: SlabVolume) -> Iterator[NDArray[np.uint8]]:
+def slabs(volume: Volume) -> Iterator[NDArray[np.uint8]]:
     """The values, a few slices at a time."""
     for low in range(0, volume.shape[0], SLICES_AT_ONCE):
         yield volume.slab(low, min(low + SLICES_AT_ONCE, volume.shape[0]))

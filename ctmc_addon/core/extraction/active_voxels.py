@@ -22,6 +22,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +36,35 @@ ALL_INSIDE = np.uint64(2**WORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
+class Segments:
+    """Runs of layers of a slab, each within one unit, and what is in each of them.
+
+    Parameters
+    ----------
+    unit : (s,) intp
+    lowest : (s,) bool
+        Whether it is the lowest layer of its unit.
+    vertices : (4, s) intp
+        On edges along x, y and z, and inside voxels.
+    voxels : (kinds, s) intp
+        Of each kind; those of kind 0 have no triangle.
+    """
+
+    unit: NDArray[np.intp]
+    lowest: NDArray[np.bool_]
+    vertices: NDArray[np.intp]
+    voxels: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
 class Slab:
     """The active voxels of the sample layers `low` to `high`, ghost cells among them.
 
     Parameters
     ----------
     low, high : int
+    unit : int
+        Layers that the order of vertices and triangles counts as one (order.py); layer 0 begins one.
     rows, pitch : int
         Rows of samples in a layer, and samples in a row, with what is repeated or left over beyond the last.
     byte : (m,) intp
@@ -62,6 +87,7 @@ class Slab:
 
     low: int
     high: int
+    unit: int
     rows: int
     pitch: int
     byte: NDArray[np.intp]
@@ -74,20 +100,15 @@ class Slab:
     tables: TriangleTables
 
     @property
-    def edge_vertex_count(self) -> int:
-        """Number of vertices on edges that the slab's voxels own."""
-        return sum(len(voxels) for voxels in self.edge_owners)
-
-    @property
     def vertex_count(self) -> int:
         """Number of vertices on edges that the slab's voxels own, and inside the voxels."""
-        interior = self.tables.interior_count.take(self.configuration.take(self.with_interior))
-        return self.edge_vertex_count + int(interior.sum(dtype=np.int64))
+        return int(self.segments.vertices.sum())
 
     @property
     def face_count(self) -> int:
         """Number of triangles."""
-        return sum((kind + 1) // 2 * voxels for kind, voxels in enumerate(self.voxels_of_kind.tolist()))
+        voxels_of_kind = self.segments.voxels.sum(axis=1).tolist()
+        return sum((kind + 1) // 2 * voxels for kind, voxels in enumerate(voxels_of_kind))
 
     @cached_property
     def corner_list_kind(self) -> NDArray[np.uint8]:
@@ -97,9 +118,26 @@ class Slab:
         return kind
 
     @cached_property
-    def voxels_of_kind(self) -> NDArray[np.intp]:
-        """How many voxels have lists of each kind."""
-        return np.bincount(self.corner_list_kind)
+    def segments(self) -> Segments:
+        """The layers, cut where units begin and above the lowest layer of each; and how much is in each of them."""
+        starts = np.arange(-(-self.low // self.unit) * self.unit, self.high, self.unit)
+        layers = np.unique(np.concatenate([[self.low, self.high], starts, starts + 1]))
+        layers = layers[layers <= self.high]
+        layer_bytes = self.rows * self.pitch // BYTE
+        ranks = np.searchsorted(self.byte, (layers - self.low) * layer_bytes)
+        voxels = np.searchsorted(self.slot, ranks * BYTE)
+        vertices = [np.diff(np.searchsorted(owners, voxels)) for owners in self.edge_owners]
+        inside = np.zeros(len(self.with_interior) + 1, np.intp)
+        np.cumsum(self.interior_counts, out=inside[1:])
+        vertices.append(np.diff(inside[np.searchsorted(self.with_interior, voxels)]))
+        kinds = int(self.corner_list_kind.max(initial=0)) + 1
+        faces = [np.bincount(self.corner_list_kind[a:b], minlength=kinds) for a, b in pairwise(voxels.tolist())]
+        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), np.array(faces).T)
+
+    @property
+    def interior_counts(self) -> NDArray[Any]:
+        """How many vertices each of the voxels `with_interior` has inside."""
+        return self.tables.interior_count.take(self.configuration.take(self.with_interior))
 
     def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
         """Sample numbers along x, y and z of the lowest corners of voxels."""
@@ -160,6 +198,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     return Slab(
         low=low,
         high=high,
+        unit=grid.unit,
         rows=rows,
         pitch=words * WORD,
         byte=byte,
@@ -200,5 +239,5 @@ def _border_masks(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64]
 
 
 def _bits_of(words: NDArray[np.uint64], byte_index: NDArray[np.intp]) -> NDArray[np.uint8]:
-    """The bits of some bytes of the words, one a byte."""
+    """Return the bits of some bytes of the words, as one byte each."""
     return np.unpackbits(words.view(np.uint8).take(byte_index), bitorder="little")

@@ -26,25 +26,28 @@ from numpy.typing import NDArray
 
 from .active_voxels import BYTE, Slab
 from .case_table import EDGES, CornerLists
+from .order import Places
 
 MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
 VOXELS_AT_ONCE = 1 << 13  # whose corners are looked up at once, for the same reason
 
 
-def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArray[np.int32]) -> None:
-    """Write the triangles of a slab whose vertices are numbered from `first_vertex`.
-
-    Those of one kind follow one another: voxels with one triangle first, then those with two, and so on.
+def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None, out: NDArray[np.int32]) -> None:
+    """Write the triangles of a slab.
 
     Parameters
     ----------
-    following : Slab or None
-        The next slab: the edges in this one's top layer of samples are that one's.
-    out : (slab.face_count, 3) int32
+    places : Places
+        Where the slab's vertices and triangles stand.
+    following : (Slab, Places) or None
+        The next slab, or its first layer alone, and where its vertices stand: the edges in this one's top layer of
+        samples are that one's.
+    out : (F, 3) int32
+        The triangles of all slabs.
     """
-    top = _first_layer_bytes(following)
+    top = _first_layer_bytes(None if following is None else following[0])
     slots = _slots_of_neighbors(slab, top)
-    vertex_of = _vertex_numbers(slab, following, top, first_vertex)
+    vertex_of = _vertex_numbers(slab, places, following, top)
     voxels, size = len(slab.slot), vertex_of.shape[1]
     # Where in `slots` an edge's owner stands, or the voxel before the owner along x; and where in `vertex_of` from
     # that slot on its vertex is. Both flat: added to the voxel's number, and to the slot.
@@ -56,12 +59,11 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
     offset_of_corner = np.array(offset_of_edge, np.int32)[corners.edges]
 
     by_kind = np.argsort(slab.corner_list_kind, kind="stable")
-    ends = np.cumsum(slab.voxels_of_kind).tolist()
-    start = 0
-    for kind, (begin, end) in enumerate(pairwise(ends), 1):
+    ends = np.cumsum(slab.segments.voxels.sum(axis=1)).tolist()
+    for kind, ((begin, _), runs) in enumerate(zip(pairwise(ends), places.faces, strict=False), 1):
         corner_count, columns = CornerLists.columns(kind)
-        for first in range(begin, end, VOXELS_AT_ONCE):
-            voxel = by_kind[first : min(first + VOXELS_AT_ONCE, end)]
+        for first, last in runs.chunks(VOXELS_AT_ONCE):
+            voxel = by_kind[begin + first : begin + last]
             configuration = slab.configuration.take(voxel).astype(np.intp)
             # All (corner_count, voxels): into flat `slots`, then into flat `vertex_of`.
             neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1)
@@ -69,10 +71,13 @@ def fill_faces(slab: Slab, following: Slab | None, first_vertex: int, out: NDArr
             vertex_flat_index = slots.take(neighbor_index)
             vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1)
             vertices = vertex_of.take(vertex_flat_index, mode="clip")
-            block = out[start : start + len(columns) // 3 * len(voxel)].reshape(len(voxel), len(columns))
-            start += len(columns) // 3 * len(voxel)
+            rows = runs.rows(first, len(voxel))
+            shape = (len(voxel), len(columns))
+            block = np.empty(shape, np.int32) if rows is None else out[rows].reshape(shape)
             for column, source in enumerate(columns):
                 block[:, column] = vertices[source]
+            if rows is None:
+                runs.copy(block.reshape(-1, 3), first, out)
 
 
 def _first_layer_bytes(slab: Slab | None) -> NDArray[np.intp]:
@@ -108,27 +113,25 @@ def _slots_of_neighbors(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
     return slots
 
 
-def _vertex_numbers(slab: Slab, following: Slab | None, top: NDArray[np.intp], first_vertex: int) -> NDArray[np.int32]:
+def _vertex_numbers(
+    slab: Slab, places: Places, following: tuple[Slab, Places] | None, top: NDArray[np.intp]
+) -> NDArray[np.int32]:
     """Numbers of the vertices on edges along x, y, z and inside voxels, by slot; other slots are left as they are."""
-    interior = slab.tables.interior_count.take(slab.configuration.take(slab.with_interior))
+    interior = slab.interior_counts
     slots = len(slab.byte) * BYTE
     numbers = np.empty((3 + int(interior.max(initial=0)), slots + len(top) * BYTE), np.int32)
-    vertex = first_vertex
-    for axis in range(3):
-        owners = slab.edge_owners[axis]
-        numbers[axis][slab.slot.take(owners)] = np.arange(vertex, vertex + len(owners), dtype=np.int32)
-        vertex += len(owners)
-    first_interior = np.cumsum(interior, dtype=np.int32) - interior + np.int32(vertex)
-    for number in range(len(numbers) - 3):
+    *edges, inside = (runs.places() for runs in places.vertices)
+    for row, owners, place in zip(numbers, slab.edge_owners, edges, strict=False):
+        row[slab.slot.take(owners)] = place
+    last = np.cumsum(interior, dtype=np.intp)
+    for number, row in enumerate(numbers[3:]):
         has_vertex = interior > number
-        numbers[3 + number][slab.slot.take(slab.with_interior[has_vertex])] = first_interior[has_vertex] + number
+        row[slab.slot.take(slab.with_interior[has_vertex])] = inside[(last - interior)[has_vertex] + number]
     if following is not None:
-        vertex = first_vertex + slab.vertex_count
-        voxels = np.searchsorted(following.slot, len(top) * BYTE)
-        for axis in range(2):
-            owners = following.edge_owners[axis]
+        above, above_places = following
+        voxels = np.searchsorted(above.slot, len(top) * BYTE)
+        for row, owners, runs in zip(numbers, above.edge_owners[:2], above_places.vertices, strict=False):
             of_top = owners[: np.searchsorted(owners, voxels)]
-            slot = following.slot.take(of_top) + slots
-            numbers[axis][slot] = np.arange(vertex, vertex + len(of_top), dtype=np.int32)
-            vertex += len(owners)
+            start = runs.starts[0]  # those of a slab's lowest layer stand together
+            row[above.slot.take(of_top) + slots] = np.arange(start, start + len(of_top), dtype=np.int32)
     return numbers

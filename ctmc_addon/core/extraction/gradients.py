@@ -20,13 +20,13 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from ..mesh.face_normals import vertex_normals_steps
-from ..progress import Steps
+from ..progress import Step, Steps
 
-NOWHERE = np.zeros(0, np.intp)  # no places
+NOWHERE = np.zeros(0, np.intp)  # no flat indices
 
 
 class Sampler:
-    """Values of a volume at scattered places, from any memory layout and byte order, without a copy of it.
+    """Values of a volume at scattered samples, from any memory layout and byte order, without a copy of it.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Sampler:
         self.working_type = np.dtype(np.float32 if narrow else np.float64)
 
     def flat_index(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Where the values at column x, row y, slice z stand."""
+        """Return the flat indices of the values at column x, row y and slice z."""
         return x * self.steps[0] + y * self.steps[1] + (z * self.steps[2] + self._first)
 
     def gather(self, flat: NDArray[np.intp], shift: int = 0) -> NDArray[Any]:
@@ -168,3 +168,4 @@ def complete_normals_steps(
         missing[zero] = True
         touched = missing.take(faces[:, 0]) | missing.take(faces[:, 1]) | missing.take(faces[:, 2])
         normals[missing] = (yield from vertex_normals_steps(positions, faces[touched]))[missing]
+    yield Step(1.0)

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 
 WORD = 64
+UNIT_SAMPLES = 1 << 22  # of a unit (order.py), or those of one layer
+WIDER = 8
 
 
 @dataclass(frozen=True)
@@ -130,9 +132,31 @@ class Grid:
         return self.x.voxels * self.y.voxels * self.z.voxels
 
     @property
+    def unit(self) -> int:
+        """How many layers of samples are a unit of the order of vertices and triangles."""
+        return layers_in_unit(self.x, self.y, self.z)
+
+    @property
     def words(self) -> int:
         """Number of 64 bit words a row of samples takes."""
         return -(-self.x.count // WORD)
+
+
+def layers_in_unit(x: Axis, y: Axis, z: Axis) -> int:
+    """Return how many layers of samples are a unit of the order of vertices and triangles.
+
+    Under a stride a unit may span `WIDER` times as many values.
+
+    Examples
+    --------
+    >>> def unit(size, stride):
+    ...     along = sample_axis(0, size, stride, closed=False)
+    ...     return layers_in_unit(along, along, along)
+    >>> unit(512, 1), unit(100, 1), unit(4096, 1), unit(512, 4)
+    (16, 419, 1, 32)
+    """
+    values = (x.stop - x.start) * (y.stop - y.start) * z.stride
+    return max(1, UNIT_SAMPLES // max(x.count * y.count, values // WIDER))
 
 
 def check_stride(stride: int | tuple[int, int, int], window: Sequence[tuple[int, int]]) -> tuple[int, int, int]:

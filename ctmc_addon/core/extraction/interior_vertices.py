@@ -15,6 +15,7 @@ from ..mesh.triangle_mesh import blend
 from .active_voxels import Slab
 from .gradients import Sampler
 from .grid import Grid
+from .order import Runs
 from .trilinear_decider import NEEDS_DECISION, crossings, decide, interior_points, trilinear_tables
 from .vertices import VertexArrays
 
@@ -54,9 +55,12 @@ def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sa
     return sampler.gather(flat).astype(np.float64).reshape(8, -1).T
 
 
-def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, out: VertexArrays) -> None:
-    """Fill in a slab's vertices inside voxels, all of `out`; as normals the trilinear interpolant's own gradient."""
-    count = slab.tables.interior_count.take(slab.configuration.take(slab.with_interior))
+def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, runs: Runs, out: VertexArrays) -> None:
+    """Fill in a slab's vertices inside voxels, of which `runs` say where in `out` they stand.
+
+    As normals they get the trilinear interpolant's own gradient.
+    """
+    count = slab.interior_counts
     # Of every vertex its voxel, counted in `with_interior`, and which of that voxel's it is, 0 to 2.
     voxel_index, interior_number = np.nonzero(np.arange(3) < count[:, None])
     voxel = slab.with_interior.take(voxel_index)
@@ -74,10 +78,12 @@ def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, out: Vertex
     points = interior_points(configuration, interior_number, share)
     linear = (begin + points * side).astype(np.float32)
     middle = (begin + trilinear_tables().interior_middle[configuration, interior_number] * side).astype(np.float32)
-    for alpha, position in zip(out.alphas, out.positions, strict=True):
+    made = out.like(len(voxel))
+    for alpha, position in zip(made.alphas, made.positions, strict=True):
         position[:] = linear if alpha is None else blend(middle, linear, alpha)
-    if out.normals is not None:
-        out.normals[:] = _outward_normals(values, points, side)
+    if made.normals is not None:
+        made.normals[:] = _outward_normals(values, points, side)
+    made.copy(runs, 0, out)
 
 
 def _outward_normals(

@@ -8,6 +8,7 @@ Three passes, each over slabs of sample layers and each spread over threads. Rea
     classify.py         1. every sample is compared with the threshold, one bit a sample
     active_voxels.py    2. the active voxels are found, 64 at a time, with their cases, and with them the exact
                            number of vertices and triangles
+    order.py               where each of them stands
     case_table.py          how a surface passes through a voxel of each case
     vertices.py         3. a vertex is placed on every crossed edge, with its normal (gradients.py)
     faces.py               the triangles' corners are gathered
@@ -15,7 +16,9 @@ Three passes, each over slabs of sample layers and each spread over threads. Rea
 For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their gray
 values, trilinear_cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
 
-Positions are in index space (x = column, y = row, z = slice); pipeline.py moves them to RAS+ millimeters by affine.py.
+field_pieces.py does this for a field whose values are fetched some slices at a time.
+
+Positions are in index space (x = column, y = row, z = slice); field_pieces.py moves them to RAS+ millimeters.
 Su and Ma, eq. 5 to 7; cases after Lorensen and Cline 1987, doi:10.1145/37401.37422.
 """
 
@@ -27,23 +30,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..budget import Budget
 from ..errors import MeshError, SettingsError, VolumeError
-from ..memory import require
 from ..mesh.triangle_mesh import Surface, TriangleMesh
-from ..parallel import map_steps, worker_count
-from ..progress import Stages, Step, Steps, finish
-from ..volume.thresholding import WHOLE_VOLUME, check_threshold
+from ..parallel import map_steps
+from ..progress import Stages, Steps, finish
+from ..volume.thresholding import check_threshold
 from ..volume.volume import require_gray_type
 from .active_voxels import Slab
 from .faces import fill_faces
 from .gradients import Sampler, complete_normals_steps
 from .grid import Grid, make_grid
 from .interior_vertices import fill_interior_vertices
+from .order import Places, order_of
 from .scan import SCAN_STAGES, scan_steps
 from .vertices import VertexArrays, fill_edge_vertices
 
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
-STAGES = SCAN_STAGES | {PLACING: 4.5, COMPLETING: 0.5}
+STAGES = SCAN_STAGES | {PLACING: 4.5}
+STAGES_WEIGHT = sum(STAGES.values())
+ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
 
 
 @dataclass(frozen=True)
@@ -118,31 +124,40 @@ def marching_cubes(
     if not 0 <= alpha <= 1:
         raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")
     grid = make_grid(checked_values(values), stride, close_border, upper=upper)
-    return finish(_extract_steps(grid, float(threshold), (alpha,), normals, threads, None, topology))[0]
+    surface = finish(extract_steps(grid, float(threshold), normals, Budget(threads), topology, (alpha,)))
+    return TriangleMesh(surface.linear, surface.faces, surface.normals)
 
 
 def extract_steps(
     grid: Grid,
     threshold: float,
     normals: bool = True,
-    threads: int | None = None,
-    memory_limit: int | None = None,
+    budget: Budget | None = None,
     topology: str = "classic",
-    kind: str = "grey value",
-    place: str = WHOLE_VOLUME,
+    alphas: tuple[float | None, ...] = ENDS,
 ) -> Steps[Surface]:
-    """The surface of a grid with both ends of alpha, in index space, as steps; `kind` and `place` are for messages."""
-    ends = (0.0, None)
-    midpoints, linear = yield from _extract_steps(
-        grid, float(threshold), ends, normals, threads, memory_limit, topology, kind, place
-    )
-    return Surface(midpoints.vertices, linear.vertices, midpoints.faces, midpoints.normals)
+    """The surface of a grid that is whole, in index space, as steps; normals are complete.
+
+    Raises
+    ------
+    ThresholdError, MeshError
+        Where there is no surface.
+    """
+    stages = Stages({"": STAGES_WEIGHT, COMPLETING: 0.5})
+    surface = yield from stages.run("", piece_steps(grid, threshold, normals, budget or Budget(), topology, alphas))
+    if not len(surface.faces):
+        check_threshold(threshold, grid.window_values, upper=grid.upper)
+        raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
+    if surface.normals is not None:
+        completing = complete_normals_steps(surface.normals, surface.linear, surface.faces)
+        yield from stages.run(COMPLETING, completing)
+    return surface
 
 
-def count_steps(grid: Grid, threshold: float, threads: int | None = None, topology: str = "classic") -> Steps[Counts]:
+def count_steps(grid: Grid, threshold: float, budget: Budget | None = None, topology: str = "classic") -> Steps[Counts]:
     """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
     stages = Stages(SCAN_STAGES)
-    slabs, _ = yield from scan_steps(stages, grid, float(threshold), worker_count(threads), topology)
+    slabs, _ = yield from scan_steps(stages, grid, float(threshold), (budget or Budget()).thread_count, topology)
     return Counts(
         grid.voxels,
         sum(int(slab.is_cell.sum()) for slab in slabs),
@@ -160,64 +175,60 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _extract_steps(
+def piece_steps(
     grid: Grid,
     threshold: float,
-    alphas: tuple[float | None, ...],
     normals: bool,
-    threads: int | None,
-    memory_limit: int | None,
+    budget: Budget,
     topology: str,
-    kind: str = "grey value",
-    place: str = WHOLE_VOLUME,
-) -> Steps[tuple[TriangleMesh, ...]]:
-    """One mesh for each alpha (None for the linear crossing itself), sharing faces and normals."""
-    threads = worker_count(threads)
-    stages = Stages(STAGES)
-    slabs, _ = yield from scan_steps(stages, grid, threshold, threads, topology)
-    first_vertex = np.cumsum([0] + [slab.vertex_count for slab in slabs], dtype=np.int64)
-    first_face = np.cumsum([0] + [slab.face_count for slab in slabs], dtype=np.int64)
-    if first_face[-1] == 0:
-        check_threshold(threshold, grid.window_values, kind, place, grid.upper)
-        raise MeshError(no_surface_text(threshold))
-    if first_vertex[-1] > np.iinfo(np.int32).max:
-        raise MeshError(f"{first_vertex[-1]} vertices are more than a mesh can number; use a larger stride")
-    require(
-        12 * int(first_face[-1]) + 12 * (len(alphas) + normals) * int(first_vertex[-1]),
-        f"a surface of {first_face[-1]} triangles",
-        "use a larger stride or a region",
-        memory_limit,
-    )
+    alphas: tuple[float | None, ...] = ENDS,
+) -> Steps[Surface]:
+    """The piece of a surface that a grid has, in index space, with both ends of alpha; perhaps without a triangle.
 
-    size = (int(first_vertex[-1]), 3)
+    Where the grid continues, numbers beyond the piece's own vertices are those of the next piece. Vertices without a
+    gradient have a normal of zero.
+
+    Parameters
+    ----------
+    grid : Grid
+        Begins with a unit of layers, and ends with one where it continues.
+    alphas : tuple of float or None
+        One or two at which to place vertices, None the linear crossing itself; of one alone the surface has it twice.
+    """
+    threads = budget.thread_count
+    stages = Stages(STAGES)
+    slabs, top = yield from scan_steps(stages, grid, threshold, threads, topology)
+    order = order_of(slabs, top)
+    if order.vertex_count > np.iinfo(np.int32).max:
+        raise MeshError(f"{order.vertex_count} vertices are more than a mesh can number; use a larger stride")
+    budget.require(
+        12 * order.face_count + 12 * (len(alphas) + normals) * order.vertex_count,
+        f"a surface of {order.face_count} triangles",
+        "use a larger stride or a region",
+    )
+    size = (order.vertex_count, 3)
     normal_array = np.empty(size, np.float32) if normals else None
     out = VertexArrays(alphas, tuple(np.empty(size, np.float32) for _ in alphas), normal_array)
-    faces = np.empty((first_face[-1], 3), np.int32)
+    faces = np.empty((order.face_count, 3), np.int32)
     sampler = Sampler(grid.values, grid.first_slice, grid.slices)
+    above = slabs[1:] if top is None else [*slabs[1:], top]
 
     def fill(number: int) -> None:
-        slab, following = slabs[number], slabs[number + 1] if number + 1 < len(slabs) else None
-        begin, end = int(first_vertex[number]), int(first_vertex[number + 1])
-        fill_vertices(grid, sampler, threshold, slab, out.part(begin, end))
-        fill_faces(slab, following, begin, faces[first_face[number] : first_face[number + 1]])
+        slab, places = slabs[number], order.places[number]
+        following = None if number == len(above) else (above[number], order.places[number + 1])
+        fill_vertices(grid, sampler, threshold, slab, places, out)
+        fill_faces(slab, places, following, faces)
 
     yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
-    if out.normals is not None:
-        yield from stages.run(COMPLETING, complete_normals_steps(out.normals, out.positions[-1], faces))
-    yield Step(1.0, "Surface extracted")
-    return tuple(TriangleMesh(position, faces, out.normals) for position in out.positions)
+    return Surface(out.positions[0], out.positions[-1], faces, out.normals)
 
 
-def fill_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, out: VertexArrays) -> None:
-    """Fill in a slab's vertices, all of `out`."""
-    edges, count = slab.edge_vertex_count, slab.vertex_count
+def fill_vertices(
+    grid: Grid, sampler: Sampler, threshold: float, slab: Slab, places: Places, out: VertexArrays
+) -> None:
+    """Fill in a slab's vertices."""
     # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
     with np.errstate(all="ignore"):
-        fill_edge_vertices(grid, sampler, threshold, slab, out.part(0, edges))
-        if edges < count:
-            fill_interior_vertices(grid, threshold, slab, out.part(edges, count))
-
-
-def no_surface_text(threshold: float) -> str:
-    """Why there is no surface although values lie on both sides of the threshold."""
-    return f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride"
+        fill_edge_vertices(grid, sampler, threshold, slab, places.vertices[:3], out)
+        if len(slab.with_interior):
+            fill_interior_vertices(grid, threshold, slab, places.vertices[3], out)

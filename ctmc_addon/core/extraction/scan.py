@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The first two passes: which samples are inside, and which voxels a surface passes through, slab by slab.
 
-The vertices of a slab are numbered along x first, then y, then z, so their order depends on where the slabs are cut:
-at layers that depend on the values alone, not on threads or memory. Work is estimated layer by layer for that.
+Slabs are cut so that each is about as much work; the order of vertices and triangles does not hang on it (order.py).
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}
 
 def scan_steps(
     stages: Stages, grid: Grid, threshold: float, threads: int, topology: str
-) -> Steps[tuple[list[Slab], NDArray[np.intp]]]:
-    """The active voxels of all slabs, and for `slab_ranges` how many words of every layer a surface crosses."""
+) -> Steps[tuple[list[Slab], Slab | None]]:
+    """The active voxels of all slabs, and where the grid continues those of the layer above them, alone."""
     if topology not in TOPOLOGIES:
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
@@ -56,11 +55,15 @@ def scan_steps(
 
     def find(layer_range: tuple[int, int]) -> Slab:
         slab = find_active(grid, bits, *layer_range)
-        return with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
+        slab = with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
+        slab.segments  # noqa: B018  (kept by the slab: each thread counts its own)
+        return slab
 
-    mixed = mixed_words(bits[: grid.layers, ::MIXED_ROWS])
-    ranges = slab_ranges(mixed, bits[0].size)
-    return (yield from stages.run(FINDING, map_steps(find, ranges, threads, ""))), mixed
+    # Neither no sample of a word inside nor all, in one row of a few.
+    mixed = np.count_nonzero(bits[: grid.layers, ::MIXED_ROWS] + np.uint64(1) > 1, axis=(1, 2)) * MIXED_ROWS
+    ranges = _even_ranges(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
+    slabs = yield from stages.run(FINDING, map_steps(find, ranges, threads, ""))
+    return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
 
 
 def _keep_freed_pages() -> None:
@@ -70,17 +73,6 @@ def _keep_freed_pages() -> None:
     was freed before. This is one; nothing is written to it.
     """
     np.empty(KEPT_BYTES, np.uint8)
-
-
-def mixed_words(bits: NDArray[np.uint64]) -> NDArray[np.intp]:
-    """How many words of every layer have samples both inside and outside, from those of one row in `MIXED_ROWS`."""
-    mixed = np.count_nonzero(bits + np.uint64(1) > 1, axis=(1, 2)) * MIXED_ROWS  # neither no sample nor all
-    return np.asarray(mixed, np.intp)
-
-
-def slab_ranges(mixed: NDArray[np.intp], layer_words: int) -> list[tuple[int, int]]:
-    """Ranges of sample layers of about equal work each, from the `mixed_words` and all words of a layer."""
-    return _even_ranges(np.maximum(mixed / SLAB_MIXED, layer_words / SLAB_WORDS))
 
 
 def _even_ranges(work: NDArray[np.float64]) -> list[tuple[int, int]]:

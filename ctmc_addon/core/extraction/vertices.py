@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Third pass: one vertex on every edge that the threshold crosses.
 
-Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 to 7. A slab's vertices stand in the
-order in which faces.py numbers them: those on edges along x, then y, then z, each in the order of their voxels, then
-those inside voxels (interior_vertices.py).
+Positions are in index space (x = column, y = row, z = slice). Su and Ma, eq. 5 to 7. order.py says where each vertex
+stands; those inside voxels are interior_vertices.py's.
 
 Example: gray values 100 and 200 at the samples x = 4 and x = 6 of a stride of 2, a threshold of 120: t = 0.2, so the
 linear crossing (alpha 1) is at x = 4.4 and the midpoint (alpha 0) at x = 5.
@@ -11,6 +10,7 @@ linear crossing (alpha 1) is at x = 4.4 and the midpoint (alpha 0) at x = 5.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from .case_table import NEAREST
 from .classify import highest_inside
 from .gradients import NOWHERE, Sampler, fill_normals
 from .grid import Axis, Grid
+from .order import Runs
 
 EDGES_AT_ONCE = 1 << 14  # filled in together: their arrays stay in the cache
 
@@ -50,6 +51,18 @@ class VertexArrays:
         normals = None if self.normals is None else self.normals[low:high]
         return VertexArrays(self.alphas, tuple(position[low:high] for position in self.positions), normals)
 
+    def like(self, count: int) -> VertexArrays:
+        """Room for so many vertices with the same arrays."""
+        normals = None if self.normals is None else np.empty((count, 3), np.float32)
+        return VertexArrays(self.alphas, tuple(np.empty((count, 3), np.float32) for _ in self.positions), normals)
+
+    def copy(self, runs: Runs, low: int, out: VertexArrays) -> None:
+        """Copy these vertices, the items of `runs` from `low` on, to where they stand in `out`."""
+        for rows, place in zip(self.positions, out.positions, strict=True):
+            runs.copy(rows, low, place)
+        if self.normals is not None and out.normals is not None:
+            runs.copy(self.normals, low, out.normals)
+
 
 class ByteSamples(NamedTuple):
     """The first samples of the bytes of a slab; along y and z all samples of a byte are at the same place."""
@@ -60,8 +73,10 @@ class ByteSamples(NamedTuple):
     reach: tuple[tuple[int, int], ...]  # lowest and highest index of the values at both ends of edges, along x, y, z
 
 
-def fill_edge_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Slab, out: VertexArrays) -> None:
-    """Fill in a slab's vertices on edges, all of `out`."""
+def fill_edge_vertices(
+    grid: Grid, sampler: Sampler, threshold: float, slab: Slab, runs: Sequence[Runs], out: VertexArrays
+) -> None:
+    """Fill in a slab's vertices on edges along x, y and z, of which `runs` say where in `out` they stand."""
     if not len(slab.byte):
         return
     x, y, z = sample = slab.byte_samples()
@@ -69,12 +84,14 @@ def fill_edge_vertices(grid: Grid, sampler: Sampler, threshold: float, slab: Sla
     flat = sampler.flat_index(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z))
     reach = (_reach(grid.x, x, BYTE), _reach(grid.y, y, 1), _reach(grid.z, z, 1))
     first = ByteSamples(sample, position, flat, reach)
-    begin = 0
-    for axis, owners in enumerate(slab.edge_owners):
-        for start in range(0, len(owners), EDGES_AT_ONCE):
-            slot = slab.slot.take(owners[start : start + EDGES_AT_ONCE])
-            _fill_edges(grid, sampler, threshold, axis, first, slot, out.part(begin, begin + len(slot)))
-            begin += len(slot)
+    for axis, (owners, of_axis) in enumerate(zip(slab.edge_owners, runs, strict=False)):
+        for start, end in of_axis.chunks(EDGES_AT_ONCE):
+            slot = slab.slot.take(owners[start:end])
+            rows = of_axis.rows(start, len(slot))
+            part = out.like(len(slot)) if rows is None else out.part(rows.start, rows.stop)
+            _fill_edges(grid, sampler, threshold, axis, first, slot, part)
+            if rows is None:
+                part.copy(of_axis, start, out)
 
 
 def _reach(along: Axis, sample: NDArray[np.intp], further: int) -> tuple[int, int]:

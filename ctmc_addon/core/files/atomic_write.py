@@ -3,7 +3,7 @@
 
 A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a
 crash leaves half of one, and an older file stays until the new one is ready. A link stays a link: what it points to
-is replaced. The new file gets the permissions of the older one.
+is replaced. The new file gets the permissions of the older one. A file of the input is never replaced.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from .input_files import plan_output, require_no_input
 from .temporary_names import remove_leftovers, temporary_name
 
 REMEDIES = {
@@ -45,9 +46,10 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        If the folder is missing, full or closed to us, or `path` cannot be replaced.
+        If the folder is missing, full or closed to us, or `path` cannot be replaced or is a file of the input.
     """
     target = Path(path)
+    require_no_input(target)
     # A short name of its own: the target's may already be as long as the disk allows.
     temporary_path = _linked(target).with_name(temporary_name() + target.suffix)
     with _refusing(target):
@@ -78,6 +80,8 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
     """
     hidden = temporary_name()
     temporary_paths = {path: _linked(path).parent / hidden / path.name for path in paths}
+    for path in temporary_paths:
+        require_no_input(path)
     try:
         for path, temporary_path in temporary_paths.items():
             with _refusing(path):
@@ -92,7 +96,7 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 
 def _replace_all(places: Mapping[Path, Path]) -> None:
-    """Move every place to its path, or none."""
+    """Move every temporary file to its path, or none of them."""
     older: dict[Path, Path | None] = {}  # a second name of what stands at a path
     for path, place in places.items():
         with _refusing(path):
@@ -172,7 +176,8 @@ def refused(path: Path, error: OSError) -> OutputError:
 def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = ()) -> Path:
     """Return `path` if a file can be written there and has one of the suffixes; raise an `OutputError` otherwise.
 
-    What was left in its folder by processes that were killed is removed.
+    It is refused too where it is a file of the input, now or as soon as the input is opened. What was left in its
+    folder by processes that were killed is removed.
     """
     target = Path(path)
     if suffixes and target.suffix.lower() not in suffixes:
@@ -180,6 +185,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
         raise OutputError(f"{name} needs one of the suffixes {', '.join(suffixes)}; they choose the format")
     if target.is_dir():
         raise refused(target, IsADirectoryError(errno.EISDIR, ""))
+    plan_output(target)
     try:
         probe = _linked(target).with_name(temporary_name())
         probe.open("xb").close()

@@ -129,7 +129,7 @@ def require_one_surface(path: Path, count: int = 0) -> None:
 
 
 def parts_of(count: int) -> Iterator[slice]:
-    """Slices of so many rows, a few at a time."""
+    """Yield slices that cover `count` rows, some rows at a time."""
     return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))
 
 

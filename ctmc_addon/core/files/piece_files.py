@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..errors import MeshError, OutputError
 from ..mesh.completed_pieces import completed_pieces_steps
 from ..mesh.face_normals import face_vectors
+from ..mesh.measures import Measures, PieceMeasures
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import PAUSE, Step, Steps, WithResult, finish
-from ..streaming.piece_measures import PieceMeasures
 from .atomic_write import whole_file
 from .mesh_files import (
     SUFFIXES,
@@ -45,7 +45,7 @@ class WrittenPieces(Generic[T]):
 
     vertices: int
     faces: int
-    measured: PieceMeasures
+    measured: Measures
     info: T
 
 
@@ -90,7 +90,7 @@ def _stl_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
         if isinstance(item, Step):
             yield _while_writing(item)
             continue
-        finish(measured.add_steps(item))
+        finish(measured.add_steps(item.mesh.vertices, item.mesh.faces, item.own))
         mesh = item.mesh.in_space(space)
         vertices += item.own
         faces += len(mesh.faces)
@@ -101,7 +101,7 @@ def _stl_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
     _require_triangles(faces)
     file.seek(0)
     write_stl_head(file, faces)
-    return WrittenPieces(vertices, faces, measured, source.result)
+    return WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
 
 
 def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
@@ -115,7 +115,7 @@ def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
             if isinstance(item, Step):
                 yield _while_writing(item)
                 continue
-            finish(measured.add_steps(item))
+            finish(measured.add_steps(item.mesh.vertices, item.mesh.faces, item.own))
             mesh, own = item.mesh.in_space(space), item.own
             vertices += own
             faces += len(mesh.faces)
@@ -140,7 +140,7 @@ def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
             while block := spooled.read(COPIED):
                 file.write(block)
                 yield Step(WRITING_SHARE + (1.0 - WRITING_SHARE) * min(1.0, file.tell() / total), "Writing the file")
-        return WrittenPieces(vertices, faces, measured, source.result)
+        return WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
 
 
 def _while_writing(step: Step) -> Step:

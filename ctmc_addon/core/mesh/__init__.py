@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles of a surface, and what can be measured on them."""
 
-from .components import keep_components_steps
 from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
 from .distance.surface_distance import (
     ReferenceSurface,
@@ -11,6 +10,7 @@ from .distance.surface_distance import (
     vertex_distances_steps,
 )
 from .face_normals import vertex_normals, vertex_normals_steps
+from .kept_pieces import keep_components_steps
 from .measures import SMALL, Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
 from .rulers import angle_at, distance_between

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..volume.value_kind import ValueKind
+
 SKIN_HU = (-900.0, 60.0)  # between air and soft tissue: a threshold here gives skin
 BAND_MM = 10.0
 # A head, of a child or with ears and headrest: 1 to 99 % of a band's vertices lie within so much.
@@ -31,12 +33,12 @@ def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tu
     Parameters
     ----------
     kind : str
-        Of the volume; only 'HU' has skin.
+        What the volume's values mean; skin is looked for in 'HU' only.
     threshold : float
         HU.
     vertices_ras_mm : (n, 3)
     """
-    if kind != "HU" or not SKIN_HU[0] <= threshold <= SKIN_HU[1] or not len(vertices_ras_mm):
+    if kind != ValueKind.HU or not SKIN_HU[0] <= threshold <= SKIN_HU[1] or not len(vertices_ras_mm):
         return ()
     right, front, up = vertices_ras_mm[:: 1 + len(vertices_ras_mm) // MOST].T  # (n,) each
     if not np.isfinite(up).all():
@@ -56,7 +58,7 @@ def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tu
 
 
 def extent_mm(positions: NDArray[Any]) -> float:
-    """How far apart the lowest and the highest are, one in a hundred left out on each side."""
+    """Return the extent of the values, mm, without the lowest and the highest one per cent."""
     out = len(positions) // 100
     positions = np.sort(positions)
     return float(positions[-1 - out] - positions[out])

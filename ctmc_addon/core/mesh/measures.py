@@ -6,14 +6,17 @@ Lengths in the vertices' unit. `TriangleMesh.measures` gives the same at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..progress import PAUSE, Stages, Step, Steps
 from .face_normals import face_vectors
+from .piece_links import PieceLinks
 from .topology import FACES_PER_STEP, component_numbers_steps, edge_counts_steps
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
@@ -95,28 +98,123 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
     >>> round(measures.volume, 6), measures.closed, measures.euler, measures.components
     (1.0, True, 2, 1)
     """
-    sizes, edges, components = STAGES
-    stages = Stages(STAGES)
-    area, volume = yield from stages.run(sizes, _sizes_steps(vertices, faces))
-    counting = edge_counts_steps(faces, len(vertices))
-    ends, count, upwards = yield from stages.run(edges, counting)
-    borders = yield from borders_steps(ends[:, count == 1], len(vertices))
-    closed = len(faces) > 0 and bool((count == 2).all() and (upwards == 1).all())
-    used = np.zeros(len(vertices), bool)
-    used[faces] = True
-    total, small = yield from stages.run(components, _components_steps(vertices, faces))
-    volume = volume if closed else float("nan")
-    return Measures(
-        len(faces),
-        area,
-        volume,
-        closed,
-        int(used.sum()) - len(count) + len(faces),
-        total,
-        small,
-        borders,
-        len(vertices),
-    )
+    measured = PieceMeasures()
+    yield from measured.add_steps(vertices, faces, len(vertices))
+    return (yield from measured.measures_steps())
+
+
+class PieceMeasures:
+    """Measures of a surface that comes in pieces, taken from the first to the last; none is kept.
+
+    Where the pieces are cut decides nothing: sums go on in the order of the triangles, about the first vertex. An edge
+    between two vertices of the next piece waits for that piece's triangles. Of every component of a piece there are
+    sums, from which its volume about its own middle follows when all pieces have come: with N the sum of the triangles'
+    vectors and V the volume about another point that lies at -m from the middle, it is V - m . N / 3.
+    """
+
+    def __init__(self) -> None:
+        self._links = PieceLinks()
+        self._sums: list[NDArray[np.float64]] = []  # of every component, (c, 8)
+        self._origin = np.zeros(3)
+        self._faces = self._edges = self._vertices = self._used_vertices = 0
+        self._area = self._volume = 0.0  # six times the volume, so whole numbers stay exact
+        self._closed = True
+        self._borders = [np.empty((2, 0), np.int64)]  # edges with one triangle, vertices counted in the surface
+        self._used = np.empty(0, bool)  # of the next piece's vertices by this one
+        self._seam = np.empty((2, 0), np.int64)  # edges between them, their triangles, and those that run up
+        self._seam_counts = np.empty((2, 0), np.int64)
+
+    def add_steps(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> Steps[None]:
+        """Take in the next piece: its `own` vertices and those of the next that it needs, and its triangles."""
+        stages = Stages(STAGES)
+        sizes, edges, components = STAGES
+        if not self._vertices and len(vertices):  # far from the origin the terms would cancel badly
+            self._origin = vertices[0].astype(np.float64)
+        first = self._vertices
+        self._add_vertices(faces, len(vertices), own)
+        self._faces += len(faces)
+        yield from stages.run(edges, self._add_edges_steps(faces, len(vertices), own, first))
+        numbers = yield from stages.run(components, self._links.add_steps(faces, own))
+        yield from stages.run(sizes, self._add_sums_steps(vertices, faces, numbers))
+
+    def measures_steps(self) -> Steps[Measures]:
+        """The measures of the surface, when all pieces have come."""
+        component = yield from self._links.joined_steps()
+        sums = np.concatenate([np.empty((0, 8)), *self._sums])
+        count = int(component.max(initial=-1)) + 1
+        volume, *rest, faces = (np.bincount(component, column, count) for column in sums.T)
+        vectors, corners = np.stack(rest[:3]), np.stack(rest[3:])  # (3, c) each
+        volumes = (volume - (corners * vectors).sum(axis=0) / (3 * np.maximum(faces, 1))) / 6.0
+        border, borders = np.concatenate(self._borders, axis=1), 0
+        if border.shape[1]:
+            numbers, ends = np.unique(border, return_inverse=True)
+            borders = yield from borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
+        closed = self._closed and self._faces > 0
+        return Measures(
+            faces=self._faces,
+            area=self._area,
+            volume=self._volume / 6.0 if closed else math.nan,
+            closed=closed,
+            euler=self._used_vertices - self._edges + self._faces,
+            components=count,
+            small_components=int((np.abs(volumes) < SMALL).sum()) if count >= MANY else 0,
+            borders=borders,
+            vertices=self._vertices,
+        )
+
+    def _add_vertices(self, faces: NDArray[np.int32], vertex_count: int, own: int) -> None:
+        used = np.zeros(max(vertex_count, len(self._used)), bool)
+        used[faces] = True
+        used[: len(self._used)] |= self._used
+        self._vertices += own
+        self._used_vertices += int(np.count_nonzero(used[:own]))
+        self._used = used[own:]
+
+    def _add_edges_steps(self, faces: NDArray[np.int32], vertex_count: int, own: int, first: int) -> Steps[None]:
+        ends, *counts = yield from edge_counts_steps(faces, vertex_count)
+        count = np.stack(counts)  # (2, E): triangles, and those that run up
+        if self._seam.shape[1]:
+            # Edges come in the order of their ends, and so do these keys.
+            keys = ends[0].astype(np.int64) << 32 | ends[1]
+            waiting = self._seam[0] << 32 | self._seam[1]
+            at = np.minimum(np.searchsorted(keys, waiting), max(0, len(keys) - 1))
+            again = keys[at] == waiting if len(keys) else np.zeros(len(waiting), bool)
+            count[:, at[again]] += self._seam_counts[:, again]
+            self._finish_edges(self._seam[:, ~again], self._seam_counts[:, ~again], first)
+        done = int(np.searchsorted(ends[0], own))  # the lower ends, in order
+        self._finish_edges(ends[:, :done], count[:, :done], first)
+        self._seam = ends[:, done:].astype(np.int64) - own
+        self._seam_counts = count[:, done:]
+
+    def _finish_edges(self, ends: NDArray[Any], counts: NDArray[np.int64], first: int) -> None:
+        count, upwards = counts
+        self._edges += len(count)
+        self._closed &= bool((count == 2).all() and (upwards == 1).all())
+        self._borders.append(ends[:, count == 1].astype(np.int64) + first)
+
+    def _add_sums_steps(
+        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], numbers: NDArray[np.int32]
+    ) -> Steps[None]:
+        count = int(numbers.max(initial=-1)) + 1
+        sums = np.zeros((8, count))
+        for start in range(0, len(faces), FACES_PER_STEP):
+            block, component = faces[start : start + FACES_PER_STEP], numbers[start : start + FACES_PER_STEP]
+            vectors = face_vectors(vertices, block)  # (f, 3)
+            corners = [vertices[corner].astype(np.float64) - self._origin for corner in block.T]
+            volume = (corners[0] * vectors).sum(axis=1)
+            self._area = _added(self._area, 0.5 * np.sqrt((vectors**2).sum(axis=1)))
+            self._volume = _added(self._volume, volume)
+            columns = (volume, *vectors.T, *(corners[0] + corners[1] + corners[2]).T)
+            for row, column in zip(sums, columns, strict=False):
+                row += np.bincount(component, column, count)
+            sums[7] += np.bincount(component, minlength=count)
+            yield Step((start + len(block)) / len(faces))
+        self._sums.append(sums.T)
+
+
+def _added(total: float, terms: NDArray[np.float64]) -> float:
+    """The total with the terms added one after the other, so that it matters not where they are cut."""
+    return float(np.cumsum(np.concatenate([[total], terms]))[-1])
 
 
 def borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
@@ -156,29 +254,3 @@ def triple_products(columns: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray
     """Six times the signed volume between every face and the origin, (F,), from x, y and z of its corners."""
     (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-
-
-def _components_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[int, int]]:
-    """Number of components, and how many of them are small."""
-    component = yield from component_numbers_steps(faces, len(vertices))
-    count = int(component.max()) + 1 if len(component) else 0
-    if count < MANY:
-        return count, 0
-    volumes = yield from component_volumes_steps(vertices, faces, component)
-    return count, int((np.abs(volumes) < SMALL).sum())
-
-
-def _sizes_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[tuple[float, float]]:
-    """Area and volume."""
-    area, volume = 0.0, 0.0
-    if not len(faces):
-        return area, volume
-    # About the mesh's own middle: far from the origin the terms would cancel badly.
-    middle = (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0)) / 2
-    for start in range(0, len(faces), FACES_PER_STEP):
-        block = faces[start : start + FACES_PER_STEP]
-        vectors = face_vectors(vertices, block)  # (f, 3)
-        area += float(0.5 * np.sqrt((vectors**2).sum(axis=1)).sum())
-        volume += float(((vertices[block[:, 0]] - middle) * vectors).sum() / 6.0)
-        yield Step((start + len(block)) / len(faces))
-    return area, volume

@@ -9,8 +9,8 @@ whatever space their positions are in: index space or RAS+ mm.
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import mesh_files
-from ..progress import Step, finish
+from ..progress import Step, WithResult, finish
 from .measures import Measures, measures_steps
 from .topology import component_numbers_steps, edge_counts_steps
 
@@ -149,7 +149,9 @@ class SurfacePiece:
     normals: NDArray[np.float32] | None = None
 
 
-# Yields signs of life between the pieces; what it returns is up to whoever made it.
+# Pieces with both ends of alpha, and signs of life between them; returns the samples of a label on the wrong side.
+Pieces = Generator["Step | Surface", None, "int | None"]
+# The same at one alpha; what it returns is up to whoever made it.
 SurfacePieces = Generator[Step | SurfacePiece, None, T]
 
 
@@ -176,19 +178,23 @@ class Surface:
         """The surface at `alpha`, computed in float32 in the order in which Blender mixes a shape key."""
         return TriangleMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.normals)
 
-    def with_faces(self, selected: NDArray[np.bool_]) -> Surface:
-        """The surface of the selected faces, (F,) bool, without the vertices that are then unused."""
-        faces = self.faces[selected]
-        used = np.zeros(len(self.midpoints), bool)
-        used[faces] = True
-        number = np.cumsum(used, dtype=np.int32) - 1
-        return replace(
-            self,
-            midpoints=self.midpoints[used],
-            linear=self.linear[used],
-            faces=number[faces].astype(np.int32, copy=False),
-            normals=None if self.normals is None else self.normals[used],
-        )
+
+def replayed_steps(pieces: Sequence[Surface], result: int | None = None) -> Pieces:
+    """Yield pieces that are in memory, and return what their maker returned."""
+    yield Step()
+    yield from pieces
+    return result
+
+
+def at_alpha_steps(pieces: Pieces, alpha: float) -> SurfacePieces[int | None]:
+    """Yield the same pieces at one alpha, and the steps between."""
+    source = WithResult(pieces)
+    for item in source:
+        if isinstance(item, Step):
+            yield item
+        else:
+            yield SurfacePiece(blend(item.midpoints, item.linear, alpha), item.faces, item.normals)
+    return source.result
 
 
 def blend(midpoints: NDArray[np.float32], linear: NDArray[np.float32], alpha: float) -> NDArray[np.float32]:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from ..volume.slabs import SlabVolume, SliceReader
+from ..volume.slice_reader import SliceReader
+from ..volume.volume import Volume
 
 FOAM_THRESHOLD = 132.0  # between solid and pores
 LOW, HIGH, NOISE = 20.0, 236.0, 8  # gray values of pores and solid, and how many values noise adds
@@ -67,7 +68,7 @@ class FoamSlices(SliceReader):
             layer += self.noise[(y + 7919 * z) % size][:, (x + 4099 * z) % size]
 
 
-def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> SlabVolume:
+def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> Volume:
     """Return a foam of any size, whose values are made when they are fetched.
 
     Examples
@@ -76,8 +77,7 @@ def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> SlabVolume:
     (2, 2000, 2000)
     """
     affine = np.diag([SPACING_MM, SPACING_MM, SPACING_MM, 1.0])
-    box = ((0, size), (0, size), (0, slices))
-    return SlabVolume(FoamSlices(slices, size, pore, seed), box, affine, name=f"foam-{seed}")
+    return Volume(FoamSlices(slices, size, pore, seed), affine, name=f"foam-{seed}")
 
 
 def _waves(at: NDArray[Any], pore: int, phase: float, other: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..memory import require
 from ..progress import Step, Steps, finish
+from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
 from .shapes import Blob, grow_tumours, liver_shape
 
@@ -132,12 +133,12 @@ def phantom_steps(
     affine[:3, 3] = -axes[0][0], -axes[1][0], axes[2][0]
     half_height = slices * spacing[2] / 2
     return Phantom(
-        volume=Volume(values, affine, name=f"volume-{seed}", kind="HU"),
+        volume=Volume(values, affine, name=f"volume-{seed}", kind=ValueKind.HU),
         labels=Volume(
             labels,
             affine,
             name=f"segmentation-{seed}",
-            kind="label",
+            kind=ValueKind.LABEL,
             label_names={LIVER: "liver", TUMOUR: "tumour"},
         ),
         tumour_volumes_mm3=tuple(round(tumour.volume_mm3(), 3) for tumour in tumours),
@@ -220,7 +221,7 @@ class Background:
     def add_disc(
         self, tissue: NDArray[np.float32], middle: tuple[float, float], half: tuple[float, float], hu: int
     ) -> None:
-        """Fill an ellipse."""
+        """Fill the ellipse of a disc between two vertebrae."""
         left, right = np.searchsorted(self.x[0], (middle[0] - half[0], middle[0] + half[0]))
         top, bottom = np.searchsorted(self.y[:, 0], (middle[1] - half[1], middle[1] + half[1]))
         across = ((self.x[:, left:right] - middle[0]) / half[0]) ** 2

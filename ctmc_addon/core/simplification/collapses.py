@@ -145,7 +145,7 @@ def violates_link_condition_steps(collapses: Collapses, edges: Ints, locked: Fla
 def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked: Flags) -> Steps[Flags]:
     """Which collapses would make an edge or a face between vertices of the border alone, (n,) bool.
 
-    Beyond the border there may be the same one, and in a part of a surface nobody would see it.
+    Beyond the border there may be the same one, and in a batch of a surface nobody would see it.
     """
     refused = np.zeros(len(collapses.edges), bool)
     onto = np.flatnonzero(locked[collapses.kept])  # the vertex that goes is not locked

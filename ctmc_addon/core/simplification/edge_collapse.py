@@ -50,7 +50,7 @@ POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
 COMPACT = 0.75  # of the faces are left: leave out those that are gone
 CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
 CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them takes longer
-CUT_IN_PART = 6.0  # times in a part of a surface: the last pass cuts what is left
+CUT_IN_BATCH = 6.0  # times in a batch of a surface: the last pass cuts what is left
 
 
 class CollapsingMesh:
@@ -65,11 +65,17 @@ class CollapsingMesh:
     locked : (V,) bool, vertices that stay where they are
     original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
 
-    Of `part` of a surface, components with a border go on beyond it: none of these is removed.
+    In a `batch` of a surface, components with a border go on beyond it: none of these is removed. `rough` rounds are
+    large, which is good enough where another pass chooses what goes last.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, max_error: float | None = None, safety_factor: float = 1.0, part: bool = False
+        self,
+        mesh: TriangleMesh,
+        max_error: float | None = None,
+        safety_factor: float = 1.0,
+        batch: bool = False,
+        rough: bool = False,
     ) -> None:
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
@@ -89,7 +95,8 @@ class CollapsingMesh:
         self.limit = None if max_error is None else max_error * float(self.scale)
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
-        self.part = part
+        self.batch = batch
+        self.rough = rough
         self.components = Components()
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
@@ -109,7 +116,7 @@ class CollapsingMesh:
         self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
         self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
         self.original_vertex = np.arange(vertex_count, dtype=np.int32)
-        staying = np.concatenate([border, non_manifold]) if self.part else non_manifold
+        staying = np.concatenate([border, non_manifold]) if self.batch else non_manifold
         self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
         if self.limit is None:
             yield from self.components.prepare_gaps_steps(self.positions, self.component)
@@ -161,8 +168,7 @@ class CollapsingMesh:
 
     def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
-        # Of a part, large rounds are good enough: the order is that of the whole only in the last pass.
-        share = MOST_SHARE if self.part else share_of(self.face_count, budget)
+        share = MOST_SHARE if self.rough else share_of(self.face_count, budget)
         count = int(min(share * 1.5 * self.face_count, 8 * budget) / self.accepted)
         candidates = self.cheapest(min(count, len(self.cost) - 1))
         yield PAUSE
@@ -175,7 +181,7 @@ class CollapsingMesh:
             lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
             self.exceeds_error_steps,
         ]
-        if self.part:
+        if self.batch:
             checks.insert(1, lambda collapses: crosses_border_steps(collapses, self.faces, self.edges, self.locked))
         for check_steps in checks:
             refused = yield from check_steps(collapses)
@@ -230,7 +236,7 @@ class CollapsingMesh:
 
     def cut_handles_steps(self) -> Steps[None]:
         """Cut handles that now cost less than collapses, when collapses have become more expensive."""
-        again = CUT_IN_PART if self.part else CUT_AGAIN
+        again = CUT_IN_BATCH if self.batch else CUT_AGAIN
         if self.limit is not None or self.face_cost <= again * self.cost_at_cut:
             return
         self.cost_at_cut = self.face_cost
@@ -426,14 +432,10 @@ class CollapsingMesh:
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""
-        return self._mesh_of_used()[0]
+        return self.used_mesh()[0]
 
-    def numbered_mesh(self) -> tuple[TriangleMesh, Ints]:
-        """`mesh`, and the number that each of its vertices, (V,), had in the mesh at first; -1 of a new one."""
-        mesh, used = self._mesh_of_used()
-        return mesh, self.original_vertex[used]
-
-    def _mesh_of_used(self) -> tuple[TriangleMesh, Flags]:
+    def used_mesh(self) -> tuple[TriangleMesh, Flags]:
+        """`mesh`, and which vertices of `original_vertex` it has, bool."""
         faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
         used = np.zeros(self.positions.shape[1], bool)
         used[faces] = True

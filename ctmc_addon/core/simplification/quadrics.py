@@ -131,7 +131,7 @@ def error(quadric: EdgeQuadric, step: Floats) -> Floats:
 
 
 def times(matrix: Floats, step: Floats) -> Floats:
-    """A d, (3, n)."""
+    """Return the matrices times the steps, (3, n): one symmetric matrix and one step a column."""
     xx, xy, xz, yy, yz, zz = matrix
     x, y, z = step
     out = np.empty_like(step)

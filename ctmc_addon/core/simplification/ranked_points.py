@@ -72,5 +72,5 @@ class RankedPoints:
             squared = dot(outside, outside)
             near = squared <= best[point]
             point, box, squared = point[near], box[near], squared[near]
-        first = np.flatnonzero(np.diff(point, prepend=-1))  # of equals
+        first = np.flatnonzero(np.diff(point, prepend=-1))  # the first of equal points
         return np.sqrt(squared[first]), self.component[box[first]]

@@ -44,7 +44,7 @@ class History:
         self.becomes = np.arange(len(locked), dtype=np.int32)  # vertex that each has been collapsed into
 
     def add(self, kept: Ints, dropped: Ints, target: Floats) -> None:
-        """Another round: none of its collapses touch each other's triangles."""
+        """Record a round of collapses, none of which share a triangle."""
         self.rounds.append((kept, dropped, target, np.zeros(len(kept), bool)))
 
     def exclude(self, collapses: NDArray[np.int64]) -> None:
@@ -55,7 +55,7 @@ class History:
             self.rounds[at][3][number - ends[at]] = True
 
     def replay_steps(self) -> Steps[None]:
-        """Do everything again but what is excluded, and what depends on that, which is excluded from then on."""
+        """Repeat all collapses except the excluded ones and those that depend on them, which become excluded."""
         positions, normals, faces = self.first
         self.positions, self.normals = positions.copy(), None if normals is None else normals.copy()
         self.changed[:], self.last[:] = False, -1

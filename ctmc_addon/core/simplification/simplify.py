@@ -10,52 +10,18 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
-import numpy as np
+from ..budget import Budget
+from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
+from ..progress import Steps, WithResult, finish
+from .batches import batches_steps
+from .in_batches import in_batches_steps
+from .whole import Goal, Simplification, require_finite, whole_steps
 
-from ..errors import MeshError, SettingsError
-from ..memory import require
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Stages, Step, Steps, equal_part, finish
-from .component_removal import RemovedComponents
-from .edge_collapse import CollapsingMesh
-
-FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
-SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
-STAGES = {"Simplifying": 1}
-BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
-
-
-@dataclass(frozen=True, eq=False)
-class Simplification:
-    """A simplified surface, the components that were removed, and how many handles were cut.
-
-    mesh : TriangleMesh
-    removed : RemovedComponents
-        Small components that went as a whole.
-    handles_cut : int
-        Each cut makes the Euler number larger by two.
-    """
-
-    mesh: TriangleMesh
-    removed: RemovedComponents
-    handles_cut: int = 0
-
-    def message(self, target: int) -> str:
-        """How many triangles there are, why not `target` where that is not 0, and what else went."""
-        count = len(self.mesh.faces)
-        message = f"{count} triangles"
-        if target and count > target:
-            message += (
-                f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
-            )
-        if self.removed.count:
-            message += f"; {self.removed.count} small components were removed"
-        if self.handles_cut:
-            message += f"; small handles cut: {self.handles_cut}"
-        return message
+T = TypeVar("T")
+WHOLE_MACHINE = Budget()
 
 
 def simplify(
@@ -63,7 +29,7 @@ def simplify(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
-    memory_limit: int | None = None,
+    budget: Budget = WHOLE_MACHINE,
 ) -> TriangleMesh:
     """The surface with fewer triangles. Exactly one of the three goals is given.
 
@@ -77,8 +43,9 @@ def simplify(
         Triangles to keep at most.
     max_error : float above 0
         Bound on the distance to the input, both ways, in the mesh's unit.
-    memory_limit : int, optional
-        Bytes the work may take; by default what the machine has available.
+    budget : Budget, optional
+        By default what the machine has. A surface of more than its `whole_faces` is simplified in batches side by
+        side. Threads and memory do not change the result.
 
     Returns
     -------
@@ -104,7 +71,7 @@ def simplify(
     >>> len(simplify(square, reduction=0.5).faces)
     2
     """
-    return finish(simplify_steps(mesh, reduction, target_faces, max_error, memory_limit))
+    return finish(simplify_steps(mesh, reduction, target_faces, max_error, budget))
 
 
 def simplify_steps(
@@ -112,10 +79,10 @@ def simplify_steps(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
-    memory_limit: int | None = None,
+    budget: Budget = WHOLE_MACHINE,
 ) -> Steps[TriangleMesh]:
     """`simplify` as steps; the last message says how many triangles there are, and why if that is more than asked."""
-    return (yield from simplification_steps(mesh, reduction, target_faces, max_error, memory_limit)).mesh
+    return (yield from simplification_steps(mesh, reduction, target_faces, max_error, budget)).mesh
 
 
 def simplification_steps(
@@ -123,88 +90,55 @@ def simplification_steps(
     reduction: float | None = None,
     target_faces: int | None = None,
     max_error: float | None = None,
-    memory_limit: int | None = None,
+    budget: Budget = WHOLE_MACHINE,
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
-    target = target_of(len(mesh.faces), reduction, target_faces, max_error)
+    goal = Goal(reduction, target_faces, max_error)
+    goal.target(1)
+    if len(mesh.faces) <= goal.most_whole(budget):
+        return (yield from whole_steps(mesh, goal, budget))
     require_finite(mesh)
-    if target >= len(mesh.faces):
-        return Simplification(mesh, RemovedComponents())
-    require(
-        memory_needed(len(mesh.faces), max_error),
-        f"simplifying {len(mesh.faces)} triangles",
-        "use a larger stride or a region",
-        memory_limit,
-    )
-    collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
-    stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
-    yield from stages.run("Simplifying", collapse_steps(collapsing, target))
-    if max_error is not None:
-        yield from stages.run("Checking the error", collapsing.roll_back_steps())
-    removed = collapsing.removed
-    simplification = Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
-    yield Step(1.0, simplification.message(target))
-    return simplification
+    return (yield from _pieces_steps(_one_piece(mesh), goal, budget, len(mesh.faces))).simplification
 
 
-def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -> Steps[None]:
-    """Collapse edges and remove components until there are `target` faces, or nothing more can go.
+@dataclass(frozen=True, eq=False)
+class SimplifiedPieces(Generic[T]):
+    """A simplified surface, how many triangles it had, and what the maker of its pieces returned."""
 
-    Where edges are left no more, components go at any cost, if this is the `last` that is done to the surface.
+    simplification: Simplification
+    full_faces: int
+    info: T
+
+
+def simplified_pieces_steps(
+    pieces: SurfacePieces[T], goal: Goal, budget: Budget = WHOLE_MACHINE
+) -> Steps[SimplifiedPieces[T]]:
+    """Simplify a surface that comes in pieces; the same bytes as of the mesh of all its pieces, wherever it was cut.
+
+    Parameters
+    ----------
+    pieces : generator of Step and SurfacePiece
+        Closed at the end, whatever happens.
+    goal : Goal
+    budget : Budget, optional
+
+    Raises
+    ------
+    SettingsError, MeshError, MemoryLimitError
+        As of `simplify`; a MeshError too where no piece has a triangle.
     """
-    start = collapsing.face_count
-    yield from collapsing.prepare_steps()
-    while (excess := collapsing.face_count - target) > 0:
-        round_ = equal_part(_round_steps(collapsing, excess, last), start - collapsing.face_count, start - target)
-        if not (yield from round_):
-            return
+    goal.target(1)
+    return (yield from _pieces_steps(pieces, goal, budget))
 
 
-def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
-    """One round, in which at most `excess` faces go; whether there was anything to try."""
-    faces = collapsing.face_count
-    yield from collapsing.cut_handles_steps()
-    excess += collapsing.face_count - faces
-    if not (yield from collapsing.can_collapse_steps()):
-        return last and (yield from collapsing.remove_components_steps(excess, stuck=True))
-    faces = collapsing.face_count
-    yield from collapsing.remove_components_steps(excess)
-    excess -= faces - collapsing.face_count
-    if excess > 0:
-        yield from collapsing.collapse_round_steps(-(-excess // 2))
-    return True
+def _pieces_steps(
+    pieces: SurfacePieces[T], goal: Goal, budget: Budget, face_count: int | None = None
+) -> Steps[SimplifiedPieces[T]]:
+    """`face_count` triangles come, where that is known."""
+    source = WithResult(batches_steps(pieces, goal.sizes(budget)[0], goal.most_whole(budget)))
+    simplification, full_faces = yield from in_batches_steps(source, goal, budget, face_count)
+    return SimplifiedPieces(simplification, full_faces, source.result)
 
 
-def memory_needed(face_count: int, max_error: float | None) -> int:
-    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumors and bone, rounded up."""
-    return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
-
-
-def require_finite(mesh: TriangleMesh) -> None:
-    """Raise a `MeshError` where a vertex is not finite."""
-    finite = np.isfinite(mesh.vertices).all(axis=1)
-    if not finite.all():
-        vertex = int(np.argmin(finite))
-        x, y, z = mesh.vertices[vertex].tolist()
-        raise MeshError(f"vertex {vertex} is at ({x:g}, {y:g}, {z:g}), which is not finite; move or delete it first")
-
-
-def target_of(face_count: int, reduction: float | None, target_faces: int | None, max_error: float | None) -> int:
-    """How many triangles a goal leaves of `face_count`; 0 with a maximum error, which sets no number."""
-    goals = {"reduction": reduction, "target_faces": target_faces, "max_error": max_error}
-    given = [name for name, value in goals.items() if value is not None]
-    if len(given) != 1:
-        what = " and ".join(given) if given else "none"
-        raise SettingsError(f"give exactly one of reduction, target_faces and max_error to simplify; given: {what}")
-    if reduction is not None:
-        if not 0 <= reduction < 1:
-            raise SettingsError(f"reduction {reduction:g} is outside [0, 1); 0.9 removes 90 % of the triangles")
-        return max(1, round(face_count * (1 - reduction)))
-    if target_faces is not None:
-        if target_faces < 1:
-            raise SettingsError(f"target_faces {target_faces} is below 1; give the number of triangles to keep")
-        return target_faces
-    assert max_error is not None
-    if not 0 < max_error < math.inf:
-        raise SettingsError(f"max_error {max_error:g} is not above 0; give a distance in the mesh's unit")
-    return 0
+def _one_piece(mesh: TriangleMesh) -> SurfacePieces[None]:
+    yield SurfacePiece(mesh.vertices, mesh.faces, mesh.normals)

@@ -25,7 +25,6 @@ from .labels import (
 from .outside import AIR, ends_of_body, outside_air
 from .region import (
     EDGES,
-    Box,
     box_of,
     converted_region,
     moved_region,
@@ -40,7 +39,7 @@ from .region import (
     with_moved_face,
 )
 from .reslice import resliced, value_at
-from .slabs import SlabVolume, SliceReader, ValuesInMemory, as_slice, fitting_stride
+from .slice_reader import SliceReader, ValuesInMemory, as_slice, fitting_stride
 from .slices import (
     PLANES,
     SliceIndex,
@@ -67,7 +66,8 @@ from .statistics import (
 )
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
-from .volume import Placed, Volume
+from .value_kind import ValueKind
+from .volume import Box, Placed, Volume
 
 __all__ = [
     "AIR",
@@ -81,10 +81,10 @@ __all__ = [
     "LabelExtent",
     "Limits",
     "Placed",
-    "SlabVolume",
     "SliceIndex",
     "SliceReader",
     "ValueFacts",
+    "ValueKind",
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .statistics import VolumeStatistics
 from .tissues import TISSUES
+from .value_kind import ValueKind
 
 HU_SHOWN = (-1100.0, 3100.0)  # beyond lie only padding and metal
 
@@ -53,7 +54,7 @@ def shown_range(statistics: VolumeStatistics, kind: str, *values: float | None) 
     low, high = statistics.low, statistics.high
     if not low <= high:
         low, high = 0.0, 1.0
-    if kind == "HU" and low < HU_SHOWN[1] and high > HU_SHOWN[0]:
+    if kind == ValueKind.HU and low < HU_SHOWN[1] and high > HU_SHOWN[0]:
         low, high = max(low, HU_SHOWN[0]), min(high, HU_SHOWN[1])
     known = [value for value in values if value is not None and math.isfinite(value)]
     low, high = min([low, *known]), max([high, *known])

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ..errors import LabelError
 from ..parallel import map_steps, worker_count
 from ..progress import Steps, finish
-from .region import Box, Region, converted_region, region_limits
-from .slabs import SlabVolume, values_in
-from .volume import Volume
+from .region import Region, converted_region, region_limits
+from .value_kind import ValueKind
+from .volume import Box, Volume
 
 SLAB_VALUES = 1 << 20  # looked at in one go
 ALL = "all"  # the word for every label
@@ -44,12 +44,10 @@ class LabelExtent(NamedTuple):
 
 
 Extents = dict[int, LabelExtent]
-_extents: WeakKeyDictionary[Volume | SlabVolume, dict[Box, Extents]] = WeakKeyDictionary()
+_extents: WeakKeyDictionary[Volume, dict[Box, Extents]] = WeakKeyDictionary()
 
 
-def label_extents_steps(
-    volume: Volume | SlabVolume, box: Box | None = None, threads: int | None = None
-) -> Steps[Extents]:
+def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | None = None) -> Steps[Extents]:
     """Return every label but 0 in a box, by default the whole volume, in the order of the values; looked for once.
 
     Values that are not whole numbers are not labels.
@@ -76,9 +74,7 @@ def label_extents_steps(
     return of_box[box]
 
 
-def label_extent_steps(
-    volume: Volume | SlabVolume, label: int, box: Box, threads: int | None = None
-) -> Steps[LabelExtent | None]:
+def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[LabelExtent | None]:
     """Return one label's extent in a box, None where it has no voxel there."""
     known = _extents.get(volume, {})
     if box in known:
@@ -86,9 +82,9 @@ def label_extent_steps(
     return (yield from _scan_steps(volume, box, label, threads)).get(label)
 
 
-def require_labels(volume: Volume | SlabVolume, label: int | str) -> None:
+def require_labels(volume: Volume, label: int | str) -> None:
     """Raise `LabelError` if a label is asked of Hounsfield units."""
-    if volume.kind == "HU":
+    if volume.kind == ValueKind.HU:
         raise LabelError(
             f"{volume.name} holds HU, in which {label} is a density and not a label; "
             "give the label volume, or a threshold"
@@ -96,7 +92,7 @@ def require_labels(volume: Volume | SlabVolume, label: int | str) -> None:
 
 
 def chosen_labels_steps(
-    volume: Volume | SlabVolume, choices: Sequence[int | str], box: Box | None = None, threads: int | None = None
+    volume: Volume, choices: Sequence[int | str], box: Box | None = None, threads: int | None = None
 ) -> Steps[tuple[int, ...]]:
     """Return the values of labels that are chosen by value, by name or by the word "all", each once.
 
@@ -122,7 +118,7 @@ def chosen_labels_steps(
     return tuple(dict.fromkeys(values))
 
 
-def existing_labels_steps(volume: Volume | SlabVolume, box: Box, threads: int | None = None) -> Steps[str]:
+def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) -> Steps[str]:
     """Return which labels a box has, for a message."""
     labels = list((yield from label_extents_steps(volume, box, threads)))
     if not labels:
@@ -130,7 +126,7 @@ def existing_labels_steps(volume: Volume | SlabVolume, box: Box, threads: int | 
     return f"the labels are {', '.join(map(str, labels[:LISTED]))}{' and more' if len(labels) > LISTED else ''}"
 
 
-def _labels_called(volume: Volume | SlabVolume, name: str) -> list[int]:
+def _labels_called(volume: Volume, name: str) -> list[int]:
     wanted = _plain(name)
     found = [label for label, known in volume.label_names.items() if _plain(known) == wanted]
     if found:
@@ -149,17 +145,17 @@ def _plain(name: str) -> str:
     return " ".join(name.casefold().replace("_", " ").split())
 
 
-def _scan_steps(volume: Volume | SlabVolume, box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
+def _scan_steps(volume: Volume, box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
     """Return the extents in a box of all labels, or of only one."""
-    inside = values_in(volume, box)
+    inside = volume.part(box)
     slices, rows, columns = inside.shape
     step = max(1, SLAB_VALUES // (rows * columns))
-    workers = 1 if isinstance(inside, SlabVolume) else worker_count(threads)  # a file is read by one thread
+    workers = worker_count(threads) if volume.reader.thread_safe else 1
     parts: list[NDArray[np.int64]] = []
 
     def look(low: int) -> tuple[list[int], NDArray[np.int64]]:
         end = min(low + step, slices)
-        slab = inside.slab(low, end) if isinstance(inside, SlabVolume) else inside[low:end]
+        slab = inside.slab(low, end)
         labels, extents = slab_extents(slab if only is None else slab == only)
         extents[:, [3, 6]] += low
         return labels if only is None else [only] * len(labels), extents
@@ -216,7 +212,7 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     return [int(label) for label in value[first].tolist()], np.stack([np.add.reduceat(length, first), *lows, *highs], 1)
 
 
-def labels_region(volume: Volume | SlabVolume, labels: Collection[int], unit: str) -> Region:
+def labels_region(volume: Volume, labels: Collection[int], unit: str) -> Region:
     """Return the region around labels with a sample of room on each side; where none of them is, the whole volume's.
 
     Examples

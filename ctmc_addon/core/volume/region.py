@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..settings import ReconstructionSettings
 from .affine import to_index, transform_points
-from .volume import Placed
+from .volume import Box, Placed
 
 EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
 SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
 Region = tuple[float, ...]
-Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]  # start and stop along x, y, z
 
 
 def box_slices(box: Box) -> tuple[slice, slice, slice]:

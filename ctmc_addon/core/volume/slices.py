@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .affine import axis_codes, to_index, transform_points
+from .value_kind import ValueKind
 from .volume import Volume
 
 # Each plane with the sides of the patient between which its slider runs.
@@ -201,7 +202,7 @@ def in_label_colors(
 
 def default_window(volume: Volume, low: float, high: float) -> tuple[float, float]:
     """Return the window and level to begin with, for values from `low` to `high`."""
-    if volume.kind == "HU":
+    if volume.kind == ValueKind.HU:
         return HU_WINDOW
     if not low <= high:
         return (1.0, 0.5)

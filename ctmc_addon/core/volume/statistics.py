@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 from ..errors import ThresholdError
 from ..progress import Stages, Step, Steps, finish
 from .labels import label_extents_steps
-from .region import Box
-from .slabs import SlabVolume, values_in
-from .volume import Placed, Volume
+from .value_kind import ValueKind
+from .volume import Box, Placed, Volume
 
 BINS = 1024  # for floats, and for integers over too wide a range to count each value
 MOST_INTEGERS = 2**17
 SLAB_VALUES = 2**20
 
 
-def slabs_of(values: NDArray[Any] | SlabVolume) -> Iterator[NDArray[Any]]:
+def slabs_of(values: NDArray[Any] | Volume) -> Iterator[NDArray[Any]]:
     """Yield runs of slices, about a million values each, as views or as they are fetched."""
     slices, rows, columns = values.shape
     step = max(1, SLAB_VALUES // max(1, rows * columns))
@@ -42,7 +41,7 @@ class ValueFacts(NamedTuple):
     not_finite: int
 
 
-def value_facts_steps(values: NDArray[Any] | SlabVolume) -> Steps[ValueFacts]:
+def value_facts_steps(values: NDArray[Any] | Volume) -> Steps[ValueFacts]:
     """Look at all values once.
 
     Examples
@@ -62,7 +61,7 @@ def value_facts_steps(values: NDArray[Any] | SlabVolume) -> Steps[ValueFacts]:
     return ValueFacts(min(lows, default=math.nan), max(highs, default=math.nan), broken)
 
 
-def value_range(values: NDArray[Any] | SlabVolume) -> tuple[float, float]:
+def value_range(values: NDArray[Any] | Volume) -> tuple[float, float]:
     """Return the lowest and the highest finite value; NaN twice where there is none.
 
     Examples
@@ -86,9 +85,9 @@ def histogram(values: NDArray[Any]) -> Histogram:
     return finish(histogram_steps(values))
 
 
-def histogram_steps(values: NDArray[Any] | SlabVolume) -> Steps[Histogram]:
+def histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     """`histogram` as steps."""
-    if isinstance(values, SlabVolume) and values.dtype.kind in "bui" and values.dtype.itemsize <= 2:
+    if values.dtype.kind in "bui" and values.dtype.itemsize <= 2:
         return (yield from _narrow_histogram_steps(values))
     low, high = value_range(values)
     if not low <= high:
@@ -113,7 +112,7 @@ def histogram_steps(values: NDArray[Any] | SlabVolume) -> Steps[Histogram]:
     return counts, low - 0.5 if whole else low, width
 
 
-def _narrow_histogram_steps(values: SlabVolume) -> Steps[Histogram]:
+def _narrow_histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     """`histogram` of integers of up to 16 bits, fetched once."""
     lowest = 0 if values.dtype.kind in "bu" else int(np.iinfo(values.dtype).min)
     counts = np.zeros(1 << 8 * values.dtype.itemsize, np.int64)
@@ -126,21 +125,21 @@ def _narrow_histogram_steps(values: SlabVolume) -> Steps[Histogram]:
     return counts[filled[0] : filled[-1] + 1].copy(), lowest + float(filled[0]) - 0.5, 1.0
 
 
-_histograms: WeakKeyDictionary[Volume | SlabVolume, Histogram] = WeakKeyDictionary()  # of whole volumes
+_histograms: WeakKeyDictionary[Volume, Histogram] = WeakKeyDictionary()  # of whole volumes
 
 
-def box_histogram_steps(volume: Volume | SlabVolume, box: Box) -> Steps[Histogram]:
+def box_histogram_steps(volume: Volume, box: Box) -> Steps[Histogram]:
     """`histogram` of the samples in a box; that of a whole volume is counted once."""
     whole = is_whole(volume, box)
     if whole and volume in _histograms:
         return _histograms[volume]
-    result = yield from histogram_steps(values_in(volume, box))
+    result = yield from histogram_steps(volume.part(box))
     if whole:
         _histograms[volume] = result
     return result
 
 
-def is_counted(volume: Volume | SlabVolume, box: Box) -> bool:
+def is_counted(volume: Volume, box: Box) -> bool:
     """Return whether `box_histogram_steps` has its answer at once."""
     return volume in _histograms and is_whole(volume, box)
 
@@ -215,7 +214,7 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
         low = start + width * (filled[0] + (0.5 if one_by_one else 0.0))
         high = start + width * (filled[-1] + (0.5 if one_by_one else 1.0))
         non_finite = values.size - int(counts.sum())
-        if volume.kind == "label":
+        if volume.kind == ValueKind.LABEL:
             extents = yield from stages.run("Counting the labels", label_extents_steps(volume))
             labels = tuple((label, extent.voxels) for label, extent in extents.items())
     return VolumeStatistics(low, high, histogram, non_finite, labels, fingerprint(volume, histogram))
@@ -223,7 +222,9 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
 
 def fingerprint(volume: Volume, histogram: Histogram | None) -> str:
     """Return twelve letters made from a volume's size, affine and histogram."""
-    digest = hashlib.sha256(repr((volume.size, volume.kind)).encode())
+    # Surfaces in files of version 0.2 name their CT by this text, which has the older spelling.
+    kind = "grey value" if volume.kind == ValueKind.GRAY else str(volume.kind)
+    digest = hashlib.sha256(repr((volume.size, kind)).encode())
     # Rounded: another version of a library may place the volume a last bit further.
     digest.update((np.round(volume.affine, 4) + 0.0).tobytes())
     if histogram is not None:

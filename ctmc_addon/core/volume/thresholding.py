@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from ..errors import ThresholdError
 from ..progress import Steps, finish
 from ..settings import ReconstructionSettings
-from .region import Box, region_box
-from .slabs import SlabVolume
+from .region import region_box
 from .statistics import Histogram, box_histogram_steps, histogram, is_counted, value_range
-from .volume import Volume
+from .value_kind import ValueKind
+from .volume import Box, Volume
 
 WHOLE_VOLUME = "this volume"
 HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
 QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
-_otsu: WeakKeyDictionary[Volume | SlabVolume, dict[Box, float]] = WeakKeyDictionary()
+_otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
 
 
-def used_threshold_steps(volume: Volume | SlabVolume, settings: ReconstructionSettings) -> Steps[float]:
+def used_threshold_steps(volume: Volume, settings: ReconstructionSettings) -> Steps[float]:
     """Return the threshold that a reconstruction of `volume` with `settings` uses.
 
     The setting where there is one; half of 0 and 1 for a label; else Otsu's threshold of the finite values in the
@@ -133,8 +133,8 @@ def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def check_threshold(
     threshold: float,
-    values: NDArray[Any] | SlabVolume,
-    kind: str = "grey value",
+    values: NDArray[Any] | Volume,
+    kind: ValueKind = ValueKind.GRAY,
     place: str = WHOLE_VOLUME,
     upper: float | None = None,
 ) -> None:
@@ -144,7 +144,7 @@ def check_threshold(
     ----------
     values : (slices, rows, columns)
         NaN and infinite values are ignored.
-    kind : str
+    kind : ValueKind
         As in `Volume`: what the values mean.
     place : str
         Whose values they are, for the message.
@@ -168,6 +168,6 @@ def check_threshold(
     else:
         beyond = f"not above the minimum {low:g} of {place}, so every voxel would be inside"
     hint = "choose one inside that range"
-    if kind == "grey value" and place == WHOLE_VOLUME and low >= 0 and high <= 255:
+    if kind == ValueKind.GRAY and place == WHOLE_VOLUME and low >= 0 and high <= 255:
         hint = f"these look like 8 bit slices, not HU: {hint}"
     raise ThresholdError(f"threshold {threshold:g} is {beyond} (range {low:g} to {high:g}); {hint}")

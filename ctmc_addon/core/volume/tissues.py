@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from .value_kind import ValueKind
+
 
 class Tissue(NamedTuple):
     """The name of a tissue, its threshold in HU, what the surface then encloses, and its upper limit if it has one."""
@@ -40,7 +42,7 @@ def tissue_name(kind: str, threshold: float, upper: float | None = None) -> str:
     >>> tissue_name("HU", 226.0), tissue_name("HU", -950.0, -600.0), tissue_name("gray value", 120.0)
     ('Bone', 'Lung', 'Surface')
     """
-    if kind != "HU":
+    if kind != ValueKind.HU:
         return "Surface"
     below = [tissue for tissue in TISSUES.values() if tissue.upper is None and tissue.threshold <= threshold]
     around = [
@@ -56,10 +58,10 @@ def surface_name(kind: str, threshold: float, upper: float | None = None) -> str
 
     Examples
     --------
-    >>> surface_name("HU", 226.0), surface_name("HU", -900.0), surface_name("grey value", 120.0)
+    >>> surface_name("HU", 226.0), surface_name("HU", -900.0), surface_name("gray value", 120.0)
     ('Bone 226 HU', 'Surface -900 HU', 'Surface 120')
     >>> surface_name("HU", -950.0, -600.0), surface_name("HU", 226.0, 500.0), surface_name("HU", -950.0, 0.0)
     ('Lung -950 to -600 HU', 'Bone 226 to 500 HU', 'Surface -950 to 0 HU')
     """
     number = f"{threshold:.6g}" if upper is None else f"{threshold:.6g} to {upper:.6g}"
-    return f"{tissue_name(kind, threshold, upper)} {number}" + (" HU" if kind == "HU" else "")
+    return f"{tissue_name(kind, threshold, upper)} {number}" + (" HU" if kind == ValueKind.HU else "")

@@ -8,17 +8,22 @@ to RAS+ millimeters.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import VolumeError
+from ..errors import ReadError, SettingsError, VolumeError
+from ..progress import Steps
 from .affine import axis_codes, checked_affine, spacing_of, with_origin
+from .slice_reader import SliceReader, ValuesInMemory
+from .value_kind import ValueKind
 
-KINDS = ("HU", "grey value", "label")
+Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+"""Start and stop along x, y, z."""
 
 
 def require_gray_type(dtype: np.dtype[Any]) -> None:
@@ -62,24 +67,26 @@ class Placed(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Volume(Placed):
-    """Gray values or labels on a grid in patient space.
+    """Gray values or labels on a grid in patient space, in memory or in a file.
 
     Parameters
     ----------
-    values : (slices, rows, columns) bool, int8 to int64, uint8 to uint64, float32 or float64
-        Never copied; the attribute is a read-only view.
+    reader : (slices, rows, columns) bool, int8 to int64, uint8 to uint64, float32 or float64; or a SliceReader
+        Where the values come from. An array is never copied, and seen read-only.
     affine : (4, 4) float64
         Index (x, y, z) = (column, row, slice) to RAS+ millimeters; may be oblique, mirrored or sheared.
     notes : tuple of str
         What a reader had to assume, in plain sentences for the user.
     name : str
         Stem of the file or folder; never taken from a DICOM tag.
-    kind : {"HU", "grey value", "label"}
-        What the values mean.
+    kind : ValueKind or str
+        What the values mean: "HU", "gray value" or "label".
     label_names : mapping of int to str
         Names of label values, where the file has them.
     label_colors : mapping of int to (red, green, blue) int
         sRGB colors of label values, 0 to 255, where the file has them.
+    box : ((x, stop), (y, stop), (z, stop)), optional
+        The part of what the reader has that is this volume; by default all of it.
 
     Raises
     ------
@@ -88,41 +95,142 @@ class Volume(Placed):
         or the affine is not finite, not affine or singular.
     """
 
-    values: NDArray[Any]
+    reader: SliceReader
     affine: NDArray[np.float64]
     notes: tuple[str, ...] = ()
     name: str = "volume"
-    kind: str = "grey value"
+    kind: ValueKind = ValueKind.GRAY
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
+    box: Box | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            reader: SliceReader | NDArray[Any],
+            affine: NDArray[Any],
+            notes: tuple[str, ...] = (),
+            name: str = "volume",
+            kind: ValueKind | str = ValueKind.GRAY,
+            label_names: Mapping[int, str] = ...,
+            label_colors: Mapping[int, tuple[int, int, int]] = ...,
+            box: Box | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values)
-        if values.ndim != 3:
-            raise VolumeError(
-                f"a volume has three dimensions (slices, rows, columns), not {values.ndim}: {values.shape}"
-            )
-        require_samples(values.shape, values.dtype)
-        if self.kind not in KINDS:
-            raise VolumeError(f"kind is one of {', '.join(KINDS)}, not {self.kind!r}")
-        view = values.view()
-        view.flags.writeable = False
-        object.__setattr__(self, "values", view)
+        if not isinstance(self.reader, SliceReader):
+            values = np.asarray(self.reader)
+            if values.ndim != 3:
+                raise VolumeError(
+                    f"a volume has three dimensions (slices, rows, columns), not {values.ndim}: {values.shape}"
+                )
+            require_gray_type(values.dtype)
+            object.__setattr__(self, "reader", ValuesInMemory(values))
+        require_samples(self.shape, self.dtype)
+        try:
+            object.__setattr__(self, "kind", ValueKind(self.kind))
+        except ValueError:
+            raise VolumeError(f"kind is one of {', '.join(ValueKind)}, not {self.kind!r}") from None
         object.__setattr__(self, "affine", checked_affine(self.affine))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property
     def size(self) -> tuple[int, int, int]:
         """Number of samples along (x, y, z)."""
-        slices, rows, columns = self.values.shape
-        return (columns, rows, slices)
+        if self.box is None:
+            slices, rows, columns = self.reader.shape
+            return (columns, rows, slices)
+        x, y, z = (stop - start for start, stop in self.box)
+        return (x, y, z)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(slices, rows, columns)."""
+        x, y, z = self.size
+        return (z, y, x)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the values, in the machine's byte order."""
+        return self.reader.dtype
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that all values take in memory."""
+        x, y, z = self.size
+        return x * y * z * self.dtype.itemsize
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """All values, (slices, rows, columns), read-only: a view of what is in memory; those of a file are read."""
+        slices, rows, columns = self.shape
+        values = self.samples(range(slices), range(rows), range(columns))
+        view = values.view()
+        view.flags.writeable = False
+        return view
+
+    def slab(self, low: int, high: int) -> NDArray[Any]:
+        """Return the values of slices `low` to `high`, `high` left out: (high - low, rows, columns).
+
+        Examples
+        --------
+        >>> values = np.arange(24).reshape(4, 2, 3)
+        >>> bool((Volume(values, np.eye(4)).slab(1, 3) == values[1:3]).all())
+        True
+        """
+        return self.samples(range(low, high), range(self.size[1]), range(self.size[0]))
+
+    def samples(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        """Return the values at some slices, rows and columns, (slices, rows, columns)."""
+        x, y, z = (0, 0, 0) if self.box is None else (start for start, _ in self.box)
+        with self._readable():
+            return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
+
+    def in_memory_steps(self, stride: tuple[int, int, int] = (1, 1, 1)) -> Steps[Volume]:
+        """Return the volume with its values in memory: all, or every so many along x, y and z from the first on."""
+        for axis, size, side in zip("xyz", self.size, stride, strict=True):
+            if side >= size:
+                raise SettingsError(
+                    f"stride {side} along {axis} leaves less than 2 of {size} samples; choose a smaller one"
+                )
+        x, y, z = (0, 0, 0) if self.box is None else (start for start, _ in self.box)
+        columns, rows, slices = self.size
+        chosen = (
+            range(z, z + slices, stride[2]),
+            range(y, y + rows, stride[1]),
+            range(x, x + columns, stride[0]),
+        )
+        with self._readable():
+            values = yield from self.reader.values_steps(*chosen)
+        affine = self.affine.copy()
+        affine[:3, :3] *= stride
+        return replace(self, reader=ValuesInMemory(values), affine=affine, box=None)
 
     def cropped(self, low: tuple[int, int, int], high: tuple[int, int, int]) -> Volume:
-        """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; a view, not a copy."""
-        window = tuple(slice(start, stop) for start, stop in zip(low[::-1], high[::-1], strict=True))
-        affine = with_origin(self.affine, low)
-        return replace(self, values=self.values[window], affine=affine)
+        """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; nothing is read."""
+        own = self.box or ((0, 0), (0, 0), (0, 0))
+        x, y, z = ((start + first, start + stop) for (start, _), first, stop in zip(own, low, high, strict=True))
+        return replace(self, box=(x, y, z), affine=with_origin(self.affine, low))
+
+    def part(self, box: Box) -> Volume:
+        """Return the samples in a box; nothing is read."""
+        x, y, z = box
+        return self.cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Turn what the system says of a file that can no longer be read into a `ReadError`."""
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ReadError(f"{self.name} cannot be read any more ({reason}); load it from where it is now") from error
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
         return (Volume, (self.values, self.affine, *words))
+
+
+def _moved(numbers: range, by: int) -> range:
+    return range(numbers.start + by, numbers.stop + by, numbers.step)

@@ -96,12 +96,12 @@ def header_of(path: Path) -> ImageFile:
 
 
 def say(out: IO[bytes], words: dict[str, Any]) -> None:
-    """Write one line."""
+    """Write one line to the parent process."""
     write(out, json.dumps(words).encode("ascii") + b"\n")
 
 
 def write(out: IO[bytes], content: bytes) -> None:
-    """Write all of it: a pipe takes what fits."""
+    """Write all bytes, although a pipe accepts only some at a time."""
     left = memoryview(content)
     while left:
         left = left[out.write(left) :]

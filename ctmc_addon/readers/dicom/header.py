@@ -15,8 +15,9 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ..file_formats import DICOM_SUFFIXES, KNOWN_SUFFIXES, suffix
+from ..file_formats import suffix
 from ..optional_imports import needed, quiet
+from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .frames import FrameGeometry, frame_geometries
 from .labels.classes import label_class
 
@@ -60,7 +61,7 @@ class Pixels(NamedTuple):
 
 
 class Called(NamedTuple):
-    """What people called a file's series; may hold names, so it is for the screen alone."""
+    """The descriptions of a series by its operator; they may hold names, so they are shown on the screen only."""
 
     number: str
     description: str
@@ -112,7 +113,7 @@ class Broken(NamedTuple):
     path: Path
     series: str  # empty where it is not known
     damage: str = ""  # what is wrong, where that is known
-    stray: bool = False  # has a DICOM file's name and nothing else of one
+    stray: bool = False  # nothing in it says that it is DICOM
 
 
 def may_be_dicom(path: Path) -> bool:
@@ -128,7 +129,7 @@ def may_be_dicom(path: Path) -> bool:
 
 def has_other_suffix(path: Path) -> bool:
     """Whether the name says that a file is not a DICOM image."""
-    return path.name.upper() == "DICOMDIR" or (suffix(path) in KNOWN_SUFFIXES and suffix(path) not in DICOM_SUFFIXES)
+    return path.name.upper() in BY_FILE_NAME or BY_SUFFIX.get(suffix(path), "DICOM") != "DICOM"
 
 
 def has_preamble(file: IO[bytes]) -> bool:
@@ -166,7 +167,7 @@ def tags(*keywords: str) -> frozenset[Any]:
 
 @lru_cache(256)
 def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implicit: bool, little: bool) -> Any:
-    """What pydicom makes of an element as it was read."""
+    """Return an element's value as pydicom converts it."""
     elements = needed("pydicom.dataelem", "pydicom", "DICOM")
     return elements.convert_raw_data_element(elements.RawDataElement(tag, vr, length, value, 0, implicit, little))
 
@@ -185,7 +186,7 @@ def read_dataset(file: IO[bytes], **options: Any) -> Any:
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
-    """The header of a DICOM image; None where the file is something else."""
+    """The header of a DICOM image; None where the file is another DICOM object, or is called a picture or volume."""
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:
@@ -194,8 +195,7 @@ def read_header(path: Path) -> ImageFile | Broken | None:
             return None
         if preamble or looks_like_dataset(file):
             return _parsed(path, file, preamble)
-        size = file.seek(0, 2)
-    return Broken(path, "", stray=True) if suffix(path) in DICOM_SUFFIXES or (not suffix(path) and size < 132) else None
+    return Broken(path, "", stray=True)
 
 
 def is_multi_frame(path: Path) -> bool:
@@ -221,7 +221,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         series = str(dataset.get("SeriesInstanceUID", None) or "")
         kind = sop_class(dataset)
         if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
-            return Broken(path, series) if preamble else None
+            return Broken(path, series, stray=not preamble)
         is_image = "Image Storage" in kind and "Segmentation" not in kind
         if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
             return Broken(path, series) if is_image and "Rows" not in dataset else None
@@ -235,7 +235,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
         return Broken(path, series, damage) if damage else image_file(path, dataset, series, pixels)
     except unreadable:
-        return Broken(path, series) if preamble or is_image else None
+        return Broken(path, series, stray=not (preamble or is_image))
 
 
 def unpacks_without_end(file: IO[bytes]) -> bool:
@@ -303,7 +303,7 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
 
 
 def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
-    """What a dataset says of its image."""
+    """Return the description of the image in a dataset."""
     image_type = dataset.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
     modality = str(dataset.get("Modality", None) or "")

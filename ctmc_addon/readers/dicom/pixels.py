@@ -24,7 +24,7 @@ class DoesNotFit(Exception):
 
 
 class SliceRead(NamedTuple):
-    """What was seen while one slice was filled."""
+    """The range and the padding of one slice that was filled."""
 
     lowest: float  # of the pixels that are not padding; infinity where there are none
     padded: int

@@ -7,6 +7,7 @@ pixels.py's. No patient data is read; names of DICOM files stand in errors, neve
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import ReadError, Stages, Steps
-from ...core.volume import SliceReader, ValuesInMemory
-from ..file_formats import files_below, natural_key, stem
+from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
+from ..registry import FORMATS
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import is_mask_steps
 from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
@@ -27,6 +29,7 @@ from .stack_geometry import Stack, stack_up
 from .times import times_of
 
 MOST_LISTED = 12  # series in one note
+SHORTEST = 132  # bytes of a file that may be DICOM: its preamble
 STEEPEST = 1e9  # a larger RescaleSlope or RescaleIntercept is damage
 
 
@@ -44,6 +47,7 @@ class DicomSource(VolumeSource):
 
     format = "DICOM"
     has_geometry = True
+    has_series = True
 
     def __init__(self, path: Path, content: FolderContent) -> None:
         self.content = content
@@ -70,7 +74,7 @@ class DicomSource(VolumeSource):
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the series with the most slices, or the one that `options` name."""
-        uid, notes = self._selected(options.series)
+        uid, notes = self._selected(options.series or "")
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
         check_whole(self.content, uid)
@@ -90,12 +94,14 @@ class DicomSource(VolumeSource):
         stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
         decoding = values_steps(ordered, stack, options.whole, options.memory_limit)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
-        kind = "HU" if all(ct_slice.image.hounsfield for ct_slice in ordered) else "grey value"
+        kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
         reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
         mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
         notes += [*([] if mask else meaning(ordered)), *stack.notes, *padding_notes]
         names = {mask: "mask"} if mask else {}
-        return RawValues(values, stack.affine, tuple(notes), "label" if mask else kind, names, own_spacing=own_spacing)
+        return RawValues(
+            values, stack.affine, tuple(notes), ValueKind.LABEL if mask else kind, names, own_spacing=own_spacing
+        )
 
     def _selected(self, requested_series: str) -> tuple[str, list[str]]:
         """The UID of the series to read, and the note that lists the others."""
@@ -188,8 +194,35 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     for image in images:
         if image.gray:
             series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
-    unsound = [header for header in broken if not header.stray]
-    return FolderContent(series, unsound, color, len(broken) - len(unsound))
+    slice_names: dict[tuple[Path, str], set[str]] = {}
+    for image in images:
+        slice_names.setdefault((image.path.parent, name_pattern(image.path)), set()).add(image.series)
+    unsound, strays = [], 0
+    for header in broken:
+        own = slice_names.get((header.path.parent, name_pattern(header.path)), ()) if header.stray else (header.series,)
+        damage = "named like the slices, and something else" if header.path.stat().st_size else "0 bytes"
+        unsound += [
+            header._replace(series=uid, damage=damage if header.stray else header.damage) for uid in sorted(own)
+        ]
+        strays += not own and is_named_dicom(header.path)
+    return FolderContent(series, unsound, color, strays)
+
+
+def name_pattern(path: Path) -> str:
+    """What the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
+
+    Examples
+    --------
+    >>> name_pattern(Path("IM-0001-0017.dcm")), name_pattern(Path("1.2.840.17")), name_pattern(Path("0f1e22ab-77aa"))
+    ('im-#-#.dcm', '#.#.#.#', '#-#')
+    """
+    words = re.sub(r"(?<![0-9a-z])[0-9a-f]{4,}(?![0-9a-z])", "#", path.name.casefold())
+    return re.sub(r"[0-9]+", "#", words)
+
+
+def is_named_dicom(path: Path) -> bool:
+    """Whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
+    return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
 def check_whole(content: FolderContent, uid: str) -> None:
@@ -241,7 +274,7 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
 
 
 def meaning(slices: Sequence[Slice]) -> list[str]:
-    """What the user has to know of the values."""
+    """Return the notes about the meaning of the values."""
     modality = slices[0].image.modality
     if modality != "CT":
         return [f"the series is {modality or 'of unknown modality'}, not CT: its gray values are not HU"]

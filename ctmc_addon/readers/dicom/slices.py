@@ -49,13 +49,13 @@ class DicomSlices(SliceReader):
         finish(self.filled_steps(out, slices, rows, columns))
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """A step for each frame, and each file opened once."""
+        """Read the values with a step for each frame, opening each file once."""
         out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
         yield from self.filled_steps(out, slices, rows, columns)
         return out
 
     def close(self) -> None:
-        """Let the process go that decodes, if there is one; it is started again when it is needed."""
+        """End the decoding process, if there is one; it is started again when it is needed."""
         self._pixels.close()
 
     def filled_steps(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> Steps[SliceRead]:

@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
-from ..file_formats import IMAGE_SUFFIXES, TIFF_SUFFIXES, format_of, natural_key, stem, suffix
+from ..file_formats import format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
+from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
-from .tiff import opened_stack, tiff_picture, tiff_slice
-
-SAME_FORMAT = {".jpeg": ".jpg", ".tiff": ".tif", ".j2k": ".jp2", ".j2c": ".jp2", ".jpx": ".jp2"}
-FORMATS = {".png": "PNG", ".jpg": "JPEG", ".bmp": "BMP", ".tif": "TIFF", ".jp2": "JPEG 2000"}
+from .tiff import opened_stack, page_count, tiff_picture, tiff_slice
 
 
 class ImageFolder(VolumeSource):
@@ -32,7 +30,7 @@ class ImageFolder(VolumeSource):
     def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str]) -> None:
         self.headers = headers
         self.notes = tuple(notes)
-        self.format = FORMATS[format_suffix(headers[0].path)]
+        self.format = format_by_name(headers[0].path)
         first = headers[0]
         series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
         super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
@@ -65,15 +63,27 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def header_of(path: Path) -> Picture:
-    """What an image's header says, whatever its format."""
-    return tiff_picture(path) if suffix(path) in TIFF_SUFFIXES else picture(path)
+    """Return the header of an image file of any format."""
+    return tiff_picture(path) if suffix(path) in PAGE_SUFFIXES else picture(path)
 
 
-def open_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
+def open_steps(path: Path) -> Steps[VolumeSource]:
+    """The pages of a file of several, else the stack that a slice is one of: those of its format in its folder."""
+    stack = opened_stack(path) if format_of(path) == "TIFF" else None
+    return stack or (yield from open_folder_steps(path.parent, path))
+
+
+def is_alone(path: Path) -> bool:
+    """Whether a file is a volume by itself, and not a slice of its folder."""
+    return format_of(path) == "TIFF" and page_count(path) > 1
+
+
+def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
     """The slices of a folder, of the commonest format or of the slice `own_slice`; or its one multi-page TIFF."""
     if own_slice is not None and suffix(own_slice) not in IMAGE_SUFFIXES:
         raise ReadError(
-            f"{own_slice.name} holds a picture; give it and its neighbors the suffix {format_of(own_slice)}"
+            f"{own_slice.name} holds a picture; give it and its neighbors the suffix "
+            f"{FORMATS[format_of(own_slice)].suffixes[0]}"
         )
     images, notes = one_format(images_in(folder), own_slice)
     stages = Stages({"Reading headers": 1})
@@ -92,19 +102,19 @@ def open_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSourc
     return ImageFolder(folder, headers, notes)
 
 
-def format_suffix(path: Path) -> str:
-    """The suffix that stands for the image's format: '.png', '.jpg', '.bmp' or '.tif'."""
-    return SAME_FORMAT.get(suffix(path), suffix(path))
+def format_by_name(path: Path) -> str:
+    """The format of an image by its suffix, such as 'JPEG'."""
+    return BY_SUFFIX[suffix(path)]
 
 
 def one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Path], list[str]]:
     """The images of the commonest format, or of that of `own_slice`; and the note that says what was left out."""
-    counts = Counter(map(format_suffix, images))
-    best = max(counts, key=lambda end: (counts[end], -list(FORMATS).index(end)))
-    best = format_suffix(own_slice) if own_slice is not None else best
-    selected = [path for path in images if format_suffix(path) == best]
-    others = [f"{count} {FORMATS[end]}" for end, count in sorted(counts.items()) if end != best]
-    note = f"{' and '.join(others)} beside the {len(selected)} {FORMATS[best]} slices left out"
+    counts = Counter(map(format_by_name, images))
+    best = max(counts, key=lambda name: (counts[name], -list(FORMATS).index(name)))
+    best = format_by_name(own_slice) if own_slice is not None else best
+    selected = [path for path in images if format_by_name(path) == best]
+    others = [f"{count} {name}" for name, count in sorted(counts.items()) if name != best]
+    note = f"{' and '.join(others)} beside the {len(selected)} {best} slices left out"
     return selected, [note] if others else []
 
 

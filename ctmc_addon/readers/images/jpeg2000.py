@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 
-SUFFIXES = (".jp2", ".j2k", ".jpx", ".j2c")
 CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
 END = b"\xff\xd9"
 COMPONENT = 42  # byte of the codestream that says depth and sign of the first component

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from ...core import ReadError
 from ..file_formats import suffix
 from ..optional_imports import needed, reason
-from .jpeg2000 import SUFFIXES as JPEG_2000
+from ..registry import FORMATS
 from .jpeg2000 import check_pixels, depth_of
 
 DECODED = "PNG, JPEG, JPEG 2000 and BMP"
+JPEG, JPEG_2000 = FORMATS["JPEG"].suffixes, FORMATS["JPEG 2000"].suffixes
 GRAY_MODES = ("L", "I;16")
 # Of Pillow's modes those that are decoded in another one, and the type of the values of every mode that is read.
 DECODE_AS = {"1": "L", "P": "RGBA", "LA": "RGBA", "PA": "RGBA", "RGBX": "RGB", "CMYK": "RGB", "YCbCr": "RGB"}
@@ -37,11 +38,12 @@ PILLOW_ERRORS = (
     struct.error,
     zlib.error,
 )  # beside its bomb error
+SPREAD = {"L;2": 85, "L;4": 17}  # of Pillow's names for gray of 2 and 4 bits
 JPEG_NOISE = 2  # of 255: how far JPEG's rounding separates the channels of a gray picture
 
 
 class Picture(NamedTuple):
-    """What an image file's header says."""
+    """Return the header of an image file."""
 
     path: Path
     rows: int
@@ -49,6 +51,7 @@ class Picture(NamedTuple):
     dtype: np.dtype[Any]
     pages: int
     mode: str  # Pillow's; empty for TIFF
+    spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
 
 
 def picture(path: Path) -> Picture:
@@ -58,9 +61,12 @@ def picture(path: Path) -> Picture:
         with path.open("rb") as file, pillow.open(file) as image:
             (columns, rows), mode = image.size, image.mode
             kind = image.format
+            lacks_palette = mode in ("P", "PA") and image.palette is None
             stored = str(image.tile[0][3]) if image.format == "PNG" and image.tile else ""
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{path.name} is not a readable image ({image_reason(error)}); copy it again") from error
+    if lacks_palette:
+        raise ReadError(f"{path.name} is a palette picture without its palette; copy or export it again")
     if mode not in DTYPES:
         raise ReadError(f"{path.name} has pixels of Pillow's type '{mode}'; save it as 8 or 16 bit gray")
     if stored in CUT_TO_8_BITS:
@@ -70,7 +76,7 @@ def picture(path: Path) -> Picture:
         check_pixels(path, rows * columns)
         depth = depth_of(path)
         dtype = depth.dtype if mode in GRAY_MODES else dtype
-    return Picture(path, rows, columns, dtype, 1, mode)
+    return Picture(path, rows, columns, dtype, 1, mode, SPREAD.get(stored, 1))
 
 
 def image_reason(error: BaseException) -> str:
@@ -94,7 +100,9 @@ def gray_slice(header: Picture) -> NDArray[Any]:
         pixels = pixels.astype(np.uint16)  # older Pillow widens 16 bit PNG to int32
     if suffix(header.path) in JPEG_2000 and header.mode in GRAY_MODES:
         pixels = depth_of(header.path).as_stored(pixels)
-    lossy = suffix(header.path) in (".jpg", ".jpeg", *JPEG_2000)
+    if header.spread > 1:
+        pixels = pixels // np.uint8(header.spread)
+    lossy = suffix(header.path) in (*JPEG, *JPEG_2000)
     return gray(pixels, header.path.name, JPEG_NOISE if lossy else 0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""TIFF by tifffile, and by Pillow where a compression asks for a library that is not there."""
+"""TIFF: tifffile finds its pages and what ImageJ and OME say of them; their pixels are unpacked by tiff_pixels."""
 
 from __future__ import annotations
 
@@ -9,35 +9,51 @@ import struct
 import zlib
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import NO_THREAD, PAUSE, ReadError, Steps
+from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
 from ..optional_imports import needed, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..stored_slices import RawSlices, TimeSlices
 from .decoded import DecodedSlices
-from .pillow import DECODE_AS, JPEG_NOISE, PILLOW_ERRORS, Picture, gray
+from .pillow import JPEG_NOISE, Picture, gray
 from .tiff_axes import Pages, pages_of_axes, spacing_of_tiff
+from .tiff_pixels import UNPACKED_HERE, page_pixels
+from .tiff_tags import (
+    BLACK_IS_ZERO,
+    JPEG,
+    MASK,
+    PALETTE,
+    RGB,
+    WHITE_IS_ZERO,
+    YCBCR,
+    PageLayout,
+    check_tags,
+    damaged,
+    page_layout,
+)
 
 # What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
 TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
 DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError, lzma.LZMAError)
-DEFLATE, LZMA = (8, 32946), 34925  # values of Compression
-MOST_PADDING = 1 << 16  # bytes behind the pixels of a strip
 OF_SEVERAL_FILES = ("mmstack", "ndtiff")
-HARMLESS = 1 << 27  # bytes that any machine can unpack
+MOST_SAMPLES = 4  # of a pixel: red, green, blue and opacity
+WITHOUT_END = (2, 3)  # values of Compression: CCITT run lengths and Group 3
+COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # photometric interpretations that are read
 
 
 class PageStack(NamedTuple):
     """The pages of a TIFF that make one volume."""
 
     shape: tuple[int, int, int]  # (slices, rows, columns)
-    dtype: np.dtype[Any]  # in the file's byte order
+    dtype: np.dtype[Any]  # of the gray values, in the file's byte order
+    depth: str  # of every page, as the first says
     pages: list[Any]  # tifffile's, one for each slice; empty where the values lie in one piece
     start: int | None  # first byte of values that lie in one piece, all times and channels
     total: int  # pages of it
@@ -66,26 +82,29 @@ class TiffStack(VolumeSource):
             spacing, notes = spacing_of_tiff(tiff)
             on_error.pop_all()
         notes = (*stack.notes, *notes)
-        slices, layout = stack.shape[0], stack.layout
-        first = layout.first(options.time)
+        slices, pages = stack.shape[0], stack.layout
+        first = pages.first(options.time)
         if stack.start is not None:
             tiff.close()
             plain: SliceReader = RawSlices(self.path, stack.start, (stack.total, *stack.shape[1:]), stack.dtype)
             if stack.total != slices:
-                plain = TimeSlices(plain, first, slices, layout.step)
+                plain = TimeSlices(plain, first, slices, pages.step)
             return RawValues(plain, None, notes, spacing=spacing)
 
+        lock = Lock()
+
         def decode(number: int) -> NDArray[Any]:
-            page = stack.pages[first + number * layout.step]
+            page = stack.pages[first + number * pages.step]
             if page is None:
                 raise ReadError(f"page {number + 1} of {self.path.name} is missing; save it again")
-            pixels = page_slice(tiff, page, self.path, page.index)
-            if pixels.shape != stack.shape[1:]:
-                size = f"{pixels.shape}, and the first is {stack.shape[1:]}"
-                raise ReadError(f"page {number + 1} of {self.path.name} is {size}; save it again")
-            return pixels
+            with lock:
+                layout = page_layout(tiff, page, self.path)
+            if layout.depth != stack.depth:
+                depths = f"{layout.depth}, and the first {stack.depth}"
+                raise ReadError(f"page {number + 1} of {self.path.name} has {depths}; save it again")
+            return page_slice(tiff, page, layout, self.path, lock)
 
-        reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="))
+        reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="), options.threads)
         finalize(reader, tiff.close)
         return RawValues(reader, None, notes, spacing=spacing)
 
@@ -128,8 +147,10 @@ def open_tiff(path: Path) -> Any:
 
 def alone(tifffile: Any) -> dict[str, bool]:
     """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
-    kinds = (kind for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
-    return {"_multifile": False, **{f"is_{kind}": False for kind in kinds}}
+    kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
+    # In versions of 2023 some are properties, which cannot be set.
+    settable = (kind for kind in kinds if not isinstance(getattr(tifffile.TiffFile, kind, None), property))
+    return {"_multifile": False, **dict.fromkeys(settable, False)}
 
 
 def chain_damage(tiff: Any) -> str:
@@ -148,17 +169,20 @@ def chain_damage(tiff: Any) -> str:
 def tiff_picture(path: Path) -> Picture:
     """What the header says of the first page, and how many pages there are."""
     with open_tiff(path) as tiff:
-        page = tiff.pages[0]
-        dtype = np.dtype("uint8") if page.dtype is None or page.dtype == bool else page.dtype
-        if is_palette(page):
-            dtype = np.dtype("uint8")
-        return Picture(path, page.imagelength, page.imagewidth, dtype.newbyteorder("="), pages_of(tiff), "")
+        layout = page_layout(tiff, tiff.pages[0], path)
+        return Picture(path, *layout.shape, gray_dtype(layout), pages_of(tiff), "")
 
 
 def tiff_slice(path: Path) -> NDArray[Any]:
     """Gray values (rows, columns) of a TIFF of one page."""
     with open_tiff(path) as tiff:
-        return page_slice(tiff, tiff.pages[0], path, 0)
+        page = tiff.pages[0]
+        return page_slice(tiff, page, page_layout(tiff, page, path), path, Lock())
+
+
+def gray_dtype(layout: PageLayout) -> np.dtype[Any]:
+    """The type of a page's gray values, in the machine's byte order."""
+    return layout.dtype if layout.colors is None else layout.colors.dtype
 
 
 def stack_sides(series: Any) -> int:
@@ -169,120 +193,103 @@ def stack_sides(series: Any) -> int:
 def page_stack(tiff: Any, path: Path) -> PageStack:
     """The first series of pages, or all pages where each is a series of its own."""
     first, every = tiff.series[0], list(tiff.series)
-    keyframe = first.keyframe
-    size = (int(keyframe.imagelength), int(keyframe.imagewidth))
-    is_byte = first.dtype == bool or is_palette(keyframe)
-    dtype = np.dtype("uint8") if is_byte else first.dtype.newbyteorder(tiff.byteorder)
+    layout = page_layout(tiff, first.keyframe, path)
+    size = layout.shape
+    dtype = gray_dtype(layout).newbyteorder(tiff.byteorder)
     count = stack_sides(first)
     if count == 1 and len(every) > 1:
         if len({(series.shape, str(series.dtype)) for series in every}) > 1:
             text = ", ".join(sorted({" x ".join(map(str, series.shape)) for series in every})[:3])
             raise ReadError(f"{path.name} has pages of different sizes or types ({text}); save pages of one size")
-        pages = [page for series in every for page in series.pages]
-        return PageStack((len(pages), *size), dtype, pages, None, len(pages), Pages(len(pages), 1, 1, 0), ())
-    layout = pages_of_axes(first.axes, first.shape, path)
-    shape = (layout.slices, *size)
+        single = [page for series in every for page in pages_in(series, path)]
+        return PageStack(
+            (len(single), *size), dtype, layout.depth, single, None, len(single), Pages(len(single), 1, 1, 0), ()
+        )
+    check_left_out(tiff, every, path)
+    layout_of_pages = pages_of_axes(first.axes, first.shape, path)
+    shape = (layout_of_pages.slices, *size)
     notes = (f"{len(every) - 1} further series of pages in the TIFF left out",) if len(every) > 1 else ()
-    plain = keyframe.samplesperpixel == 1 and code_of(keyframe.photometric) == 1 and first.dtype != bool
-    notes = (*notes, *layout.notes)
+    notes = (*notes, *layout_of_pages.notes)
+    plain = (layout.samples, layout.photometric, layout.bits) == (1, BLACK_IS_ZERO, 8 * dtype.itemsize)
     if first.dataoffset is not None and plain:
-        return PageStack(shape, dtype, [], int(first.dataoffset), count, layout, notes)
-    if code_of(keyframe.imagedepth) > 1:
-        raise ReadError(f"{path.name} has several slices in one page (ImageDepth); save it with a page for each slice")
+        return PageStack(shape, dtype, layout.depth, [], layout.offsets[0], count, layout_of_pages, notes)
     if len(first.pages) < count:
         raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
-    return PageStack(shape, dtype, [first.pages[number] for number in range(count)], None, count, layout, notes)
+    return PageStack(shape, dtype, layout.depth, pages_in(first, path)[:count], None, count, layout_of_pages, notes)
 
 
-def code_of(value: Any) -> int:
-    """The number in a tag that holds one; -1 where a damaged file has something else."""
-    return int(value) if isinstance(value, int) else -1
-
-
-def is_palette(page: Any) -> bool:
-    """Whether the page's pixels are numbers of colors."""
-    return code_of(page.photometric) == 3
-
-
-def page_slice(tiff: Any, page: Any, path: Path, number: int) -> NDArray[Any]:
-    """Gray values (rows, columns) of a page of an open TIFF, number `number` of `path`."""
-    keyframe = page.keyframe  # of a series, only the first page knows all of this
+def pages_in(series: Any, path: Path) -> list[Any]:
+    """The pages of a series or a file, which tifffile reads when asked for them; None for one that is missing."""
     try:
-        check_segments(tiff, page, path)
-        check_unpacked(tiff, page, path)
-        pixels = np.asarray(unpacked(page))
+        return list(series.pages)
+    except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
+        raise damaged(path, reason(error)) from error
+
+
+def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
+    """Refuse damaged pages that tifffile left out of the first series, and odd ones between its slices."""
+    own: list[int] = []
+    if len(every) > 1:
+        own = [page.index for page in pages_in(every[0], path) if page is not None and isinstance(page.index, int)]
+    for series in every[1:]:
+        for page in filter(None, pages_in(series, path)):
+            check_tags(tiff, page, path)
+            same_size = series.shape[-2:] == every[0].shape[-2:]
+            if same_size and isinstance(page.index, int) and own and min(own) < page.index < max(own):
+                raise ReadError(
+                    f"page {page.index + 1} of {path.name} is stored in another way than those around it; save it again"
+                )
+    if len(tiff.pages) > sum(len(series.pages) for series in every):  # some are in no series, such as those of no rows
+        listed = {page.offset for series in every for page in filter(None, pages_in(series, path))}
+        for page in pages_in(tiff, path):
+            if page.offset not in listed:
+                check_tags(tiff, page, path)
+
+
+def page_slice(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: Lock) -> NDArray[Any]:
+    """Gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
+    if layout.samples > MOST_SAMPLES:
+        raise ReadError(
+            f"{path.name} has {layout.samples} samples for each pixel, and a slice has one; save it as gray"
+        )
+    here = layout.compression in UNPACKED_HERE
+    as_rgb = layout.photometric == YCBCR and (layout.compression == JPEG or not here)
+    if (layout.photometric not in COLORS and not as_rgb) or (layout.colors is not None and layout.samples > 1):
+        raise ReadError(f"{path.name} has colors of PhotometricInterpretation {layout.photometric}; save it as gray")
+    pixels = page_pixels(tiff, layout, path, lock) if here else _by_imagecodecs(tiff, page, layout, path, lock)
+    if layout.photometric == WHITE_IS_ZERO and layout.dtype.kind == "u":
+        pixels = np.subtract((1 << layout.bits) - 1, pixels, dtype=layout.dtype)
+    if layout.colors is not None:
+        pixels = np.moveaxis(layout.colors[:, pixels], 0, -1)
+    elif layout.bits == 1:
+        pixels = pixels * np.uint8(255)
+    return gray(pixels, path.name, JPEG_NOISE if layout.compression == JPEG else 0)
+
+
+def _by_imagecodecs(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: Lock) -> NDArray[Any]:
+    """Samples of a page whose compression tifffile leaves to imagecodecs, as they are stored."""
+    name = getattr(page.keyframe.compression, "name", str(page.keyframe.compression))
+    if layout.compression in WITHOUT_END:
+        raise ReadError(
+            f"{path.name} is compressed as {name}, which is not read, for nobody could tell where its pixels end; "
+            "save it uncompressed or with Deflate"
+        )
+    with lock:
+        same = page_layout(tiff, page.keyframe, path).how_stored == layout.how_stored
+    if not same:  # tifffile decodes a page as its keyframe says
+        raise damaged(path, "a page is stored in another way than the first")
+    try:
+        with lock:
+            pixels = np.asarray(page.asarray(maxworkers=1))
     except (*DAMAGE, ImportError, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
         if "imagecodecs" not in str(error) and not isinstance(error, ImportError):  # of Zstandard, before Python 3.14
-            raise ReadError(f"{path.name} is truncated or damaged ({reason(error)}); copy it again") from error
-        pixels = _by_pillow(path, number, keyframe)
-    else:
-        if pixels.ndim == 3 and code_of(keyframe.planarconfig) == 2:
-            pixels = np.moveaxis(pixels, 0, -1)  # color planes one behind the other
-        if code_of(keyframe.photometric) == 0 and pixels.dtype.kind in "bu":  # white is zero
-            pixels = ~pixels
-        if is_palette(keyframe):  # 16 bits for each color, of which 8 are more than a screen shows
-            pixels = np.moveaxis(np.asarray(keyframe.colormap >> 8, np.uint8)[:, pixels], 0, -1)
-    if pixels.dtype == bool:
-        pixels = pixels.astype(np.uint8) * np.uint8(255)
-    return gray(pixels, path.name, JPEG_NOISE if "JPEG" in str(keyframe.compression) else 0)
-
-
-def unpacked(page: Any) -> NDArray[Any]:
-    """The pixels of a page: by tifffile's threads, or by this one where there is no memory for another."""
-    try:
-        return page.asarray()
-    except RuntimeError as error:
-        if str(error) != NO_THREAD:
-            raise
-    return page.asarray(maxworkers=1)
-
-
-def check_segments(tiff: Any, page: Any, path: Path) -> None:
-    """Refuse a page whose strips or tiles lie outside the file, or are missing: tifffile reads them as zeros."""
-    size = tiff.filehandle.size
-    for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
-        if not length or start + length > size:
-            raise ReadError(
-                f"{path.name} is truncated: {length} bytes of pixels at byte {start} of {size}; copy it again"
-            )
-    keyframe = page.keyframe
-    if code_of(keyframe.compression) != 1 or keyframe.dtype is None:
-        return
-    bits = min(code_of(keyframe.bitspersample), 8 * keyframe.dtype.itemsize)  # a pixel of black and white has one
-    needed_bytes = keyframe.nbytes * bits // (8 * keyframe.dtype.itemsize)
-    if sum(page.databytecounts) < needed_bytes:
-        raise ReadError(
-            f"{path.name} is truncated: {sum(page.databytecounts)} of {needed_bytes} bytes of pixels; copy it again"
-        )
-
-
-def check_unpacked(tiff: Any, page: Any, path: Path) -> None:
-    """Refuse a page that unpacks to far more than its pixels: tifffile unpacks a strip or tile however long it gets."""
-    keyframe = page.keyframe
-    if keyframe.dtype is None:  # a damaged page, which cannot be decoded
-        return
-    most = int(np.prod(keyframe.chunks)) * keyframe.dtype.itemsize + MOST_PADDING
-    code = code_of(keyframe.compression)
-    for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
-        # Deflate makes at most 1032 bytes of one.
-        if code not in (*DEFLATE, LZMA) or (code in DEFLATE and 1032 * length <= max(most, HARMLESS)):
-            continue
-        tiff.filehandle.seek(start)
-        content = tiff.filehandle.read(length)
-        unpacker: Any = zlib.decompressobj() if code in DEFLATE else lzma.LZMADecompressor()
-        if len(unpacker.decompress(content, most + 1)) > most:
-            raise ReadError(f"{path.name} unpacks to far more than its size tells of; export it again")
-
-
-def _by_pillow(path: Path, number: int, keyframe: Any) -> NDArray[Any]:
-    pillow = needed("PIL.Image", "Pillow", "TIFF")
-    try:
-        with pillow.open(path) as image:
-            image.seek(number)
-            return np.asarray(image.convert(DECODE_AS.get(image.mode, image.mode)))
-    except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
-        name = getattr(keyframe.compression, "name", str(keyframe.compression))
+            raise damaged(path, reason(error)) from error
         raise ReadError(
             f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
             "save it uncompressed or with Deflate"
         ) from error
+    if pixels.ndim == 3 and layout.separate:
+        pixels = np.moveaxis(pixels, 0, -1)
+    if pixels.shape[:2] != layout.shape or (pixels.dtype != layout.dtype and layout.bits > 1):
+        raise damaged(path, f"a page of {pixels.shape} {pixels.dtype}")
+    return pixels.astype(layout.dtype, copy=False)

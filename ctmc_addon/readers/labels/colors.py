@@ -7,6 +7,7 @@ highdicom; sRGB is that of IEC 61966-2-1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 RGB = tuple[int, int, int]
@@ -23,14 +24,37 @@ def rgb_of_shares(words: Sequence[str]) -> RGB | None:
     >>> rgb_of_shares(["1", "0.5", "0"]), rgb_of_shares(["1", "2", "0"])
     ((255, 128, 0), None)
     """
-    try:
-        shares = [float(word) for word in words]
-    except ValueError:
-        return None
-    if len(shares) != 3 or not all(0.0 <= share <= 1.0 for share in shares):  # nor NaN
+    shares = _three_numbers(words)
+    if shares is None or not all(0.0 <= share <= 1.0 for share in shares):
         return None
     red, green, blue = (int(255.0 * share + 0.5) for share in shares)
     return (red, green, blue)
+
+
+def rgb_of_bytes(words: Sequence[str]) -> RGB | None:
+    """The color of three numbers from 0 to 255 in words; what lies beyond goes to the nearest limit.
+
+    None where they are something else.
+
+    Examples
+    --------
+    >>> rgb_of_bytes(["255.0", "-1", "300"]), rgb_of_bytes(["red", "0", "0"])
+    ((255, 0, 255), None)
+    """
+    numbers = _three_numbers(words)
+    if numbers is None:
+        return None
+    red, green, blue = (int(min(255.0, max(0.0, number)) + 0.5) for number in numbers)
+    return (red, green, blue)
+
+
+def _three_numbers(words: Sequence[str]) -> list[float] | None:
+    """Three finite numbers in words, or None."""
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        return None
+    return numbers if len(numbers) == 3 and all(map(math.isfinite, numbers)) else None
 
 
 def rgb_of_cielab(stored: Sequence[int]) -> RGB:

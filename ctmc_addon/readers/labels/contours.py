@@ -37,7 +37,7 @@ class Edges(NamedTuple):
     last: NDArray[np.int64]  # (n,)
 
     def part(self, which: slice) -> Edges:
-        """Some of the edges."""
+        """Return some of the edges."""
         return Edges(self.start[which], self.end[which], self.first[which], self.last[which])
 
     @property

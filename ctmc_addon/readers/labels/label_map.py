@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError
+from ...core.files.file_names import printable
 from ..value_kind import require_volume_memory
 from .colors import RGB
 
@@ -111,6 +112,17 @@ class LabelMap:
             f"{len(empty)} of {len(self.names)} {unit} {'is' if len(empty) == 1 else 'are'} empty: {limited(empty)}"
         ]
 
+    def undescribed_note(self) -> list[str]:
+        """Which labels have voxels and no name."""
+        undescribed = [
+            str(label) for label in np.flatnonzero(self.painted).tolist() if label and label not in self.names
+        ]
+        if not undescribed:
+            return []
+        return [
+            f"pixels have numbers of no segment that is described, and are labels all the same: {limited(undescribed)}"
+        ]
+
     def name(self, label: int) -> str:
         """A label's name, or its number."""
         return self.names.get(label) or f"label {label}"
@@ -131,5 +143,4 @@ def clean_name(text: object, fallback: str) -> str:
     >>> clean_name("  Left\n kidney ", "segment 1"), clean_name("", "segment 1")
     ('Left kidney', 'segment 1')
     """
-    printable = "".join(letter if letter.isprintable() else " " for letter in str(text))
-    return " ".join(printable.split())[:LONGEST_NAME] or fallback
+    return printable(str(text))[:LONGEST_NAME] or fallback

@@ -8,23 +8,24 @@ besides the one around it; the labels are numbered by the natural order of the n
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import CtmcError, ReadError, Stages, Step, Steps
-from ...core.volume import SliceReader, ValuesInMemory
+from ...core import CtmcError, OutputError, ReadError, Stages, Step, Steps
+from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..dicom.series import DicomSource, FolderContent
 from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
+from ..registry import MASK_SUFFIXES
 from ..result import RawValues, ReadOptions, Series, VolumeSource
 from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
 FEWEST = 2  # masks that make a folder of them
-MASK_SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgh", ".mgz")
 SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
 
 
@@ -58,7 +59,7 @@ class MaskFolder(VolumeSource):
         notes: list[str] = []
         for label, (name, source) in enumerate(self.masks.items(), 1):
             raw = yield from stages.run(
-                f"Opening {name}", source.read_raw_steps(options._replace(series="", whole=False))
+                f"Opening {name}", source.read_raw_steps(replace(options, series=None, whole=False))
             )
             reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
             if label_map is None:
@@ -77,21 +78,33 @@ class MaskFolder(VolumeSource):
         assert label_map is not None, "there are masks"
         notes += label_map.overlap_note("masks", "the one that comes later by name")
         notes += label_map.empty_note("masks")
-        return RawValues(label_map.values, affine, tuple(notes), "label", label_map.names)
+        return RawValues(label_map.values, affine, tuple(notes), ValueKind.LABEL, label_map.names)
 
 
 def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
-    """Read a mask some slices at a time and give its voxels `label`."""
+    """Read a mask some slices at a time and give its voxels `label`.
+
+    Outside is 0 where it occurs, as -1 may be 255 in 8 bits with a sign; else the lower of two values, as DICOM's
+    intercept may have moved both. Slices of one value below 0 wait until the other is known, and are outside without.
+    """
     seen: set[float] = set()
-    done = 0
+    done = waiting = 0
 
     def look(values: NDArray[Any]) -> bool:
-        nonlocal done
+        nonlocal done, waiting
         for plane in values:
+            before = next(iter(seen), 0.0)
             seen.update(two_values(plane))
-            outside = min(*seen, 0.0)
             if len(seen) > 2 or (len(seen) == 2 and min(seen) > 0):
                 raise NotAMask("the values " + limited(f"{value:g}" for value in sorted(seen)))
+            outside = 0.0 if 0.0 in seen else min(*seen, 0.0)
+            if len(seen) == 1 and outside < 0:
+                waiting += 1
+            elif waiting:
+                if before != outside:
+                    for number in range(waiting):
+                        label_map.paint(label_map.values[number], np.ones(plane.shape, bool), label)
+                waiting = 0
             label_map.paint(label_map.values[done], plane != outside, label)
             done += 1
         return False
@@ -111,7 +124,7 @@ def same_place(
 
 
 def other_grid(folder: Path, first: str, name: str) -> ReadError:
-    """What is said of masks that cannot be one volume."""
+    """Return the error for masks whose grids differ."""
     return ReadError(
         f"the masks '{first}' and '{name}' in the folder {folder.name} lie on different grids; choose one of them, or "
         "resample them to one grid"
@@ -134,6 +147,8 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
             source = yield from open_steps(file)
             if source.series[0].times > 1 or not (yield from may_be_mask_steps(source)):
                 return None
+        except OutputError:
+            raise
         except CtmcError:
             return None
         masks[stem(file) if stem(file) not in masks else file.name] = source
@@ -159,7 +174,7 @@ def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
         return len(seen) > 2
 
     yield from reader.runs_steps(look)
-    return len(seen) <= 2 and min(seen) == 0
+    return len(seen) <= 2 and 0.0 in seen
 
 
 def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:

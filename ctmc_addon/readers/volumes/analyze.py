@@ -78,7 +78,7 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
 
 
 def read_header(path: Path) -> Any:
-    """The header by nibabel."""
+    """Return the header, parsed by nibabel."""
     kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
     errors: tuple[type[Exception], ...] = (*header_errors(), KeyError)  # KeyError: a type that does not exist
     try:

@@ -70,7 +70,7 @@ class MetaImageFile(VolumeSource):
         return RawValues(stored, affine, notes)
 
     def _stored_steps(self, file: Path, shape: tuple[int, int, int]) -> Steps[SliceReader]:
-        """What reads the values of one file."""
+        """Return the reader of the values of one file."""
         header_bytes = whole(self.fields.get("headersize", "0"), "HeaderSize", self.path.name)
         packed = is_true(self.fields.get("compresseddata", "False"))
         text = not is_true(self.fields.get("binarydata", "True"))
@@ -98,6 +98,12 @@ class MetaImageFile(VolumeSource):
             return files.enter_context(ZlibFile(stream))
 
         return PackedSlices(file, unpacked, 0, shape, self.dtype)
+
+
+def open_steps(path: Path) -> Steps[MetaImageFile]:
+    """Open the file."""
+    return MetaImageFile(path)
+    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]]:
@@ -138,14 +144,14 @@ def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: st
 
 
 def whole(text: str, key: str, name: str) -> int:
-    """A field that holds a whole number."""
+    """Return the whole number in a field."""
     if not re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII):
         raise ReadError(f"{name} has '{text[:60]}' as {key}, not a whole number; export it again")
     return int(text)
 
 
 def is_true(text: str) -> bool:
-    """Whether a field says yes."""
+    """Return whether a field holds the word true."""
     return text[:1] in ("T", "t", "1", "Y", "y")
 
 

@@ -43,12 +43,6 @@ class MghFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path])
 
-    @classmethod
-    def open_steps(cls, path: Path) -> Steps[MghFile]:
-        """Open the file; nibabel brings much with it, so that its first import is long."""
-        yield from imported_steps(MODULE, "nibabel", "MGH")
-        return cls(path)
-
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values of one time."""
         line = self.series[0]
@@ -65,6 +59,12 @@ class MghFile(VolumeSource):
         values = grid_slices(self.path, HEADER, line.shape, self.dtype, options.time, line.times)
         return RawValues(values, affine, tuple(notes))
         yield  # the values are read where they are wanted
+
+
+def open_steps(path: Path) -> Steps[MghFile]:
+    """Open the file; nibabel brings much with it, so that its first import is long."""
+    yield from imported_steps(MODULE, "nibabel", "MGH")
+    return MghFile(path)
 
 
 def read_header(path: Path) -> tuple[Any, bool]:

@@ -52,19 +52,19 @@ class NiftiFile(VolumeSource):
         files = [path] if data_path is None else [path, data_path]
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name, times),), files)
 
-    @classmethod
-    def open_steps(cls, path: Path) -> Steps[NiftiFile]:
-        """Open the file; nibabel brings much with it, so that its first import is long."""
-        yield from imported_steps("nibabel.nifti1", "nibabel", "NIfTI")
-        return cls(path)
-
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         affine, notes = placed(self.header, self.path.name)
         start = int(self.header["vox_offset"])
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name, options.memory_limit)
-        return RawValues(values, affine, notes, "", *label_table(self.extensions))
+        return RawValues(values, affine, notes, None, *label_table(self.extensions))
+
+
+def open_steps(path: Path) -> Steps[NiftiFile]:
+    """Open the file; nibabel brings much with it, so that its first import is long."""
+    yield from imported_steps("nibabel.nifti1", "nibabel", "NIfTI")
+    return NiftiFile(path)
 
 
 def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, list[bytes]]:
@@ -116,7 +116,7 @@ def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
 
 
 def header_errors() -> tuple[type[Exception], ...]:
-    """What nibabel raises on a header it cannot accept."""
+    """Return the errors that nibabel raises on a header that it does not accept."""
     spatial = needed("nibabel.spatialimages", "nibabel", "NIfTI")
     wrapped = needed("nibabel.wrapstruct", "nibabel", "NIfTI")
     return (spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError, *STREAM_ERRORS)

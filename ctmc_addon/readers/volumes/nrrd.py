@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
+from contextvars import ContextVar, copy_context
 from pathlib import Path, PurePath, PurePosixPath
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps, equal_part
-from ...core.volume import SliceReader, ValuesInMemory
+from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadOptions, Series, VolumeSource
@@ -27,7 +27,10 @@ from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSl
 from ..streams import skip_steps, unpacked
 from ..value_kind import require_text_memory
 
+Result = TypeVar("Result")
+
 MOST_HEADER = 2**24  # bytes
+MOST_SKIP = 1 << 62  # bytes; no file is that long
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
 # Signs that turn a named space's axes to right, anterior, superior.
 SPACES = {
@@ -78,21 +81,21 @@ class NrrdFile(VolumeSource):
         super().__init__(path, (series,), [path, *self.data_files])
 
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Read the values of one time; of layers of segments all."""
+        """Read the values of one time, or all layers of a segmentation."""
         affine, notes = placed(self.header, self.kept_axes)
         if self.segments and self.times > 1:
             layers = []
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
             made = yield from layered_steps(layers, self.segments, self.path.name)
-            return RawValues(made.values, affine, (*notes, *made.notes), "label", made.names, made.colors)
+            return RawValues(made.values, affine, (*notes, *made.notes), ValueKind.LABEL, made.names, made.colors)
         values = yield from self._time_steps(options.time - 1)
         segments = [segment for segment in self.segments if not segment.layer]
         names, colors = names_and_colors(segments, [segment.value for segment in segments])
-        return RawValues(values, affine, notes, "", names, colors)
+        return RawValues(values, affine, notes, None, names, colors)
 
     def _time_steps(self, time: int) -> Steps[SliceReader]:
-        """What reads the values of one time, from 0 on."""
+        """Return the reader of the values of one time, counted from 0."""
         files = self.data_files or [self.path]
         columns, rows, slices = self.size
         stored_slices, stored_columns = slices * self.times, columns
@@ -114,6 +117,12 @@ class NrrdFile(VolumeSource):
         if self.interleaved:
             return InterleavedSlices(stored, time, self.times)
         return TimeSlices(stored, time * slices, slices)
+
+
+def open_steps(path: Path) -> Steps[NrrdFile]:
+    """Open the file."""
+    return NrrdFile(path)
+    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
@@ -220,14 +229,18 @@ def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]
     return [path.parent / inner_path(name, path.name) for name in names]
 
 
-@contextmanager
-def outside_allowed() -> Iterator[None]:
-    """Let headers name data files anywhere, as only the command line can."""
-    before = _outside.set(True)
-    try:
-        yield
-    finally:
-        _outside.reset(before)
+def outside_allowed_steps(steps: Steps[Result]) -> Steps[Result]:
+    """The same steps, in which headers may name data files anywhere; between two steps they may not."""
+    context = copy_context()
+    context.run(_outside.set, True)
+    with closing(steps):
+        while True:
+            try:
+                step = context.run(next, steps)
+            except StopIteration as stop:
+                result: Result = stop.value
+                return result
+            yield step
 
 
 def inner_path(name: str, header_name: str) -> PurePath:
@@ -266,6 +279,8 @@ def stored_steps(
     encoding = str(header["encoding"]).lower()
     line_skip = int(header.get("line skip", header.get("lineskip", 0)))
     byte_skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    if max(line_skip, byte_skip) > MOST_SKIP:
+        raise ReadError(f"{file.name} would have to be read from behind byte {MOST_SKIP} on; export it again")
     if not 0 <= line_skip <= MOST_HEADER or byte_skip < (-1 if encoding == "raw" else 0):
         raise ReadError(
             f"{file.name} would have to be read from byte {byte_skip} and line {line_skip} on, encoded as "

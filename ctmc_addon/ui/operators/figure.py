@@ -18,7 +18,18 @@ from bpy.props import BoolProperty, StringProperty
 
 from ...blender.figure.render import figure_steps, require_png
 from ...blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
-from ...blender.figure.spec import PAGES, Cell, Comparison, FigureStyle, Page, RulerMark, ShownSurface, Turn
+from ...blender.figure.spec import (
+    PAGES,
+    Cell,
+    Comparison,
+    DistanceMap,
+    FigureStyle,
+    Page,
+    RulerMark,
+    ShownSurface,
+    Transparency,
+    Turn,
+)
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
 from ...blender.materials import material_color
@@ -26,12 +37,12 @@ from ...blender.rulers import is_ruler, places_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
+from ...core.files.file_names import file_name, with_suffix
 from ...reporting.captions import figure_caption
 from ...reporting.parse import parsed_numbers, parsed_strides
 from .. import jobs
-from ..properties.figure import FRAMES
+from ..properties.figure import FRAMES, values_of
 from ..properties.preferences import machine
-from ..properties.settings import as_written
 from ..state import session, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
@@ -42,7 +53,10 @@ ESC = (
 
 
 class FigureOperator(jobs.LongOperator):
-    """What the four share, before `bpy.types.Operator`: a file dialog, a page, a style, work that locks the file."""
+    """What the four operators of figures share: a file dialog, a page, a style, and work that locks the file.
+
+    Inherited before `bpy.types.Operator`.
+    """
 
     locks = True
     kind = "figure"
@@ -73,7 +87,7 @@ class FigureOperator(jobs.LongOperator):
         if not path.name:
             raise OutputError("no file was chosen; give the figure a name")
         suffix = suffix_of(scene.ctmc_figure) if self.kind == "turntable" else ".png"
-        target = path if path.suffix else path.with_name(path.name + suffix)
+        target = path.with_name(with_suffix(path.name, suffix))
         work = self.work(context, scene.ctmc_figure, target, page_of(scene.ctmc_figure, self.kind))
         return concluded_steps(work, scene.session_uid, target)
 
@@ -99,26 +113,18 @@ def subject(context: bpy.types.Context) -> str:
     """What the figure is of, for the name of its file."""
     obj, volume = context.view_layer.objects.active, volumes.current(context.scene)
     name = obj.name if surfaces.is_surface(obj) else "ctmc" if volume is None else volume.name
-    return str(bpy.path.clean_name(name))
+    return file_name(name)
 
 
 def page_of(panel: Any, kind: str) -> Page:
     """The page of the panel for a kind of figure."""
-    width, dpi = (as_written(getattr(panel, f"{kind}_{name}")) for name in ("width_mm", "dpi"))
-    return replace(PAGES[kind], width_mm=width, dpi=dpi, transparent=panel.transparent)
+    return replace(PAGES[kind], **values_of(panel, Page, kind))
 
 
 def style_of(panel: Any, caption: str = "") -> FigureStyle:
     """The style of the panel; `caption` where none was typed."""
-    return FigureStyle(
-        style=panel.style,
-        engine=panel.engine,
-        azimuth=as_written(panel.azimuth),
-        elevation=as_written(panel.elevation),
-        scale_bar=panel.scale_bar,
-        orientation=panel.orientation,
-        caption=(panel.caption or caption) if panel.use_caption else "",
-    )
+    shown = FigureStyle(**values_of(panel, FigureStyle))
+    return replace(shown, caption=(shown.caption or caption or None) if panel.use_caption else "")
 
 
 def blend_of(panel: Any, target: Path) -> Path | None:
@@ -141,7 +147,7 @@ def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: 
             obj,
             obj.name,
             material_color(obj) if panel.style != "print" else None,
-            as_written(panel.opacity) if holds_others(mesh, meshes) else 1.0,
+            values_of(panel, Transparency)["opacity"] if holds_others(mesh, meshes) else 1.0,
         )
         for obj, mesh in zip(objects, meshes, strict=True)
     )
@@ -228,9 +234,9 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         require_png(target)
         require_engine(panel.engine, panel.sheet_deviation)
         style, blend = style_of(panel), blend_of(panel, target)
-        limits = (machine().threads, machine().memory_limit)
-        distances, limit = panel.sheet_deviation, as_written(panel.limit_mm) or None
-        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, *limits)
+        budget = machine().budget
+        distances, limit = panel.sheet_deviation, values_of(panel, DistanceMap)["limit_mm"]
+        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget)
 
 
 def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
@@ -260,9 +266,9 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         require_engine(panel.engine, distances=True)
         volume = volumes.require_loaded(context.scene).full
         surface = as_shown(context.view_layer.objects.active, context.scene)
-        limits = (machine().threads, machine().memory_limit)
-        style, blend, limit = style_of(panel), blend_of(panel, target), as_written(panel.limit_mm) or None
-        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, *limits)
+        budget = machine().budget
+        style, blend, limit = style_of(panel), blend_of(panel, target), values_of(panel, DistanceMap)["limit_mm"]
+        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget)
 
 
 class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
@@ -291,7 +297,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """All selected surfaces on one table."""
-        turn = Turn(as_written(panel.seconds), panel.fps, panel.revolutions)
+        turn = Turn(**values_of(panel, Turn))
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))

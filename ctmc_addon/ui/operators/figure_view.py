@@ -45,7 +45,6 @@ class CTMC_OT_figure_view(bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set both angles."""
         panel, eye = context.scene.ctmc_figure, getattr(context.space_data, "region_3d", None)
         if self.side != "viewport":
             panel.azimuth, panel.elevation = VIEWS[self.side]

@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ...core import CtmcError
+from ...core.files.file_names import with_suffix
 from .. import jobs
 from ..translations import translate
 
@@ -20,15 +21,15 @@ RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else
 class SaveDialog:
     """An operator that asks for a file and writes it; inherited before `bpy.types.Operator`."""
 
-    suffix = ""
-    """Of a name without one."""
+    suffixes: tuple[str, ...] = ()
+    """Of which a name has one already; in small letters."""
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
 
     def ending(self) -> str:
         """The suffix of a name without one."""
-        return self.suffix
+        return self.suffixes[0]
 
     def suggestion(self, context: bpy.types.Context) -> str:
         """A name for the file."""
@@ -46,21 +47,15 @@ class SaveDialog:
 
     def check(self, _context: bpy.types.Context) -> bool:
         """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
-        before, self.filepath = self.filepath, with_suffix(self.filepath, self.ending())
+        before, self.filepath = self.filepath, with_suffix(self.filepath, self.ending(), self.suffixes)
         return bool(before != self.filepath)
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Write it, and say so."""
-        path = Path(bpy.path.abspath(with_suffix(self.filepath, self.ending())))
+        path = Path(bpy.path.abspath(with_suffix(self.filepath, self.ending(), self.suffixes)))
         try:
             self.write(context, path)
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
         self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
         return {"FINISHED"}
-
-
-def with_suffix(filepath: str, suffix: str) -> str:
-    """The path with `suffix` if its file has a name and no suffix."""
-    name = Path(filepath).name if not filepath.endswith(("/", "\\")) else ""
-    return filepath + suffix if name and not Path(name).suffix else filepath

@@ -14,7 +14,7 @@ from bpy.props import StringProperty
 from ...blender import rotation as turntable
 from ...blender.rotation import ViewportDrawing, can_draw
 from ...blender.surface import SCALE, evaluated_triangles, placement_of
-from ...core import MeshError, SettingsError, Stages, Steps, TriangleMesh
+from ...core import Budget, MeshError, SettingsError, Stages, Steps, TriangleMesh
 from ...core.files.atomic_write import write_text
 from ...reporting.parse import parsed_levels
 from ...reporting.rotation_table import RotationTable
@@ -74,10 +74,9 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         mesh = full_mesh(scene, obj)
         view = ViewportDrawing(context.window, viewport_of(context), panel.rotation_kind) if windowed else None
         options = {"rounds": panel.rotation_rounds, "step_degrees": float(panel.rotation_step)}
-        return test_steps(scene, obj, mesh, levels, panel.rotation_kind, options, view, machine().memory_limit)
+        return test_steps(scene, obj, mesh, levels, panel.rotation_kind, options, view, machine().budget)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Begin in this window."""
         self.windowed = True
         return self.begin(context)
 
@@ -108,13 +107,13 @@ def test_steps(
     motion: str,
     options: dict[str, Any],
     view: ViewportDrawing | None,
-    memory_limit: int | None,
+    budget: Budget,
 ) -> Steps[jobs.Conclusion]:
     """Make the levels, turn them, and tell the panel."""
     uid, scale = scene.session_uid, placement_of(obj).scale if surfaces.is_surface(obj) else SCALE
     stages = Stages(STAGES)
     simplifying, timing = STAGES
-    simplified = yield from stages.run(simplifying, turntable.simplified_steps(mesh, percents, memory_limit))
+    simplified = yield from stages.run(simplifying, turntable.simplified_steps(mesh, percents, budget))
     faces = tuple(len(small.faces) for _, small in simplified)
     if view is None:
         engine = "BLENDER_WORKBENCH" if can_draw() else "CYCLES"
@@ -176,7 +175,6 @@ class CTMC_OT_rotation_copy(Needs, bpy.types.Operator):
     needs = (has_table,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy it."""
         context.window_manager.clipboard = session.of(context.scene).rotation.csv()
         self.report({"INFO"}, translate("Table copied"))
         return {"FINISHED"}
@@ -189,7 +187,7 @@ class CTMC_OT_rotation_save(Needs, SaveDialog, bpy.types.Operator):
     bl_label = "Save Table"
     bl_description = "Save the table as CSV, times in seconds"
 
-    suffix = ".csv"
+    suffixes = (".csv",)
 
     filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
 

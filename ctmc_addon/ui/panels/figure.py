@@ -28,7 +28,6 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
     bl_label = "Figure"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Kind, what it shows, page, look; then the button."""
         panel = context.scene.ctmc_figure
         prepare(self.layout, lock=False)
         layout = self.layout.column()

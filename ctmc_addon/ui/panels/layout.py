@@ -7,7 +7,8 @@ from typing import Any
 
 import bpy
 
-from ...core import described
+from ...core import SETTINGS
+from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
@@ -53,7 +54,7 @@ def prepare(layout: Any, lock: bool = True) -> None:
 
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
     """One setting, with its switch if it may be absent, and with a unit where Blender knows none of its own."""
-    about = described()[name]
+    about = SETTINGS[name]
     label = translate(about.label)
     if optional(name):
         value = draw_switch(layout, settings, switch(name), label + (" [HU]" if holds_hu(settings.id_data) else ""))
@@ -82,7 +83,7 @@ def draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
 def holds_hu(scene: bpy.types.Scene) -> bool:
     """Whether gray values of the scene's CT are HU."""
     volume = volumes.current(scene)
-    return volume is not None and volume.kind == "HU"
+    return volume is not None and volume.kind == ValueKind.HU
 
 
 def draw_name(layout: Any, text: str, share: float = 0.4) -> Any:

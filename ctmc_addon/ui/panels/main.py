@@ -46,7 +46,6 @@ class CTMC_PT_load(Step, bpy.types.Panel):
     bl_label = "Load"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Load, and what the CT is."""
         prepare(self.layout)
         draw_load(self.layout, context)
 
@@ -58,7 +57,6 @@ class CTMC_PT_surface(Step, bpy.types.Panel):
     bl_label = "Surface"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Threshold or labels."""
         prepare(self.layout)
         draw_surface(self.layout, context, context.scene.ctmc)
 
@@ -70,7 +68,6 @@ class CTMC_PT_voxels(Step, bpy.types.Panel):
     bl_label = "Voxels and Alpha"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Stride, alpha, cost."""
         prepare(self.layout)
         draw_voxels(self.layout, context, context.scene.ctmc)
 
@@ -82,7 +79,6 @@ class CTMC_PT_simplify(Step, bpy.types.Panel):
     bl_label = "Simplify"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Goal first, then the method."""
         prepare(self.layout)
         draw_simplify(self.layout, context, context.scene.ctmc)
 
@@ -95,7 +91,6 @@ class CTMC_PT_make(Step, bpy.types.Panel):
     bl_options = {"HIDE_HEADER"}  # noqa: RUF012  (Blender reads it from the class)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """The button or how far it is; then all that comes and goes."""
         prepare(self.layout, lock=False)
         draw_reconstruct(self.layout, context, context.scene.ctmc)
 

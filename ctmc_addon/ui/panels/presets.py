@@ -9,7 +9,7 @@ import bpy
 from bl_operators.presets import AddPresetBase  # type: ignore[import-not-found]
 from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
-from ...core import described
+from ...core import SETTINGS
 from ..properties.limits import optional, switch
 from ..properties.settings import OF_ONE_VOLUME
 from .layout import SidePanel
@@ -20,7 +20,7 @@ SUBFOLDER = "ctmc"
 
 def preset_values() -> list[str]:
     """What a preset keeps: first the values, which switch themselves on, then the switches."""
-    names = [name for name in described() if name not in OF_ONE_VOLUME]
+    names = [name for name in SETTINGS if name not in OF_ONE_VOLUME]
     return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
 
 

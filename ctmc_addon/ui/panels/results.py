@@ -27,7 +27,6 @@ class CTMC_PT_results(Step, bpy.types.Panel):
     bl_label = "Results"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Triangles, distance, volume, area, parts; what can be done with it."""
         layout, obj = self.layout, context.view_layer.objects.active
         prepare(layout)
         provenance = read_provenance(obj)

@@ -20,7 +20,6 @@ class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
     bl_label = "Rotation Test"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Levels, step, rounds; then the table."""
         layout, settings = self.layout.column(), context.scene.ctmc
         prepare(self.layout, lock=False)
         prepare(layout)

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core.volume import tissue_name
+from ...core.volume import ValueKind, tissue_name
 from ..operators.ct import threshold
 from ..state import volumes
 from ..translations import translate
@@ -74,9 +74,9 @@ def threshold_text(scene: bpy.types.Scene) -> str:
 def threshold_label(scene: bpy.types.Scene) -> str:
     """The threshold with its unit."""
     volume = volumes.current(scene)
-    if volume is None or volume.kind == "label":
+    if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")
-    return "HU" if volume.kind == "HU" else translate("Gray Value")
+    return "HU" if volume.kind == ValueKind.HU else translate("Gray Value")
 
 
 def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -84,7 +84,7 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if not len(settings.labels):
         layout.prop(settings, "label")
         volume = volumes.current(context.scene)
-        if volume is not None and volume.kind == "HU":
+        if volume is not None and volume.kind == ValueKind.HU:
             draw_text(layout, context, translate("This CT holds HU; labels are in a volume of their own"), "INFO")
         return
     rows = min(6, max(3, len(settings.labels)))

@@ -24,6 +24,7 @@ def in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
 
 
 boolean = in_our_context(props.BoolProperty)
+booleans = in_our_context(props.BoolVectorProperty)
 collection = in_our_context(props.CollectionProperty)
 choice = in_our_context(props.EnumProperty)
 decimal = in_our_context(props.FloatProperty)

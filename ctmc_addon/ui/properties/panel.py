@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...core import GOALS, described
+from ...core import GOALS, SETTINGS
 from ...core.volume import converted_region, labels_region
 from ..state.change_events import notify
 from .kinds import boolean, choice, decimal, decimals, integer, text
@@ -32,12 +32,12 @@ def fit_region(properties: Any) -> None:
 
 def get_unit(properties: Any) -> int:
     """The region's unit as its choice shows it."""
-    return described()["region_unit"].choices.index(properties.region_unit)
+    return SETTINGS["region_unit"].choices.index(properties.region_unit)
 
 
 def set_unit(properties: Any, number: int) -> None:
-    """The choice was changed: the box stays where it is, in other numbers."""
-    before, wanted = properties.region_unit, described()["region_unit"].choices[number]
+    """Change the region's unit; the box stays where it is and its numbers are converted."""
+    before, wanted = properties.region_unit, SETTINGS["region_unit"].choices[number]
     volume = current_volume(properties)
     used = properties.use_region
     if volume is not None and before != wanted:
@@ -56,7 +56,7 @@ def get_goal(properties: Any) -> int:
 
 
 def set_goal(properties: Any, number: int) -> None:
-    """The choice was changed; a goal that its method cannot reach takes the built-in one."""
+    """Change the goal of simplification; where Decimate cannot reach it, choose the built-in method."""
     goal = GOALS[number - 1] if number else ""
     if goal and (properties.simplifier == "none" or goal == "max_error_mm"):
         properties.simplifier = "builtin"
@@ -71,18 +71,18 @@ def get_method(properties: Any) -> int:
 
 
 def set_method(properties: Any, number: int) -> None:
-    """The choice was changed."""
+    """Change the method of simplification."""
     properties.simplifier = "decimate" if number else "builtin"
 
 
 def get_ratio(properties: Any) -> float:
-    """The share of the triangles that is kept."""
+    """Return the share of the triangles that is kept."""
     return float(1.0 - properties.reduction)
 
 
 def set_ratio(properties: Any, ratio: float) -> None:
-    """Another share is to be kept."""
-    properties.reduction = min(1.0 - ratio, highest(described()["reduction"]))
+    """Change the share of the triangles that is kept."""
+    properties.reduction = min(1.0 - ratio, highest(SETTINGS["reduction"]))
 
 
 def get_keep_largest(properties: Any) -> bool:
@@ -104,14 +104,14 @@ def get_color(properties: Any) -> Any:
 
 
 def set_color(properties: Any, color: Any) -> None:
-    """Another color was chosen."""
+    """Give the active surface another color."""
     from ..state import surfaces
 
     surfaces.recolor_active(properties.id_data, tuple(color))
 
 
 def get_surface_from(properties: Any) -> int:
-    """0 by threshold, 1 by label."""
+    """Return 0 for a surface by threshold, 1 for one by label."""
     return int(properties.use_label)
 
 
@@ -122,7 +122,7 @@ def set_surface_from(properties: Any, use_label: int) -> None:
 
 
 def panel_properties() -> dict[str, Any]:
-    """What only the panel has."""
+    """Return the properties that only the panel has."""
     return {
         "surface_from": choice(
             "Surface From",
@@ -167,8 +167,8 @@ def panel_properties() -> dict[str, Any]:
             set=set_ratio,
         ),
         "keep_largest": boolean(
-            described()["keep_parts"].label,
-            described()["keep_parts"].text,
+            SETTINGS["keep_parts"].label,
+            SETTINGS["keep_parts"].text,
             get=get_keep_largest,
             set=set_keep_largest,
         ),

@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty
 
 from ...blender.surface import SCALE
+from ...core import Budget
 from ..translations import OURS, translate
 
 # As an extension this package lies in bl_ext.<repository>.ctmc, and that is what Blender calls the add-on.
@@ -62,7 +63,6 @@ class CTMCPreferences(bpy.types.AddonPreferences):
     )
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """Show them."""
         self.layout.use_property_split = True
         for name in ("threads", "preview_ms", "scene_scale", "memory_gib"):
             row = self.layout.row(heading=translate(self.bl_rna.properties[name].name), heading_ctxt=OURS)
@@ -72,14 +72,16 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "show_mm")
 
 
+WHOLE_MACHINE = Budget()
+
+
 @dataclass(frozen=True)
 class Machine:
     """The preferences as core takes them."""
 
-    threads: int | None = None
+    budget: Budget = WHOLE_MACHINE
     preview_seconds: float = 0.1
     scale: float = SCALE
-    memory_limit: int | None = None
     show_mm: bool = True
 
 
@@ -90,10 +92,9 @@ def machine() -> Machine:
     if preferences is None:
         return Machine()
     return Machine(
-        threads=preferences.threads or None,
+        budget=Budget(preferences.threads or None, int(preferences.memory_gib * GIB) or None),
         preview_seconds=preferences.preview_ms / 1000,
         scale=preferences.scene_scale,
-        memory_limit=int(preferences.memory_gib * GIB) or None,
         show_mm=preferences.show_mm,
     )
 

@@ -14,18 +14,18 @@ from collections.abc import Callable, Set
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core import EXCLUSIVE, ReconstructionSettings, Setting, described
+from ...core import EXCLUSIVE, SETTINGS, ReconstructionSettings
 from ..state.change_events import notify
-from .kinds import boolean, choice, collection, decimal, decimals, integer, integers, text
-from .limits import DEFAULTS, highest, lowest, optional, switch
+from .described import as_typed, property_of, tooltip
+from .kinds import boolean, collection, decimals, integer, text
+from .limits import DEFAULTS, optional, switch
 from .panel import fit_region, panel_properties
+from .reading import scene_properties
 
-CHOICES = {"builtin": "Built-In", "voxel": "Voxels", "mm": "mm"}
 OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 """Settings that mean nothing for another CT, which presets leave alone."""
 
@@ -47,7 +47,7 @@ class SettingsMethods:
         """
         values = {
             name: as_typed(getattr(self, name), about)
-            for name, about in described().items()
+            for name, about in SETTINGS.items()
             if not optional(name) or getattr(self, switch(name))
         }
         return ReconstructionSettings.from_dict(values)
@@ -84,8 +84,8 @@ class SettingsMethods:
         self.from_settings(ReconstructionSettings(**values), but=OF_ONE_VOLUME)
 
     def from_settings(self, settings: ReconstructionSettings, but: Set[str] = frozenset()) -> None:
-        """Show these settings, `but` for a few names."""
-        for name in (name for name in described() if name not in but):
+        """Show these settings, except those named in `but`."""
+        for name in (name for name in SETTINGS if name not in but):
             value = getattr(settings, name)
             if value is not None:
                 setattr(self, name, value)
@@ -93,51 +93,8 @@ class SettingsMethods:
                 setattr(self, switch(name), value is not None)
 
 
-def as_written(number: float) -> float:
-    """The number as it was typed: Blender keeps 0.9 in float32, which read back would be 0.89999998."""
-    return float(str(np.float32(number)))
-
-
-def as_typed(value: Any, about: Setting) -> Any:
-    """The setting's number or numbers as they were typed."""
-    if about.type is float:
-        typed = [as_written(number) for number in np.atleast_1d(value)]
-        return typed if about.size > 1 else typed[0]
-    return tuple(value) if about.size > 1 else value
-
-
-def property_of(name: str, about: Setting) -> Any:
-    """The Blender property of one setting."""
-    options: dict[str, Any] = {
-        "default": about.start if optional(name) else getattr(DEFAULTS, name),
-        "update": on_change(name),
-    }
-    if about.type is bool:
-        return boolean(about.label, tooltip(about), **options)
-    if about.type is str:
-        items = [(word, CHOICES.get(word, word.title()), "") for word in about.choices]
-        return choice(about.label, tooltip(about), items=items, **options)
-    is_integer = about.type is int
-    if about.low is not None:
-        options["min"] = int(about.low) if is_integer else lowest(about)
-    if about.high is not None:
-        options["max"] = int(about.high) if is_integer else highest(about)
-    if not is_integer:
-        options["precision"] = 3
-    if about.unit == "mm" and about.size == 1:
-        options["unit"] = "CAMERA"  # Blender shows it in mm, whatever the scene's unit scale
-    if about.size > 1:
-        return (integers if is_integer else decimals)(about.label, tooltip(about), size=about.size, **options)
-    return (integer if is_integer else decimal)(about.label, tooltip(about), **options)
-
-
-def tooltip(about: Setting) -> str:
-    """The setting's text with its unit."""
-    return f"{about.text} [{about.unit}]" if about.unit else about.text
-
-
 def on_change(name: str) -> Callable[[Any, Any], None]:
-    """Whoever gives a setting a value wants it used."""
+    """Use a setting from the moment it gets a value: switch it on, and its rivals off."""
 
     def update(properties: Any, _context: Any) -> None:
         if name == "region":
@@ -154,7 +111,7 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
 
 
 def on_switch(name: str) -> Callable[[Any, Any], None]:
-    """Switching one of several rivals on switches the others off."""
+    """Return an update function: switching one of several rivals on switches the others off."""
     rivals = [other for group in EXCLUSIVE if name in group for other in group if other != name]
 
     def update(properties: Any, _context: Any) -> None:
@@ -188,7 +145,7 @@ def tick_only(properties: Any, label: int | None) -> None:
 
 
 def on_tick(item: Any, _context: Any) -> None:
-    """Ticking a label in the list wants labels used; the first one ticked is the setting's own."""
+    """Extract labels once one is ticked in the list; the first ticked one becomes the setting `label`."""
     if _ticking:
         return
     properties = item.id_data.ctmc
@@ -206,7 +163,7 @@ _filling: list[bool] = []  # not empty while code fills the list
 
 
 def on_look(event: str) -> Callable[[Any, Any], None]:
-    """A label has another name or color: its surfaces follow."""
+    """Give the surfaces of a label its new name or color."""
 
     def update(item: Any, _context: Any) -> None:
         if not _filling:
@@ -237,42 +194,24 @@ class CTMCLabel(PropertyGroup):
 def all_properties() -> dict[str, Any]:
     """Every property of `scene.ctmc`."""
     properties: dict[str, Any] = {}
-    for name, about in described().items():
+    for name, about in SETTINGS.items():
         if optional(name):
             properties[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=on_switch(name))
-        properties[name] = property_of(name, about)
+        options: dict[str, Any] = {"update": on_change(name)}
+        if about.unit == "mm" and about.size == 1:
+            options["unit"] = "CAMERA"  # Blender shows it in mm, whatever the scene's unit scale
+        properties[name] = property_of(about, about.start if optional(name) else getattr(DEFAULTS, name), **options)
     return properties | volume_properties() | panel_properties()
 
 
 def volume_properties() -> dict[str, Any]:
     """What the file knows of its CT, and how it is to be read."""
-    turned = "The files cannot say it: {} lie the other way round than assumed"
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
-        "volume_name": text("Name", "What surfaces of this CT are called. Empty = as its file or folder"),
         "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
-        "series": text("Series", "UID of the DICOM series. Empty = the one with most slices"),
-        "time": integer(
-            "Time",
-            "Which of several times of the CT to read: time points, phases or acquisitions. "
-            "0 = the first that is whole",
-            min=0,
-        ),
-        "spacing": decimals(
-            "Spacing",
-            "Distance between samples along x, y and z [mm]. 0 = as the files say, else 1 mm",
-            size=3,
-            min=0.0,
-            precision=3,
-            subtype="XYZ",
-            unit="CAMERA",
-        ),
-        "flip_x": boolean("Left - Right", turned.format("left and right")),
-        "flip_y": boolean("Front - Back", turned.format("front and back")),
-        "flip_z": boolean("Head - Feet", turned.format("head and feet")),
         "labels": collection("Labels", "Labels of the volume", type=CTMCLabel),
         "label_index": integer("Label", "Line of the list that is marked"),
-    }
+    } | scene_properties()
 
 
 CTMCSettings = type(

@@ -42,7 +42,7 @@ def window_and_level(view: Any) -> tuple[float, float]:
 
 
 def choose(view: Any, window: float, level: float) -> None:
-    """Keep window and level for the present volume."""
+    """Store window and level for the present volume."""
     view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
     notify(view.id_data.ctmc, "window")
@@ -64,29 +64,29 @@ def get_position(view: Any) -> float:
 
 
 def set_position(view: Any, position: float) -> None:
-    """The slider of the position was moved."""
+    """Move the slice of the present plane."""
     positions = positions_of(view)
     positions[list(PLANES).index(view.plane)] = position
     view.positions = positions
 
 
 def get_window(view: Any) -> float:
-    """What the slider of the window shows."""
+    """Return the window for its slider."""
     return window_and_level(view)[0]
 
 
 def get_level(view: Any) -> float:
-    """What the slider of the level shows."""
+    """Return the level for its slider."""
     return window_and_level(view)[1]
 
 
 def set_window(view: Any, window: float) -> None:
-    """The slider of the window was moved."""
+    """Change the window from its slider."""
     choose(view, window, window_and_level(view)[1])
 
 
 def set_level(view: Any, level: float) -> None:
-    """The slider of the level was moved."""
+    """Change the level from its slider."""
     choose(view, window_and_level(view)[0], level)
 
 

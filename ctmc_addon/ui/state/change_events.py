@@ -16,12 +16,12 @@ def subscribe(listener: Listener) -> None:
 
 
 def unsubscribe(listener: Listener) -> None:
-    """Call `listener` no more."""
+    """Stop calling `listener`."""
     if listener in _listeners:
         _listeners.remove(listener)
 
 
 def notify(properties: Any, name: str) -> None:
-    """A property of `scene.ctmc` has a new value."""
+    """Tell all listeners that a property of `scene.ctmc` has a new value."""
     for listener in _listeners:
         listener(properties, name)

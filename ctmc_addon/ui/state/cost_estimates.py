@@ -29,22 +29,22 @@ class CostEstimates:
 
     @property
     def voxels(self) -> int:
-        """To visit, for all of them."""
+        """Return how many voxels all surfaces visit."""
         return sum(estimate.voxels for estimate in self.estimates)
 
     @property
     def faces(self) -> int:
-        """Triangles of all of them, before simplification."""
+        """Return the number of triangles of all surfaces, before simplification."""
         return sum(estimate.faces for estimate in self.estimates)
 
     @property
     def memory(self) -> int:
-        """Bytes of the most expensive."""
+        """Return the memory of the most expensive surface, bytes."""
         return max(estimate.memory for estimate in self.estimates)
 
     @property
     def seconds(self) -> float:
-        """Together."""
+        """Return the predicted time of all surfaces together, seconds."""
         return sum(estimate.seconds for estimate in self.estimates)
 
     @property

@@ -20,7 +20,7 @@ Origin = tuple[str, ReconstructionSettings]
 
 @dataclass
 class Session:
-    """One scene's.
+    """What is known of one scene.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def redraw_viewports() -> None:
 
 
 def clear(*_: Any) -> None:
-    """Another file is loaded."""
+    """Forget all scenes, as another file is loaded."""
     _sessions.clear()
 
 
@@ -91,6 +91,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Listen no more, and clear."""
+    """Stop listening, and clear."""
     bpy.app.handlers.load_pre.remove(clear)
     _sessions.clear()

@@ -6,17 +6,15 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ...core import ReadError, ReconstructionSettings, Volume, available_bytes, require_memory
-from ...core.volume import SlabVolume, VolumeStatistics, fitting_stride, settings_of_copy
-from ...readers import Series
+from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
+from ...core.volume import VolumeStatistics, settings_of_copy
+from ...readers import ReadingOptions, Series
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +23,15 @@ class Loaded:
 
     Parameters
     ----------
-    reading : mapping
-        The keyword arguments of `read_volume` it was read with.
+    reading : ReadingOptions
+        How it was read.
     geometry : bool
         Whether the files say spacing and orientation; else the panel asks.
     series_number : int
         Which of the series it is.
     sibling : Path or None
         Its label volume, where one lies beside it.
-    file : SlabVolume or None
+    file : Volume or None
         The CT in its file, where it does not fit in memory: `volume` is then a coarse copy, and surfaces are made from
         the file.
     shown_stride : (x, y, z) int
@@ -44,15 +42,15 @@ class Loaded:
     volume: Volume
     statistics: VolumeStatistics
     series: tuple[Series, ...] = ()
-    reading: Mapping[str, Any] = field(default_factory=dict)
+    reading: ReadingOptions = field(default_factory=ReadingOptions)
     geometry: bool = True
     series_number: int = 1
     sibling: Path | None = None
-    file: SlabVolume | None = None
+    file: Volume | None = None
     shown_stride: tuple[int, int, int] = (1, 1, 1)
 
     @property
-    def full(self) -> Volume | SlabVolume:
+    def full(self) -> Volume:
         """All samples: what surfaces are made from, and what regions and strides count in."""
         return self.file or self.volume
 
@@ -65,31 +63,14 @@ class Loaded:
         """Whether it is the same series at another time: what was chosen for one then holds for the other."""
         if other is None or (self.path, self.series_number) != (other.path, other.series_number):
             return False
-        return self.times > 1 and self.full.size == other.full.size and self.reading["time"] != other.reading["time"]
+        return self.times > 1 and self.full.size == other.full.size and self.reading.time != other.reading.time
 
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
         """The settings as they are for `volume`."""
         return settings_of_copy(settings, self.shown_stride)
 
 
-SHOWN_SHARE = 0.25  # of the memory, for a copy: previews and surfaces need the rest
 _loaded: dict[str, Loaded] = {}
-
-
-def fits(series: Series, memory_limit: int | None) -> bool:
-    """Whether the values of a series fit in memory, by what its headers say."""
-    limit = available_bytes() if memory_limit is None else memory_limit
-    return limit is None or math.prod(series.shape) * series.voxel_bytes <= limit
-
-
-def shown_stride(file: SlabVolume, memory_limit: int | None) -> tuple[int, int, int]:
-    """The stride at which a copy of a CT leaves memory for surfaces, or a `MemoryLimitError`."""
-    limit = available_bytes() if memory_limit is None else memory_limit
-    room = file.nbytes if limit is None else int(SHOWN_SHARE * limit)
-    stride = fitting_stride(file.shape, file.dtype.itemsize, room)
-    if stride is None:
-        require_memory(file.nbytes, f"reading {file.name}", "close other programs, or raise the memory limit", limit)
-    return stride or (1, 1, 1)
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
@@ -101,7 +82,7 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     _loaded[fingerprint] = loaded  # the last one loaded stands last
     used, room = used_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
-        room = None if room is None else room - _loaded[earlier].volume.values.nbytes
+        room = None if room is None else room - _loaded[earlier].volume.nbytes
         if room is not None and room < 0:
             del _loaded[earlier]
 
@@ -112,7 +93,7 @@ def used_fingerprints() -> set[str]:
 
 
 def discard_unused(*_: Any) -> None:
-    """After another file was opened: let the volumes go that none of its scenes refers to."""
+    """Release the volumes that no scene of a newly opened file refers to."""
     for fingerprint in set(_loaded) - used_fingerprints():
         del _loaded[fingerprint]
 
@@ -136,7 +117,7 @@ def current(scene: bpy.types.Scene) -> Volume | None:
     return None if ct is None else ct.volume
 
 
-def current_full(scene: bpy.types.Scene) -> Volume | SlabVolume | None:
+def current_full(scene: bpy.types.Scene) -> Volume | None:
     """All samples of the CT last loaded for `scene`, in memory or in its file."""
     ct = loaded(scene)
     return None if ct is None else ct.full
@@ -167,7 +148,7 @@ def has_volume(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def there(path: str) -> bool:
-    """Whether something lies at a path that a file has noted."""
+    """Return whether a file or folder exists at a path that a .blend has noted."""
     return Path(bpy.path.abspath(path)).exists()
 
 
@@ -191,7 +172,7 @@ _absolute: dict[int, str] = {}  # of the scenes whose path is relative, while th
 
 
 def before_save(target: str, *_: Any) -> None:
-    """Paths beside the .blend become relative to where it is saved to."""
+    """Make paths near the .blend relative to the place that it is saved to."""
     _absolute.clear()
     for scene in bpy.data.scenes:
         if scene.ctmc.volume_path.startswith("//"):
@@ -200,7 +181,7 @@ def before_save(target: str, *_: Any) -> None:
 
 
 def after_save(*_: Any) -> None:
-    """And to the file that is open now: not the one that was saved, if that was a copy."""
+    """Make paths relative to the open file again, which is not the saved one if that was a copy."""
     relate_paths(bpy.data.filepath)
     _absolute.clear()
 
@@ -222,7 +203,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Listen no more, and let every volume go."""
+    """Stop listening, and release every volume."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     _loaded.clear()

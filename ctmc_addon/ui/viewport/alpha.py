@@ -20,7 +20,7 @@ def move(scene: bpy.types.Scene, alpha: float) -> None:
 
 
 def settle(scene: bpy.types.Scene) -> None:
-    """The slider is idle: before Blender 4.5 shading is set only now."""
+    """Set the shading once the slider is idle, as Blender before 4.5 needs it."""
     for obj in surfaces.selected_surfaces(bpy.context) if bpy.context.scene == scene else ():
         if obj.library is None and obj.mode == "OBJECT":
             refresh_normals(obj)

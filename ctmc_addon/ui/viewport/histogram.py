@@ -15,6 +15,7 @@ from ...blender.viewport import Shown, Strip, draw_strip, placed_names, strip_in
 from ...core import Volume
 from ...core.volume import (
     Limits,
+    ValueKind,
     grabbed_limit,
     histogram_bars,
     moved_limit,
@@ -98,7 +99,7 @@ def restore_limits(scene: bpy.types.Scene, stored: tuple[Any, ...]) -> None:
 def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
     """Where the open histogram lies in its viewport; None where no CT is loaded, or labels."""
     ct, shown = volumes.loaded(scene), current()
-    if ct is None or shown is None or ct.volume.kind == "label":
+    if ct is None or shown is None or ct.volume.kind == ValueKind.LABEL:
         return None
     low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *limits_of(scene))
     strip = strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
@@ -108,7 +109,7 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
 
 def bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
     """The tissues on the axis: lowest and highest value, and what they may be called."""
-    bands = tissue_bands(strip.low, strip.high) if volume.kind == "HU" else []
+    bands = tissue_bands(strip.low, strip.high) if volume.kind == ValueKind.HU else []
     named = [(band, translate(band.name)) for band in bands]
     return [(band.low, band.high, (f"{name} {band.low:.6g}", name)) for band, name in named]
 
@@ -150,7 +151,7 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
     first, last = strip.axis
     bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
     ticks = round_ticks(strip.low, strip.high, max(2, int((last - first) / (PIXELS_OF_A_TICK * strip.scale))))
-    is_hu = ct.volume.kind == "HU"
+    is_hu = ct.volume.kind == ValueKind.HU
     bands = bands_of(ct.volume, strip)
     pointed, held = (None, None) if opened is None else (opened.pointed, opened.held)
     text = None
@@ -184,19 +185,19 @@ def title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
 
 
 def draw() -> None:
-    """Draw it, where it is."""
+    """Draw the histogram in the viewport that has it open."""
     context, opened = bpy.context, current()
     if opened is None or context.area is None or context.area.as_pointer() != opened.area:
         return
     if context.region != next(region for region in context.area.regions if region.type == "WINDOW"):
-        return  # one of the other three in quad view
+        return  # in quad view, this is one of the other three regions
     strip = strip_of(context.area, context.scene)
     if strip is not None:
         draw_strip(strip, shown_of(strip, context.scene))
 
 
 def register() -> None:
-    """Nothing is there until it is opened."""
+    """Register nothing: what draws is added when the histogram is opened."""
 
 
 def unregister() -> None:

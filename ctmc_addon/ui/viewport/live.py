@@ -61,7 +61,7 @@ live = Live()
 
 
 def mark(properties: Any, name: str) -> None:
-    """A setting has changed: cheap, for it runs within the slider's own event."""
+    """Note that a setting has changed; this is cheap, as it runs within the slider's own event."""
     if name == "window":
         return
     scene = properties.id_data
@@ -86,7 +86,7 @@ def start(scene: bpy.types.Scene, stale: bool) -> None:
 
 
 def tick() -> float | None:
-    """Do a little; None ends the timer."""
+    """Work for a few milliseconds; return the seconds to the next call, or None to end the timer."""
     scene = session.scene_of(live.scene)
     if scene is None or live.changed is None:
         live.changed = None
@@ -113,7 +113,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     if live.fields is None or live.fields.volume is not loaded.volume:
         limits = machine()
         preview.prepare(loaded)
-        live.fields = FieldCache(loaded.volume, limits.threads, limits.memory_limit)
+        live.fields = FieldCache(loaded.volume, limits.budget)
     if live.stale:
         live.stale = False
         preview.follow(scene)
@@ -152,7 +152,7 @@ def cost_steps(scene_uid: int, fields: FieldCache, settings: tuple[Reconstructio
 
 
 def clear(*_: Any) -> None:
-    """Another file is loaded: nothing shown counts any more."""
+    """Drop all work and what is shown, as another file is loaded."""
     live.stop_work()
     live.changed = live.fields = None
     preview.state.shown = preview.state.maker = None
@@ -160,19 +160,19 @@ def clear(*_: Any) -> None:
 
 
 def before_undo(*_: Any) -> None:
-    """Another state of the file comes back: what is counted is of this one."""
+    """Stop counting before undo brings back another state of the file."""
     live.stop_work()
 
 
 def after_undo(*_: Any) -> None:
-    """Undo may have changed any setting."""
+    """Follow the settings again after undo, which may have changed any of them."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
         start(scene, stale=preview.state.wanted)
 
 
 def after_load(*_: Any) -> None:
-    """A file was opened whose CT is still in memory: preview and cost are not known of it yet."""
+    """Make preview and cost estimate for an opened file whose CT is still in memory."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
         start(scene, stale=True)

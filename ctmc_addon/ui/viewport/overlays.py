@@ -15,6 +15,7 @@ from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
     EDGES,
+    ValueKind,
     in_label_colors,
     region_corners,
     side_positions,
@@ -68,7 +69,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     upper = settings.upper if settings.use_upper and not labels else None
     window, level = window_and_level(view)
     scale = machine().scale
-    colors = label_colors(settings) if labels and volume.kind == "label" else {}
+    colors = label_colors(settings) if labels and volume.kind == ValueKind.LABEL else {}
     key = (place, window, level, above, upper, labels, scale, tuple(colors.items()))
     if _last.get("volume") is not volume or _last.get("key") != key:
         values = slice_values(volume, place)
@@ -82,7 +83,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
 
 
 def draw_in_space() -> None:
-    """Draw what stands among the objects."""
+    """Draw the slice and the box of the region, which objects may hide."""
     context = bpy.context
     if volumes.current(context.scene) is not _last.get("volume"):
         _last.clear()

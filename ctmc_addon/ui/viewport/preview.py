@@ -48,7 +48,7 @@ def prepare(loaded: volumes.Loaded) -> None:
     """Get ready for another volume."""
     limits = machine()
     state.shown, state.wanted = None, False
-    state.maker = Preview(loaded.volume, limits.preview_seconds, limits.threads, limits.memory_limit)
+    state.maker = Preview(loaded.volume, limits.preview_seconds, limits.budget)
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:

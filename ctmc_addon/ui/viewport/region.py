@@ -53,7 +53,7 @@ class RegionFace:
         return float(self.outward * self.settings.region[self.face] * self.unit)
 
     def move(self, offset: float) -> None:
-        """Bring the side there."""
+        """Move the side of the box to this offset."""
         value = self.outward * offset / self.unit
         self.settings.region = with_moved_face(tuple(self.settings.region), self.face, value, self.limits)
 
@@ -120,7 +120,6 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where the box is drawn."""
         space = context.space_data
         shown = space is not None and space.type == "VIEW_3D" and space.overlay.show_overlays
         return bool(shown and context.scene.ctmc.use_region and volumes.current_full(context.scene) is not None)

@@ -23,7 +23,7 @@ def show(scene: bpy.types.Scene, *, again: bool = False) -> None:
 
 
 def follow(properties: Any, name: str) -> None:
-    """A setting of the scene has changed: slices have the sidebar's window and level."""
+    """Give the slices the sidebar's window and level after a setting has changed."""
     if name == "window":
         scene: bpy.types.Scene = properties.id_data
         show_window(scene, properties.volume_fingerprint, *window_and_level(scene.ctmc_view))
@@ -38,19 +38,19 @@ def show_pictures() -> None:
 
 
 def after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Something of the scene has changed: a slice may have moved."""
+    """Take the pictures of slices that a change of the scene has moved."""
     moved = (update.id for update in depsgraph.updates if update.is_updated_transform)
     if any(isinstance(block, bpy.types.Object) and is_slice(block) for block in moved):
         show(scene)
 
 
 def after_undo(scene: bpy.types.Scene, *_: Any) -> None:
-    """Places are back as they were, pictures are not."""
+    """Take all pictures anew: undo restores the positions of slices, but not their pictures."""
     show(scene, again=True)
 
 
 def before_save(*_: Any) -> None:
-    """The .blend takes the pictures."""
+    """Pack the pictures into the .blend that is being saved."""
     pack_pictures()
 
 
@@ -70,7 +70,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Listen no more."""
+    """Stop listening for changes."""
     change_events.unsubscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)

@@ -34,5 +34,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Listen no more."""
+    """Stop listening for changes."""
     change_events.unsubscribe(follow)

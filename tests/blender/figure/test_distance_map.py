@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
@@ -30,8 +31,7 @@ SETTINGS = ReconstructionSettings(threshold=60.0)
 @pytest.fixture(scope="module")
 def volume():
     """A ball of 8 mm in voxels of 1 mm."""
-    index = np.indices((24, 24, 24), dtype=np.float64) - 11.5
-    return Volume((100 - 5 * np.sqrt((index**2).sum(axis=0))).astype(np.float32), np.eye(4), name="ball")
+    return Volume((100 - 5 * distance_mm((24, 24, 24))).astype(np.float32), np.eye(4), name="ball")
 
 
 def sheet(volume, path, settings=SETTINGS, page=None, style=None, **rest):
@@ -78,7 +78,7 @@ def test_the_alphas_are_measured_against_the_linear_surface(scene, volume, tmp_p
     [
         ({}, "give one or two"),
         ({"strides": [(1, 1)], "alphas": [0.0], "levels": [0.0]}, "give one or two"),
-        ({"levels": [100.0]}, "from 0 to 99 per cent"),
+        ({"levels": [100.0]}, "levels must be from 0 to 99, not 100"),
         ({"levels": list(range(27))}, "at most 26"),
     ],
 )
@@ -145,7 +145,7 @@ def test_no_distance_is_light_and_equal_steps_look_equal():
 
 def test_what_is_right_is_light_on_every_side(scene, volume, tmp_path):
     result = sheet(volume, tmp_path / "s.png", strides=[(1, 1)])[1][0].result
-    page, bare = Page(40.0, 80.0, transparent=True), FigureStyle(scale_bar=False, orientation=False, caption=" ")
+    page, bare = Page(40.0, 80.0, transparent=True), FigureStyle(scale_bar=False, orientation=False, caption="")
     finish(deviation_figure_steps(volume, result, tmp_path / "a.png", page, bare, limit_mm=1.0))
     with Image.open(tmp_path / "a.png") as image:
         picture = np.asarray(image, np.float64)[: image.height // 2] / 255

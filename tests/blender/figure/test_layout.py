@@ -324,10 +324,10 @@ def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transpa
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"width_mm": 5}, "width must be from 20 to 400 mm, not 5"),
-        ({"dpi": 601}, "from 36 to 600 dpi, not 601"),
-        ({"height_mm": 4000}, "height must be from 20 to 400 mm, not 4000"),
-        ({"font_pt": 1}, "from 4 to 24 points"),
+        ({"width_mm": 5}, "width_mm must be from 20 to 400, not 5"),
+        ({"dpi": 601}, "dpi must be from 36 to 600, not 601"),
+        ({"height_mm": 4000}, "height_mm must be from 20 to 400, not 4000"),
+        ({"font_pt": 1}, "font_pt must be from 4 to 24, not 1"),
     ],
 )
 def test_a_page_has_limits(values, said):

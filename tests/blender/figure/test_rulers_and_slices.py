@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
@@ -25,10 +26,9 @@ FRONT = FigureStyle(style="clinical", azimuth=0.0, elevation=0.0, orientation=Fa
 @pytest.fixture
 def volume():
     """HU fall from 300 by the distance from the middle; 200 at 10 mm."""
-    z, y, x = np.indices((31, 31, 31)) - 15
     affine = np.eye(4)
     affine[:3, 3] = -15
-    return Volume((300 - 10 * np.sqrt(x**2 + y**2 + z**2)).astype(np.int16), affine, name="ball", kind="HU")
+    return Volume((300 - 10 * distance_mm((31, 31, 31))).astype(np.int16), affine, name="ball", kind="HU")
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 
@@ -25,8 +26,7 @@ def scene():
 
 def ball(affine=STRAIGHT):
     """HU fall from 300 by the distance from the middle, 15 voxels from every side; 200 at 10 voxels."""
-    z, y, x = np.indices((31, 31, 31)) - 15
-    return Volume((300 - 10 * np.sqrt(x**2 + y**2 + z**2)).astype(np.int16), affine, name="ball", kind="HU")
+    return Volume((300 - 10 * distance_mm((31, 31, 31))).astype(np.int16), affine, name="ball", kind="HU")
 
 
 def world_corners(obj):

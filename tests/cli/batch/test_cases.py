@@ -7,8 +7,9 @@ import pytest
 from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch.cases import collect
 from ctmc_addon.core.errors import CtmcError
+from ctmc_addon.readers import ReadingOptions
 
-READING = {"spacing": None, "flip": "", "series": None, "strict": False}
+READING = ReadingOptions()
 
 
 def touch(folder, *names):
@@ -87,10 +88,10 @@ def test_a_manifest_gives_names_and_settings_case_by_case(tmp_path):
     assert outputs([first]) == [("first-label-1", 1), ("first-label-2", 2)]
     one, two = (case.outputs[0].settings for case in (first, second))
     assert (one.stride, one.close_border, one.alpha, one.smoothing_mm) == ((2, 2, 1), True, 0.5, None)
-    assert first.reading["spacing"] == (0.5, 0.5, 0.5)
+    assert first.reading.spacing == (0.5, 0.5, 0.5)
     assert (two.stride, two.smoothing_mm, two.region) == ((3, 3, 3), 1.5, (0, 0, 0, 9, 9, 9))
     assert (two.threshold, two.label) == (-300, None)  # a row's threshold takes the place of everyone's label
-    assert second.reading["spacing"] == (1, 1, 2)
+    assert second.reading.spacing == (1, 1, 2)
     assert second.path == tmp_path / "c, d.nii"
     assert outputs([third]) == [("b", 7)]
 
@@ -173,7 +174,8 @@ def test_missing_paths_and_patterns_without_a_file_are_refused(tmp_path):
 
 
 def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
-    from ctmc_addon.cli.batch.memory import PROCESS_BYTES, VOXEL_BYTES, needed_bytes
+    from ctmc_addon.cli.batch.cases import voxels_of
+    from ctmc_addon.core.plan import CASE_VOXEL_BYTES, PROCESS_BYTES, case_bytes
 
     np.save(tmp_path / "a.npy", np.zeros((4, 50, 60), np.int16))
     header = bytearray(348)
@@ -184,5 +186,5 @@ def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
     header[344:348] = b"n+1\0"
     (tmp_path / "b.nii.gz").write_bytes(gzip.compress(bytes(header) + bytes(4)))
     touch(tmp_path, "broken.nii")
-    needs = [needed_bytes(case) for case in collect([str(tmp_path)], {}, READING)]
-    assert needs == [PROCESS_BYTES + VOXEL_BYTES * voxels for voxels in (4 * 50 * 60, 70 * 80 * 9, 0)]
+    needs = [case_bytes(voxels_of(case)) for case in collect([str(tmp_path)], {}, READING)]
+    assert needs == [PROCESS_BYTES + CASE_VOXEL_BYTES * voxels for voxels in (4 * 50 * 60, 70 * 80 * 9, 0)]

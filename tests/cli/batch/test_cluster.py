@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 from ctmc_addon.cli import scheduler
 
 ROOT = Path(__file__).resolve().parents[3]
-pytestmark = pytest.mark.usefixtures("scene")
+pytestmark = [pytest.mark.usefixtures("scene"), pytest.mark.once]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -22,10 +23,8 @@ def distributed():
     return pytest.importorskip("distributed", reason="dask.distributed is not installed")
 
 
-@pytest.mark.once
 def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_path):
-    z, y, x = np.ogrid[:20, :20, :20]
-    ball = (9 - np.sqrt((x - 9.5) ** 2 + (y - 9.5) ** 2 + (z - 9.5) ** 2)).clip(0).astype(np.float32)
+    ball = (9 - distance_mm((20, 20, 20))).clip(0).astype(np.float32)
     for name in ("a", "b", "c"):
         np.save(tmp_path / f"{name}.npy", ball)
     (tmp_path / "d.npy").write_bytes(b"noise")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 from ctmc_addon import core, readers
 from ctmc_addon.cli import main
@@ -22,14 +23,26 @@ from ctmc_addon.cli.batch.process import run_here
 from ctmc_addon.core.files.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
+# A batch that waits as soon as its summary has a case that is done, one that runs and one that waits.
+WAITING = """
+import sys, time
+from ctmc_addon.cli import main
+from ctmc_addon.cli.batch import command
+write = command.write_summary
+def write_and_wait(folder, rows, *rest):
+    write(folder, rows, *rest)
+    if {"done", "running", "waiting"} <= {row.status for row in rows}:
+        time.sleep(600)
+command.write_summary = write_and_wait
+sys.exit(main(sys.argv[1:]))
+"""
 COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]
 FLAGS = ["--threshold", "50", "--spacing", "0.5"]
 
 
 def ball(radius, size=20):
-    z, y, x = np.ogrid[:size, :size, :size]
-    away = np.sqrt(sum((axis - (size - 1) / 2) ** 2 for axis in (z, y, x)))
-    return (50 + 20 * (radius - away)).clip(0, 200).astype(np.uint8)  # the radius in voxels is where it is 50
+    """Return a ball at 50 and above, its radius in voxels."""
+    return (50 + 20 * (radius - distance_mm((size,) * 3))).clip(0, 200).astype(np.uint8)
 
 
 def wait_until(condition, seconds=90):
@@ -96,6 +109,17 @@ def test_the_summary_has_a_row_for_every_case(done):
     with (done / "summary.csv").open(encoding="utf-8", newline="") as stream:
         table = list(csv.reader(stream))
     assert table == [COLUMNS, *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]
+
+
+def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_folder, tmp_path):
+    words = ("--label", 1, 2, "--no-thumbnails")
+    done = ctmc("batch", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "out", *words)
+    assert done.code == 0, done.errors
+    for label in (1, 2):
+        report = json.loads((tmp_path / "out" / f"volume-4-label-{label}.json").read_text("utf-8"))
+        assert report["settings"]["label"] == label
+        note = "volume-4.nii.gz holds gray values: labels are taken from segmentation-4.nii.gz beside it"
+        assert [said for said in report["notes"] if "taken from" in said] == [note]
 
 
 def test_each_case_leaves_surface_and_json_and_nothing_else(done):
@@ -211,11 +235,11 @@ def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_pa
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
     for number in range(5):
-        np.save(tmp_path / f"c{number}.npy", ball(40 + number, size=120))
+        np.save(tmp_path / f"c{number}.npy", ball(30 + number, size=80))
     out = tmp_path / "out"
     words = ["batch", str(tmp_path / "c*.npy"), "-o", str(out), *FLAGS, "--jobs", "1", "--no-thumbnails"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "ctmc_addon", *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-c", WAITING, *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
         wait_until(

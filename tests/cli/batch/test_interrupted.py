@@ -23,6 +23,7 @@ from ctmc_addon.core import OutputError
 
 ROOT = Path(__file__).resolve().parents[3]
 CASES = 4
+pytestmark = pytest.mark.once
 
 
 @pytest.fixture
@@ -48,7 +49,6 @@ def require_whole(out):
     return records
 
 
-@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no such signals")
 @pytest.mark.parametrize("seed", range(int(os.environ.get("SIGNALS") or 2)))
 def test_a_batch_that_gets_a_signal_at_any_moment_is_resumed(words, seed):
@@ -81,7 +81,6 @@ def test_a_batch_that_gets_a_signal_at_any_moment_is_resumed(words, seed):
     assert not list(out.glob(".ctmc-*"))
 
 
-@pytest.mark.once
 @pytest.mark.parametrize("first", [0, 1, 4, 9, 16])
 def test_a_disk_that_is_full_for_a_while_does_not_end_a_batch(ctmc, words, monkeypatch, first):
     words, out = words
@@ -109,7 +108,6 @@ def test_a_disk_that_is_full_for_a_while_does_not_end_a_batch(ctmc, words, monke
     assert {record["status"] for record in require_whole(out).values()} == {"done"}
 
 
-@pytest.mark.once
 def test_a_case_that_can_write_nothing_is_said_and_done_by_resume(ctmc, words, monkeypatch):
     words, out = words
 

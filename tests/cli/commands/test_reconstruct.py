@@ -3,13 +3,13 @@ import json
 import struct
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ctmc_addon import core, readers
-from ctmc_addon.core import streaming
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.usefixtures("scene")
@@ -43,8 +43,8 @@ def test_a_label_becomes_the_mesh_that_python_makes(ctmc, phantom_folder, tmp_pa
     assert said["volume_mm3"] == pytest.approx(expected.mesh.volume)
     assert said["settings"] == settings.to_dict()
     assert set(said) >= {
-        "faces", "vertices", "volume_mm3", "area_mm2", "closed", "euler", "parts", "voxels_visited", "stages",
-        "settings", "spacing_mm", "notes", "version",
+        "faces", "vertices", "volume_mm3", "area_mm2", "closed", "euler", "components", "parts", "voxels_visited",
+        "stages", "settings", "spacing_mm", "notes", "version",
     }  # fmt: skip
     assert next(stage["name"] for stage in said["stages"]) == "Reading"
     assert all(stage["seconds"] >= 0 for stage in said["stages"])
@@ -57,14 +57,14 @@ def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
     ctmc, phantom_folder, tmp_path, monkeypatch, flags
 ):
     words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", *flags]
+    monkeypatch.setattr("ctmc_addon.core.extraction.grid.UNIT_SAMPLES", 1)
     assert ctmc("reconstruct", *words, "-o", tmp_path / "memory.ply").code == 0
-    monkeypatch.setattr(streaming.choice, "SHARE", 0.0)
-    monkeypatch.setattr(streaming.choice, "SMALL_BYTES", 0)
-    monkeypatch.setattr(streaming.parts, "SLAB_BYTES", 1)
+    monkeypatch.setattr("ctmc_addon.core.plan.READ_SHARE", 0.0)
+    monkeypatch.setattr("ctmc_addon.cli.commands.reconstruct.Budget", partial(core.Budget, slab_bytes=1))
     fetched = []
-    fill = readers.result.SlabVolume.samples
+    fill = readers.result.Volume.samples
     monkeypatch.setattr(
-        readers.result.SlabVolume, "samples", lambda volume, *which: fetched.append(which) or fill(volume, *which)
+        readers.result.Volume, "samples", lambda volume, *which: fetched.append(which) or fill(volume, *which)
     )
     assert ctmc("reconstruct", *words, "-o", tmp_path / "slabs.ply").code == 0
     assert len(fetched) > 2
@@ -74,29 +74,37 @@ def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
 @pytest.mark.parametrize(
     ("suffix", "flags"), [(".stl", []), (".ply", []), (".stl", ["--keep-parts", "1"]), (".ply", ["--min-part", "50"])]
 )
-def test_a_surface_that_does_not_fit_is_written_as_it_is_extracted(
-    ctmc, refused, phantom_folder, tmp_path, monkeypatch, suffix, flags
+def test_a_file_written_in_pieces_has_the_bytes_and_the_report_of_the_surface_that_is_held(
+    ctmc, phantom_folder, tmp_path, monkeypatch, suffix, flags
 ):
+    volume = readers.read_volume(phantom_folder / "volume-4.nii.gz")
+    keys = {"--keep-parts": "keep_parts", "--min-part": "min_part_mm3"}
+    own = {keys[flags[0]]: int(flags[1])} if flags else {}
+    settings = core.ReconstructionSettings(threshold=-300, **own)
+    monkeypatch.setattr("ctmc_addon.core.extraction.grid.UNIT_SAMPLES", 1)
     words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", *flags]
-    reports = tmp_path / "held.json", tmp_path / "pieces.json"
-    assert ctmc("reconstruct", *words, "-o", tmp_path / f"held{suffix}", "--report", reports[0]).code == 0
-
-    def too_large(*_):
-        raise core.MemoryLimitError("a surface needs more")
-
-    monkeypatch.setattr(sys.modules["ctmc_addon.core.extraction.marching_cubes"], "require", too_large)
-    outcome = ctmc("reconstruct", *words, "-o", tmp_path / f"pieces{suffix}", "--report", reports[1])
+    held = core.reconstruct(volume, settings)
+    held.mesh.save(tmp_path / f"held{suffix}")
+    monkeypatch.setattr("ctmc_addon.cli.commands.reconstruct.Budget", partial(core.Budget, slab_bytes=1))
+    report = tmp_path / "pieces.json"
+    outcome = ctmc("reconstruct", *words, "-o", tmp_path / f"pieces{suffix}", "--report", report)
     assert outcome.code == 0, outcome.errors
-    assert "written as it was extracted" in outcome.out
     assert (tmp_path / f"pieces{suffix}").read_bytes() == (tmp_path / f"held{suffix}").read_bytes()
-    held, pieces = (json.loads(report.read_text("utf-8")) for report in reports)
-    for own in ("stages", "files", "notes", "area_mm2"):
-        held.pop(own)
-        pieces.pop(own)
-    assert pieces == held
-    said = refused("reconstruct", *words, "-o", tmp_path / "no.stl", "--figure", tmp_path / "figure.png")
-    assert "needs more" in said
-    assert ctmc("reconstruct", *words, "--simplify", "0.9", "-o", tmp_path / "reduced.stl").code == 0
+    said, expected = json.loads(report.read_text("utf-8")), json.loads(json.dumps(held.report()))
+    for own in ("stages", "files"):
+        said.pop(own)
+        expected.pop(own, None)
+    assert said == expected
+
+
+def test_a_surface_that_must_be_held_and_does_not_fit_is_refused(refused, phantom_folder, tmp_path, monkeypatch):
+    words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", "-o", tmp_path / "no.stl"]
+    small = partial(core.Budget, bytes=20_000, work_bytes=0)
+    monkeypatch.setattr("ctmc_addon.cli.commands.reconstruct.Budget", small)
+    said = refused("reconstruct", *words, "--figure", tmp_path / "figure.png")
+    assert "needs about" in said
+    assert "would fit" in said
+    assert files_in(tmp_path) == []
 
 
 def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
@@ -115,7 +123,7 @@ def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
 def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_path):
     outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "liver.ply", "--label", "1")
     assert outcome.code == 0, outcome.errors
-    assert "label 1 is taken from segmentation-4.nii.gz beside it" in outcome.out
+    assert "labels are taken from segmentation-4.nii.gz beside it" in outcome.out
 
 
 def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path):
@@ -161,7 +169,7 @@ def test_decimate_reports_what_was_written(ctmc, phantom_folder, tmp_path):
 
 
 @pytest.mark.once
-def test_a_figure_is_a_picture_with_red_and_yellow(ctmc, phantom_folder, tmp_path):
+def test_a_figure_is_a_picture_with_red_and_yellow(ctmc, phantom_folder, small_pictures, tmp_path):
     image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
     flags = ["--label", "2", "--simplify", "0.9", "--figure", tmp_path / "f.png"]
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.blend", *flags)
@@ -252,7 +260,7 @@ def test_what_only_blender_does_says_what_to_install(tmp_path, monkeypatch, flag
 
 @pytest.mark.once
 @pytest.mark.parametrize("suffix", ["stl", "ply"])
-def test_stl_and_ply_need_no_blender_and_are_the_same_bytes(ctmc, phantom_folder, tmp_path, suffix):
+def test_stl_and_ply_need_no_blender_and_are_the_same_bytes(ctmc, phantom_folder, small_pictures, tmp_path, suffix):
     words = ["reconstruct", phantom_folder / "volume-4.nii.gz", "--label", "2", "--space", "lps"]
     done = without_blender(*words, "-o", tmp_path / f"without.{suffix}", "--report", tmp_path / "without.json")
     assert (done.returncode, done.stderr) == (0, "")
@@ -321,8 +329,7 @@ def test_a_surface_of_values_that_are_fetched_has_the_bytes_of_one_in_memory(ctm
     np.save(tmp_path / "ct.npy", np.random.default_rng(0).random((22, 23, 24)).astype(np.float32))
     words = ["reconstruct", tmp_path / "ct.npy", *flags, "-o"]
     assert ctmc(*words, tmp_path / "memory.ply").code == 0
-    monkeypatch.setattr("ctmc_addon.core.streaming.choice.SMALL_BYTES", 0)
-    monkeypatch.setattr("ctmc_addon.core.streaming.choice.SHARE", 0.0)
+    monkeypatch.setattr("ctmc_addon.core.plan.READ_SHARE", 0.0)
     monkeypatch.setattr("ctmc_addon.readers.VolumeSource.read_steps", lambda *_, **__: pytest.fail("read whole"))
     assert ctmc(*words, tmp_path / "fetched.ply").code == 0
     assert (tmp_path / "fetched.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()

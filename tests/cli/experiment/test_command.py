@@ -143,7 +143,7 @@ def test_alpha_has_figure_8_in_numbers(ctmc, segmentation, tmp_path):
 
 
 @pytest.mark.once
-def test_alpha_has_a_picture_of_every_alpha(ctmc, segmentation, tmp_path):
+def test_alpha_has_a_picture_of_every_alpha(ctmc, segmentation, small_pictures, tmp_path):
     outcome = ctmc("experiment", "alpha", segmentation, *SOFT, "--alphas", "0.25", "-o", tmp_path)
     assert outcome.code == 0, outcome.errors
     assert names_in(tmp_path) == sorted([*FILES, "alpha-0.25.png"])

@@ -73,9 +73,9 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("figure", "-o", "a.png", "--dpi", 1200), "from 36 to 600 dpi, not 1200"),
-        (("figure", "-o", "a.png", "--width-mm", 0), "width must be from 20 to 400 mm"),
-        (("figure", "-o", "a.png", "--elevation", 100), "from -90 to 90 degrees"),
+        (("figure", "-o", "a.png", "--dpi", 1200), "--dpi: must be from 36 to 600, not 1200"),
+        (("figure", "-o", "a.png", "--width-mm", 0), "--width-mm: must be from 20 to 400, not 0"),
+        (("figure", "-o", "a.png", "--elevation", 100), "--elevation: must be from -90 to 90, not 100"),
         (("figure", "-o", "a.png", "--names", "a", "b"), "2 names for 1 surfaces"),
         (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a map of distances shows one label, not 2"),
         (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be transparent"),

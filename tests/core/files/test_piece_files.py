@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from meshes import pieces_of
+from shapes import distance_mm
 
 from ctmc_addon.core import finish, marching_cubes
 from ctmc_addon.core.errors import MeshError, OutputError
@@ -12,8 +13,7 @@ from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece, TriangleMesh
 
 
 def ball(normals):
-    z, y, x = np.indices((40, 36, 38))
-    values = -np.sqrt((x - 18.2) ** 2 + (y - 17.7) ** 2 + (z - 19.1) ** 2).astype(np.float32)
+    values = -distance_mm((40, 36, 38), (18.2, 17.7, 19.1)).astype(np.float32)
     mesh = marching_cubes(values, -14.0, normals=normals)
     order = np.argsort(mesh.vertices[:, 2].astype(int) // 5, kind="stable")  # vertices as the pieces have them
     place = np.empty(len(order), np.int32)

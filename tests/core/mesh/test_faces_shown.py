@@ -44,7 +44,7 @@ def test_bone_and_gray_values_show_none():
     head = body(150, 190, 160)
     bone = Volume(np.where(head.values == 0, 1000, -1000).astype(np.int16), head.affine, kind="HU")
     assert not says(bone, 300.0)
-    assert not says(body(150, 190, 160, "grey value"), -300.0)
+    assert not says(body(150, 190, 160, "gray value"), -300.0)
 
 
 @pytest.mark.parametrize(

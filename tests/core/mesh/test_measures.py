@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures against closed forms, whatever the size of a block."""
+"""Measures against closed forms, whatever the size of a block, and the same bits wherever a surface is cut."""
+
+from dataclasses import astuple
 
 import numpy as np
 import pytest
+from meshes import layered, layered_pieces, sheet
 
-from ctmc_addon.core import finish, marching_cubes
+from ctmc_addon.core import Step, finish, marching_cubes
 from ctmc_addon.core.mesh import measures, measures_steps
+from ctmc_addon.core.mesh.completed_pieces import completed_pieces_steps
+from ctmc_addon.core.mesh.measures import PieceMeasures
+from ctmc_addon.core.volume.affine import transform_points
 
 
 @pytest.fixture(params=[1 << 18, 50])
@@ -56,3 +62,51 @@ def test_small_components_are_counted_where_there_are_many(count):
     assert mesh.measures.has_many_small_components == (count >= 10)
     grown = finish(measures_steps(mesh.vertices * np.float32(10), mesh.faces))
     assert grown.small_components == 0  # a voxel encloses a sixth of its 1000
+
+
+def measured(pieces):
+    found = PieceMeasures()
+    for item in completed_pieces_steps(pieces):
+        if not isinstance(item, Step):
+            finish(found.add_steps(item.mesh.vertices, item.mesh.faces, item.own))
+    return found
+
+
+def noise(threshold, **options):
+    """Many components, cavities and open borders, far from the origin."""
+    values = np.random.default_rng(3).integers(0, 100, (24, 20, 18)).astype(np.uint8)
+    affine = np.diag([0.7, 0.8, 1.3, 1.0])
+    affine[:3, 3] = 900, -700, 1200
+    mesh = layered(marching_cubes(values, threshold, normals=False, **options))
+    return mesh, lambda cuts: (moved(piece, affine) for piece in layered_pieces(mesh, cuts)), moved(mesh, affine)
+
+
+def moved(mesh, affine):
+    return type(mesh)(transform_points(affine, mesh.vertices), mesh.faces, mesh.normals)
+
+
+@pytest.mark.parametrize("threshold", [50.0, 80.0, 95.0])
+@pytest.mark.parametrize("more", [{}, {"close_border": True}, {"topology": "trilinear"}])
+def test_measures_of_pieces_have_the_bits_of_the_whole_wherever_it_is_cut(threshold, more):
+    _, pieces_at, whole = noise(threshold, **more)
+    expected = astuple(whole.measures)
+    for cuts in ((), range(1, 24), (5, 6, 17), (23,)):
+        found = finish(measured(as_steps(pieces_at(cuts))).measures_steps())
+        np.testing.assert_equal(astuple(found)[:6], expected[:6])  # not one bit apart; NaN is NaN
+        assert astuple(found)[6:] == expected[6:]
+    assert whole.measures.closed == bool(more.get("close_border"))
+
+
+def as_steps(pieces):
+    yield Step()
+    yield from pieces
+
+
+def test_borders_and_vertices_without_a_triangle_are_counted_across_seams():
+    mesh = sheet(6, 7)
+    assert (mesh.measures.borders, mesh.measures.euler, mesh.measures.vertices) == (1, 1, 42)
+    assert np.isnan(mesh.measures.volume)
+    assert mesh.measures.area == pytest.approx(30)
+    cut = mesh.measures.faces
+    holed = type(mesh)(mesh.vertices, mesh.faces[np.arange(cut) != 12])
+    assert (holed.measures.borders, holed.measures.euler) == (2, 0)

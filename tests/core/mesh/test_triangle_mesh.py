@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core import Surface, TriangleMesh
+from ctmc_addon.core import TriangleMesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
@@ -60,12 +60,3 @@ def test_components_are_numbered_by_their_first_face():
     shuffled = TriangleMesh(mesh.vertices, mesh.faces[[8, 0, 4, 9, 1, 5, 2, 3, 6, 7, 10, 11]])
     assert shuffled.components == 3
     assert shuffled.component_of_face.tolist() == [0, 1, 2, 0, 1, 2, 1, 1, 2, 2, 0, 0]
-
-
-def test_a_surface_keeps_the_selected_faces_and_nothing_unused():
-    mesh = tetrahedra((0, 0, 0), (5, 0, 0))
-    surface = Surface(mesh.vertices, mesh.vertices + np.float32(0.25), mesh.faces)
-    kept = surface.with_faces(mesh.component_of_face == 1)
-    np.testing.assert_array_equal(kept.midpoints, CORNERS + np.float32([5, 0, 0]))
-    np.testing.assert_array_equal(kept.at(1.0).vertices, kept.linear)
-    np.testing.assert_array_equal(kept.faces, TETRAHEDRON)

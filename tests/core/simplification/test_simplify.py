@@ -5,10 +5,20 @@ import numpy as np
 import pytest
 from meshes import as_mesh, assert_sound, icosphere, joined, largest_error, sheet, spread, torus
 
-from ctmc_addon.core import CtmcError, Step, TriangleMesh, distances, finish, marching_cubes, simplify, simplify_steps
+from ctmc_addon.core import (
+    Budget,
+    CtmcError,
+    Step,
+    TriangleMesh,
+    distances,
+    finish,
+    marching_cubes,
+    simplify,
+    simplify_steps,
+)
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh.face_normals import face_vectors
-from ctmc_addon.core.simplification.simplify import memory_needed
+from ctmc_addon.core.simplification.whole import memory_needed
 
 
 def outward(mesh, center=(0.0, 0.0, 0.0)):
@@ -344,7 +354,7 @@ def test_a_maximum_error_below_the_rounding_of_the_positions_leaves_the_surface_
 def test_too_much_for_the_memory_is_refused_before_the_work():
     mesh = icosphere(3)
     needed = memory_needed(len(mesh.faces), None)
-    assert len(simplify(mesh, reduction=0.5, memory_limit=needed).faces) == len(mesh.faces) // 2
+    assert len(simplify(mesh, reduction=0.5, budget=Budget(bytes=needed)).faces) == len(mesh.faces) // 2
     with pytest.raises(MemoryLimitError):
-        simplify(mesh, reduction=0.5, memory_limit=needed - 1)
-    assert simplify(mesh, reduction=0.0, memory_limit=0) is mesh
+        simplify(mesh, reduction=0.5, budget=Budget(bytes=needed - 1))
+    assert simplify(mesh, reduction=0.0, budget=Budget(bytes=0)) is mesh

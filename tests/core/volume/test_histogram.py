@@ -54,7 +54,7 @@ def test_a_part_of_the_axis_shows_its_part_of_the_bars():
 
 def test_a_volume_without_a_finite_value_has_an_axis_and_no_bars():
     statistics = statistics_of(np.full((2, 2, 2), np.nan))
-    assert shown_range(statistics, "grey value") == (0.0, 1.0)
+    assert shown_range(statistics, "gray value") == (0.0, 1.0)
     assert not histogram_bars(statistics, 0.0, 1.0, 10).heights.any()
 
 
@@ -62,8 +62,8 @@ def test_the_axis_leaves_padding_and_metal_out_but_never_a_limit():
     statistics = statistics_of(np.array([[[-3024, 0], [100, 20000]]] * 2, np.int16))
     assert shown_range(statistics, "HU") == (-1100.0, 3100.0)
     assert shown_range(statistics, "HU", 9000.0, None) == (-1100.0, 9000.0)
-    assert shown_range(statistics, "grey value") == (-3024.0, 20000.0)
-    assert shown_range(statistics_of(np.full((2, 2, 2), 5, np.uint8)), "grey value") == (4.5, 5.5)
+    assert shown_range(statistics, "gray value") == (-3024.0, 20000.0)
+    assert shown_range(statistics_of(np.full((2, 2, 2), 5, np.uint8)), "gray value") == (4.5, 5.5)
 
 
 @pytest.mark.parametrize(("low", "high"), [(-1024.0, 3071.0), (0.0, 1.0), (0.0, 65535.0), (-3e-4, 8e-4), (17.0, 18.0)])

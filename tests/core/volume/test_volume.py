@@ -8,6 +8,7 @@ import pytest
 
 from ctmc_addon.core import Volume
 from ctmc_addon.core.errors import VolumeError
+from ctmc_addon.core.volume import ValueKind
 
 
 def random_affine(seed):
@@ -70,3 +71,12 @@ def test_a_volume_can_be_pickled():
 def test_what_is_no_volume_is_refused_in_one_sentence(values, affine, words):
     with pytest.raises(VolumeError, match=words):
         Volume(values, affine)
+
+
+def test_a_kind_is_told_by_its_name_the_older_spelling_too():
+    values = np.zeros((2, 2, 2), np.int16)
+    for name, kind in (("HU", ValueKind.HU), ("label", ValueKind.LABEL), ("grey value", ValueKind.GRAY)):
+        assert Volume(values, np.eye(4), kind=name).kind is kind
+    assert Volume(values, np.eye(4)).kind == "gray value"
+    with pytest.raises(VolumeError, match="kind is one of HU, gray value, label, not 'air'"):
+        Volume(values, np.eye(4), kind="air")

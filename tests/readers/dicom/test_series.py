@@ -53,7 +53,7 @@ def test_scouts_and_other_sizes_are_left_out_and_said(tmp_path, save_stack, save
 def test_mr_is_read_and_said(tmp_path, save_stack):
     save_stack(tmp_path, range(3), Modality="MR", RescaleSlope=None, RescaleIntercept=None)
     volume = read_volume(tmp_path)
-    assert volume.kind == "grey value"
+    assert volume.kind == "gray value"
     assert said(volume, "series is MR, not CT")
 
 
@@ -139,6 +139,47 @@ def test_stray_files_and_a_dicomdir_do_no_harm(tmp_path, save_stack):
         assert volume.name == "disc"
 
 
+NAMES = ["image_{}", "{}.dcm", "IM-0001-{:04d}", "1.2.840.113.{}", "0f1e{:04x}-77aa-4bcd"]
+CONTENTS = [b"", b"\0" * 5000, b"\x08\0\x05\0CS", b"not found: the server is busy" * 9]
+
+
+@pytest.mark.parametrize("content", CONTENTS, ids=["empty", "zeros", "cut off", "a page"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_named_like_the_slices_that_is_none_is_not_passed_over(tmp_path, save_stack, name, content):
+    save_stack(tmp_path / "ct", range(5))
+    for number in range(5):
+        (tmp_path / "ct" / f"{number}.dcm").rename(tmp_path / "ct" / name.format(number + 8))
+    path = tmp_path / "ct" / name.format(10)
+    path.write_bytes(content)
+    with pytest.raises(CtmcError) as refused:
+        read_volume(tmp_path / "ct")
+    damage = "named like the slices, and something else" if content else "0 bytes"
+    assert str(refused.value) == f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again"
+    with pytest.raises(CtmcError, match="is a truncated or damaged DICOM file"):
+        read_volume(path.with_name(name.format(9)))
+
+
+def test_a_file_of_another_name_beside_the_slices_is_left_out_and_said(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(3))
+    for name in ("VERSION", "broken.dcm", "0.dcm.txt", "1.jpg"):
+        (tmp_path / name).write_bytes(b"")
+    volume = read_volume(tmp_path)
+    np.testing.assert_array_equal(volume.values, hu)
+    assert volume.notes == ("2 files left out, named like DICOM or without a suffix, but something else",)
+
+
+@pytest.mark.parametrize(
+    "head", [b"II*\0\x08\0\0\0", b"MM\0*\0\0\0\x08", b"II+\0\x08\0\0\0", b"\x89PNG\r\n", b"NRRD0004\n"]
+)
+def test_a_slice_without_suffix_that_begins_like_another_format_is_dicom(tmp_path, save_stack, head):
+    hu = save_stack(tmp_path, range(3))  # PS3.10 7.1: the preamble may make a TIFF of the file, too
+    for file in list(tmp_path.iterdir()):
+        file.with_suffix("").write_bytes(head + file.read_bytes()[len(head) :])
+        file.unlink()
+    np.testing.assert_array_equal(read_volume(tmp_path / "1").values, hu)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
 def test_files_without_suffix_or_preamble_are_found(tmp_path, save_stack):
     hu = save_stack(tmp_path, range(3))
     for file in list(tmp_path.iterdir()):
@@ -208,14 +249,6 @@ def test_a_truncated_slice_is_refused_by_name(tmp_path, save_stack, keep, compre
     file.write_bytes(whole[: keep if keep > 1 else int(len(whole) * keep)])
     with pytest.raises(CtmcError, match=r"1\.dcm.*(truncated|damaged).*copy it again"):
         read_volume(tmp_path)
-
-
-def test_a_file_cut_before_it_can_be_known_as_dicom_is_said(tmp_path, save_stack):
-    save_stack(tmp_path, range(3))
-    (tmp_path / "2.dcm").write_bytes(bytes(100))
-    volume = read_volume(tmp_path)
-    assert len(volume.values) == 2
-    assert said(volume, "1 file left out, named like DICOM")
 
 
 def test_noise_with_a_dicom_name_is_refused(tmp_path):
@@ -322,5 +355,5 @@ def test_a_file_of_a_smaller_group_chooses_its_own_group(tmp_path, save_stack, s
 def test_values_not_in_hu_are_said(tmp_path, save_stack):
     save_stack(tmp_path, range(3), RescaleType="US")
     volume = read_volume(tmp_path)
-    assert volume.kind == "grey value"
+    assert volume.kind == "gray value"
     assert said(volume, "not in HU")

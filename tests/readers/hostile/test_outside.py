@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from ctmc_addon.cli import main
-from ctmc_addon.core import ReadError
-from ctmc_addon.readers import read_volume
+from ctmc_addon.core import ReadError, finish
+from ctmc_addon.readers import ReadingOptions, open_volume, read_volume, read_volume_steps
 
 VALUES = np.arange(4 * 5 * 6, dtype=np.int16).reshape(4, 5, 6)
+pytestmark = pytest.mark.once
 
 
 @pytest.fixture(params=["../secret.raw", "absolute"])
@@ -35,3 +36,13 @@ def test_the_command_line_may_allow_it(header, capsys, tmp_path):
     assert main([*words, "--resume", "--allow-outside"]) == 0
     with pytest.raises(ReadError, match="--allow-outside"):
         read_volume(header)
+
+
+def test_the_option_holds_for_the_volume_it_is_given_for_and_for_no_other(header):
+    steps = read_volume_steps(header, ReadingOptions(allow_outside=True))
+    next(steps)
+    with pytest.raises(ReadError, match="--allow-outside"):
+        open_volume(header)  # between two steps of a reading that may
+    np.testing.assert_array_equal(finish(steps).values, VALUES)
+    assert open_volume(header, allow_outside=True).series[0].shape == (4, 5, 6)
+    np.testing.assert_array_equal(read_volume(header, allow_outside=True).values, VALUES)

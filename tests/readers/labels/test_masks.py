@@ -10,8 +10,11 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import CtmcError, finish
+from ctmc_addon.core.volume import ValuesInMemory
 from ctmc_addon.readers import open_volume, read_volume
+from ctmc_addon.readers.labels.label_map import LabelMap
+from ctmc_addon.readers.labels.masks import painted_steps
 
 SHAPE = (6, 5, 7)  # slices, rows, columns
 AFFINE = np.array([[-0.8, 0, 0, 10], [0, -0.8, 0, 20], [0, 0, 2.5, -30], [0, 0, 0, 1.0]])
@@ -50,6 +53,27 @@ def test_masks_in_files_are_one_label_volume_with_their_names(tmp_path, dtype, i
     assert said(volume, "2 of 4 masks are empty: rib_9, rib_10")
     source = open_volume(folder)
     assert (source.format, source.series[0].shape, len(source.files)) == ("masks", SHAPE, 4)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32])
+def test_what_is_not_0_is_inside(tmp_path, dtype):
+    liver, spleen = boxes()
+    liver[0] = 1  # the first slice is all inside, before a value outside was seen
+    for name, mask in (("liver", liver), ("spleen", spleen)):
+        save(tmp_path / f"{name}.nii", -mask.astype(int), dtype)
+    np.testing.assert_array_equal(read_volume(tmp_path).values, np.where(spleen, 2, liver))
+
+
+@pytest.mark.parametrize(("outside", "inside"), [(0, -1), (-1024, -769), (-769, -1024)])
+def test_slices_of_one_value_are_painted_once_the_other_is_known(outside, inside):
+    mask = np.zeros(SHAPE, bool)
+    mask[:2], mask[3, 1:4, 2:5] = True, True
+    values = np.where(mask, inside, outside).astype(np.int16)
+    label_map = LabelMap(SHAPE, {1: "liver"}, {}, "liver")
+    finish(painted_steps(label_map, ValuesInMemory(values), 1))
+    if outside == -769:
+        mask = ~mask  # the lower of two values is outside where neither is 0
+    np.testing.assert_array_equal(label_map.values, mask)
 
 
 def test_nrrd_masks_are_read_too(tmp_path):

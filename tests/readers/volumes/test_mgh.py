@@ -68,6 +68,8 @@ def number(at, value):
         (number(12, 1), "one slice"),
         (number(12, 2**31 - 1), "memory|truncated"),
         (number(16, 2**31 - 1), "truncated"),
+        (number(16, 127), "truncated"),
+        (number(16, 2), "truncated"),
         (number(20, 2), "not a readable MGH"),
         (lambda content: content[:200], "not a readable MGH"),
         (lambda content: content[:-60], "truncated"),

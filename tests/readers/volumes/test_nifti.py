@@ -9,7 +9,7 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import CtmcError, SettingsError
 from ctmc_addon.readers import open_volume, read_volume, segmentation_sibling
 
 OBLIQUE = np.array([[-0.6, 0.3, 0.1, 12.5], [0.2, 0.7, -0.4, -80], [0.05, 0.4, 2.1, 301.25], [0, 0, 0, 1]])
@@ -115,8 +115,10 @@ def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
     first = read_volume(path)
     np.testing.assert_array_equal(first.values.T, array[..., 0])
     assert any("3 times" in note and "time 1 was read; give the time, 1 to 3" in note for note in first.notes)
-    for time in (0, -1, 4):
-        with pytest.raises(CtmcError, match=rf"no time {time}, as {name} holds 3 times; choose from 1 to 3"):
+    with pytest.raises(CtmcError, match=rf"no time 4, as {name} holds 3 times; choose from 1 to 3"):
+        read_volume(path, time=4)
+    for time in (0, -1):
+        with pytest.raises(SettingsError, match=f"time must be 1 or more, not {time}"):
             read_volume(path, time=time)
 
 
@@ -230,9 +232,9 @@ def test_label_names_come_from_the_header_extension(tmp_path):
         ("segmentation-3.nii", (numbers("i2") % 3), "label"),
         ("segmentation-3.nii", (numbers("i2") % 3).astype(np.float64), "label"),
         ("organs.nii", (numbers("i2") % 117), "label"),
-        ("gray.nii", (numbers("i2", (12, 12, 12)) % 256).astype(np.uint8), "grey value"),
-        ("window.nii", np.clip(numbers("f4"), -100, 240), "grey value"),
-        ("nan.nii", np.full((3, 3, 3), np.nan, np.float32), "grey value"),
+        ("gray.nii", (numbers("i2", (12, 12, 12)) % 256).astype(np.uint8), "gray value"),
+        ("window.nii", np.clip(numbers("f4"), -100, 240), "gray value"),
+        ("nan.nii", np.full((3, 3, 3), np.nan, np.float32), "gray value"),
     ],
 )
 def test_the_kind_of_values_is_told_by_name_and_range(tmp_path, name, values, kind):

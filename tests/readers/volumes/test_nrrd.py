@@ -116,6 +116,14 @@ def test_bytes_before_the_data_are_skipped(tmp_path, skip):
     np.testing.assert_array_equal(read_volume(tmp_path / "ct.nhdr").values, array)
 
 
+@pytest.mark.parametrize("skip", ["byte skip", "line skip"])
+def test_a_skip_that_no_file_is_long_enough_for_is_refused_in_a_short_sentence(tmp_path, skip):
+    (tmp_path / "ct.raw").write_bytes(bytes(480))
+    (tmp_path / "ct.nhdr").write_text(HEADER.format("raw", f"{skip}: {'9' * 400}\ndata file: ct.raw"))
+    with pytest.raises(CtmcError, match=r"ct.raw would have to be read from behind byte 4611686018427387904 on"):
+        read_volume(tmp_path / "ct.nhdr")
+
+
 def test_a_missing_data_file_is_named(tmp_path):
     (tmp_path / "ct.nhdr").write_text(HEADER.format("raw", "data file: gone.raw"))
     with pytest.raises(CtmcError, match=r"ct.nhdr names the data file gone.raw, which is missing"):

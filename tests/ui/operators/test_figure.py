@@ -13,25 +13,19 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import (
-    DPIS,
-    ENGINES,
-    FPS,
-    OPACITY,
     PAGES,
-    REVOLUTIONS,
-    STYLES,
-    WIDTHS_MM,
     Cell,
+    DistanceMap,
     FigureStyle,
     Page,
     ShownSurface,
+    Transparency,
     Turn,
 )
 from ctmc_addon.blender.rulers import add_ruler
 from ctmc_addon.blender.slices import is_slice
-from ctmc_addon.cli.figure.common import page_of
+from ctmc_addon.cli.figure.common import page_of, style_of, values_of
 from ctmc_addon.cli.program import parser
-from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.ui.operators import figure, figure_view
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.properties import figure as figure_properties
@@ -42,16 +36,14 @@ from ctmc_addon.ui.state import (
 
 
 @pytest.fixture
-def loaded(scene, ball_file):
-    """The ball, loaded, and small figures asked for."""
-    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    scene.ctmc.threshold = 100.0
-    chosen = scene.ctmc_figure
+def loaded(loaded):
+    """The ball, loaded, threshold 100, and small figures asked for."""
+    chosen = loaded.ctmc_figure
     chosen.figure_width_mm, chosen.figure_dpi = 40.0, 50.0
     chosen.sheet_width_mm, chosen.sheet_dpi = 90.0, 50.0
     chosen.turntable_width_mm, chosen.turntable_dpi = 30.0, 40.0
     chosen.seconds, chosen.fps = 1.0, 3
-    return scene
+    return loaded
 
 
 @pytest.fixture
@@ -330,28 +322,15 @@ def test_disabled_buttons_say_why(loaded):
     assert said == ["Leave edit mode first"]
 
 
-def test_limits_and_defaults_are_those_of_the_scene_room(scene):
-    chosen = scene.ctmc_figure
-    known = chosen.bl_rna.properties
-    for kind, page in PAGES.items():
-        width, dpi = known[f"{kind}_width_mm"], known[f"{kind}_dpi"]
-        assert (width.default, width.hard_min, width.hard_max) == (page.width_mm, *WIDTHS_MM)
-        assert (dpi.default, dpi.hard_min, dpi.hard_max) == (page.dpi, *DPIS)
-    assert (known["fps"].hard_min, known["fps"].hard_max) == FPS
-    assert known["revolutions"].hard_max == REVOLUTIONS
-    assert {one.identifier for one in known["engine"].enum_items} == set(ENGINES)
-    assert {one.identifier for one in known["style"].enum_items} == set(STYLES)
-    assert figure.style_of(chosen) == FigureStyle()
-    with pytest.raises(SettingsError, match="elevation"):
-        FigureStyle(elevation=91.0)
-
-
-def test_the_command_line_starts_from_the_same_pages():
+def test_a_fresh_panel_and_the_command_line_start_from_the_same_figure(scene):
+    panel = scene.ctmc_figure
     for kind, words in (("figure", ["figure"]), ("sheet", ["figure", "sheet"]), ("turntable", ["figure", "turntable"])):
-        chosen = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
-        assert page_of(chosen) == PAGES[kind]
-        assert getattr(chosen, "opacity", OPACITY) == OPACITY
-    assert Turn(chosen.seconds, chosen.fps, chosen.revolutions) == Turn()
+        args = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
+        assert page_of(args) == figure.page_of(panel, kind) == PAGES[kind]
+        assert style_of(args) == figure.style_of(panel) == FigureStyle()
+        for described in (Transparency, DistanceMap, Turn):
+            assert described(**values_of(args, described)) == described()
+            assert described(**figure_properties.values_of(panel, described)) == described()
 
 
 def test_the_panel_shows_what_each_kind_asks_for(surface):

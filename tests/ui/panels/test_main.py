@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import Layout, drawn
 
-from ctmc_addon.core.settings import described
+from ctmc_addon.core.settings import SETTINGS
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import results, rotation, settings
@@ -44,7 +44,7 @@ def test_every_setting_is_shown(scene):
             scene.ctmc.goal = goal
             for panel in PANELS:
                 shown |= set(drawn(panel).shown)
-    assert {SHOWN_AS.get(name, name) for name in described()} <= shown
+    assert {SHOWN_AS.get(name, name) for name in SETTINGS} <= shown
 
 
 def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):

@@ -9,16 +9,16 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.core.settings import described
+from ctmc_addon.core.settings import SETTINGS
 
 
 def test_a_fresh_scene_has_the_default_settings(scene):
     assert scene.ctmc.to_settings() == ReconstructionSettings()
 
 
-@pytest.mark.parametrize("name", described())
+@pytest.mark.parametrize("name", SETTINGS)
 def test_every_setting_has_its_label_text_and_limits(scene, name):
-    about, shown = described()[name], scene.ctmc.bl_rna.properties[name]
+    about, shown = SETTINGS[name], scene.ctmc.bl_rna.properties[name]
     assert shown.name == about.label
     assert about.text in shown.description
     assert about.unit in shown.description

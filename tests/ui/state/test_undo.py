@@ -20,12 +20,10 @@ from ctmc_addon.ui.viewport import live
 
 
 @pytest.fixture
-def loaded(scene, ball_file):
+def loaded(loaded):
     """The ball, loaded, threshold 100, and an undo step."""
-    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    scene.ctmc.threshold = 100.0
     bpy.ops.ed.undo_push(message="Loaded")
-    return scene
+    return loaded
 
 
 def active():

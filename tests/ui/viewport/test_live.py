@@ -12,6 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import meshes_in
 
+from ctmc_addon.core import Budget
 from ctmc_addon.core.volume import thresholding
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.properties import preferences
@@ -150,7 +151,7 @@ def test_a_threshold_without_a_surface_is_said_and_the_button_blocked(loaded, re
 
 def test_what_does_not_fit_cannot_be_started(loaded, rested, monkeypatch):
     loaded.ctmc.threshold = 100.0
-    monkeypatch.setattr(live, "machine", lambda: preferences.Machine(memory_limit=100_000))
+    monkeypatch.setattr(live, "machine", lambda: preferences.Machine(budget=Budget(bytes=100_000)))
     preview.state.maker = None
     rested()
     cost = session.of(loaded).cost

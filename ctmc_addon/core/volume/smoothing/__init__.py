@@ -8,12 +8,15 @@ order), `smooth_field` (what comes out).
 
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
 from .gaussian import REACH, gaussian_smooth_steps, smoothed_middle, smoothed_plane, weights
+from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
 from .smooth_field import SmoothField, refined_affine
 
 __all__ = [
     "MOST_STEPS",
     "REACH",
+    "SMOOTHINGS",
     "SmoothField",
+    "Smoothing",
     "automatic_refinement",
     "constrained_bytes",
     "constrained_steps",
@@ -22,5 +25,7 @@ __all__ = [
     "refined_affine",
     "smoothed_middle",
     "smoothed_plane",
+    "smoothing_of",
+    "used_settings",
     "weights",
 ]

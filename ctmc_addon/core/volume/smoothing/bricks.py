@@ -143,7 +143,7 @@ def pieces(count: int, at_once: int = ROWS_AT_ONCE) -> list[slice]:
 
 
 def spread(pool: ThreadPoolExecutor | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
-    """Do `work` for all parts and wait for them."""
+    """Call `work` for all pieces, side by side, and wait until all are done."""
     if pool is None or len(parts) < 2:
         for part in parts:
             work(part)

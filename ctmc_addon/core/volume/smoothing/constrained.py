@@ -14,8 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from ...budget import Budget
 from ...errors import LabelError, SettingsError
-from ...parallel import worker_count
 from ...progress import PAUSE, Stages, Steps
 from .bounds import Inside, Start, doubled, halved, refined_start
 from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
@@ -63,8 +63,7 @@ def constrained_steps(
     spacing_mm: tuple[float, float, float],
     slice_steps: int = 0,
     close_border: bool = False,
-    threads: int | None = None,
-    memory_limit: int | None = None,
+    budget: Budget | None = None,
 ) -> Steps[SmoothField]:
     """The smoothest field whose sign is the label's at every sample, its volume kept.
 
@@ -80,10 +79,8 @@ def constrained_steps(
     close_border : bool
         Whether the surface is to be closed at the border. Where the label reaches the first or the last slice, slices
         are added, so that Marching Cubes with a closed border closes it half a slice gap outside.
-    threads : int, optional
-        By default one for each processor. The result does not depend on it.
-    memory_limit : int, optional
-        Bytes that a surface may take whose volume is measured; by default what the machine has available.
+    budget : Budget, optional
+        Its bytes are those that a surface may take whose volume is measured.
 
     Raises
     ------
@@ -103,7 +100,8 @@ def constrained_steps(
     steps = slice_steps or automatic_refinement(spacing_mm)
     finding, measuring, smoothing, keeping = STAGES
     stages = Stages(STAGES)
-    workers = worker_count(threads)
+    budget = budget or Budget()
+    workers = budget.thread_count
     pool = ThreadPoolExecutor(workers) if workers > 1 else None
     try:
         code, label, inside, inside_label = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
@@ -114,7 +112,7 @@ def constrained_steps(
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
         volume_steps = keep_volume_steps(
-            mask, spacing_mm, steps, bricks, start, inside, far, close_border, threads, memory_limit, pool
+            mask, spacing_mm, steps, bricks, start, inside, far, close_border, budget, pool
         )
         return (yield from stages.run(keeping, volume_steps))
     finally:

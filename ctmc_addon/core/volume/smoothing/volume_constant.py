@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from ...budget import Budget
 from ...extraction.grid import make_grid
 from ...extraction.marching_cubes import extract_steps
 from ...mesh.triangle_mesh import Surface
@@ -35,8 +36,7 @@ def keep_volume_steps(
     inside: Inside,
     far: float,
     close_border: bool,
-    threads: int | None,
-    memory_limit: int | None,
+    budget: Budget,
     pool: ThreadPoolExecutor | None,
 ) -> Steps[SmoothField]:
     """The whole grid's values, with the constant at which the surface encloses the label's volume.
@@ -92,7 +92,7 @@ def keep_volume_steps(
     for trial in range(MOST_TRIALS):
         put(constant)
         closed = with_closed_ends(values, slice_steps)[0] if ends else values
-        extracting = extract_steps(make_grid(closed, close_border=True), 0.0, False, threads, memory_limit)
+        extracting = extract_steps(make_grid(closed, close_border=True), 0.0, False, budget)
         surface = yield from equal_part(extracting, trial, MOST_TRIALS)
         del closed  # before the next
         volume, area = yield from equal_part(_measured_steps(surface, sides), trial, MOST_TRIALS)

@@ -13,18 +13,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ....core import ReadError
-from ...optional_imports import needed, quiet
+from ...optional_imports import needed, quiet, reason
 from ..header import DEFLATED, EXPLICIT_BIG, IMPLICIT_LITTLE, unpacks_without_end
 from .elements import Damaged, Elements, Found, after_meta
 from .references import Reference
 
-READ_ERRORS = (Damaged, ValueError, OverflowError, zlib.error)
+MOST_SHOWN = 20  # letters of a damaged value in an error
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Elements, str]]:
-    """The elements of a file and its transfer syntax; what breaks within is a `ReadError` that names the file."""
+    """The elements of a file and its transfer syntax; a `Damaged` within is a `ReadError` that names the file."""
     try:
         with path.open("rb") as file:
             syntax, start = after_meta(file)
@@ -33,7 +36,7 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
                 if unpacks_without_end(file):
                     raise ReadError(f"{path.name} unpacks to far more than its size tells of; copy it again")
                 file.seek(start)
-                stream = io.BytesIO(zlib.decompress(file.read(), -zlib.MAX_WBITS))
+                stream = io.BytesIO(inflated(file.read()))
             if syntax == EXPLICIT_BIG:
                 raise ReadError(f"{path.name} is stored in big endian, which is retired; convert it to little endian")
             head = file.read(8)[4:6] if not syntax else b""
@@ -42,14 +45,34 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
             size = stream.seek(0, 2)
             stream.seek(0 if syntax == DEFLATED else start)
             yield Elements(stream, size, implicit), syntax
-    except READ_ERRORS as error:
-        reason = str(error) if isinstance(error, Damaged) else "its values are not those of its type"
-        raise ReadError(f"{path.name} is truncated or damaged ({reason}); copy or export it again") from error
+    except Damaged as error:
+        raise ReadError(f"{path.name} is truncated or damaged ({error}); copy or export it again") from error
+
+
+def inflated(packed: bytes, most: int = 0) -> bytes:
+    """What was deflated without a header: all of it, or so many bytes at most."""
+    stream = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        plain = stream.decompress(packed, most)
+    except zlib.error as error:
+        raise Damaged(reason(error)) from error
+    if not most and not stream.eof:
+        raise Damaged("its deflated elements end too early")
+    return plain
+
+
+def decimals(value: bytes) -> NDArray[np.float64]:
+    """Decimal numbers: DS."""
+    words = value.rstrip(b"\0 ").split(b"\\")
+    try:
+        return np.fromiter(map(float, words), np.float64, len(words))
+    except ValueError as error:
+        raise Damaged(f"'{shown(value)}' where numbers belong") from error
 
 
 def numbers(value: bytes, count: int) -> tuple[float, ...]:
-    """`count` decimal numbers of a size that occurs; a `ValueError` where there are others."""
-    found = tuple(float(text) for text in value.rstrip(b"\0").split(b"\\"))
+    """`count` decimal numbers of a size that occurs; `Damaged` where there are others."""
+    found = tuple(decimals(value).tolist())
     if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
         raise Damaged(f"{len(found)} numbers such as {found[0]:g} where {count} in mm belong")
     return found
@@ -57,12 +80,26 @@ def numbers(value: bytes, count: int) -> tuple[float, ...]:
 
 def whole(value: bytes) -> int:
     """A number in words: IS."""
-    return int(value.rstrip(b"\0"))
+    try:
+        return int(value.rstrip(b"\0"))
+    except ValueError as error:  # of too many digits too
+        raise Damaged(f"'{shown(value)}' where a whole number belongs") from error
+
+
+def shown(value: bytes) -> str:
+    """The beginning of a damaged value, for an error."""
+    text = value.rstrip(b"\0 ").decode("ascii", "replace")
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def unsigned(value: bytes) -> tuple[int, ...]:
     """Numbers of 16 bits: US."""
     return tuple(int.from_bytes(value[at : at + 2], "little") for at in range(0, len(value) // 2 * 2, 2))
+
+
+def first_unsigned(found: Found, tag: int, default: int) -> int:
+    """The first number of 16 bits of an element; the default where it is missing or empty."""
+    return (*unsigned(found.get(tag, b"")), default)[0]
 
 
 def uid(value: bytes) -> str:

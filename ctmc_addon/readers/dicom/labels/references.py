@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....core import ReadError, Steps
+from ....core.files.input_files import add_inputs
 from ..header import ImageFile, Slice
 from ..series import headers_steps, one_geometry
 from ..stack_geometry import stack_up
@@ -22,7 +23,7 @@ from ..times import times_of
 from .slice_grid import SliceGrid, grid_of_ct
 
 DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # folders in folders that are looked through
-MOST_FILES = 20_000  # looked at
+MOST_FILES = 20_000  # files that are looked at
 FEWEST_SLICES = 2
 
 
@@ -54,6 +55,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
         images = reference.matches([header for header in headers if isinstance(header, ImageFile)])
         slices = [Slice(image, frame) for image in images for frame in range(len(image.frames))]
         if len(slices) >= FEWEST_SLICES:
+            add_inputs(image.path for image in images)
             return slices
     return []
 

@@ -2,33 +2,29 @@
 """DICOM segmentations: frames of masks or labels, put together to one label volume.
 
 A frame holds one segment at one place, or in a label map all segments there; empty frames may be left out. Positions
-are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups), PS3.5 8.1.1 (bits).
+are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups).
 """
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Stages, Step, Steps
+from ....core.volume import ValueKind
 from ...labels.label_map import LabelMap
-from ...optional_imports import imported_steps, needed, reason
+from ...optional_imports import imported_steps
 from ...result import RawValues, ReadOptions, Series, VolumeSource
-from ..header import ImageFile, Slice, pydicom_errors
+from ..header import Slice
 from ..pixels import check_codec
 from ..stored import StoredPixels
-from .elements import Damaged
-from .label_file import opened
+from .bit_frames import plain_frames
 from .references import found_steps, grid_of
 from .segmentation_header import Header, header_steps
 from .slice_grid import SliceGrid, grid_of_frames
-
-DEFLATED_FRAMES = "1.2.840.10008.1.2.8.1"  # each frame deflated by itself
 
 
 class SegmentationSource(VolumeSource):
@@ -44,15 +40,6 @@ class SegmentationSource(VolumeSource):
         count, rows, columns = grid.shape
         dtype = "uint8" if most < 256 else "uint16"
         super().__init__(path, (Series(1, header.image.series, count, (columns, rows), "SEG", dtype),), [path])
-
-    @classmethod
-    def open_steps(cls, path: Path) -> Steps[SegmentationSource]:
-        """Read the file's header, and those of the images near it."""
-        stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
-        yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
-        header = yield from stages.run("Reading headers", header_steps(path))
-        slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
-        return cls(path, header, slices)
 
     def _grid(self, strict: bool) -> tuple[SliceGrid, NDArray[np.int64], list[str]]:
         """The grid of the volume, slice, row and column at which each frame begins in it, and what was assumed."""
@@ -82,7 +69,8 @@ class SegmentationSource(VolumeSource):
         header = self.header
         grid, places, notes = self._grid(options.strict)
         check_single(places, header.frames.segments, self.path.name)
-        if header.image.pixels.compressed and header.image.pixels.syntax != DEFLATED_FRAMES:
+        plain = plain_frames(header.image)
+        if plain is None:
             check_codec(header.image)
         highest = 0
         if header.kind == "LABELMAP":
@@ -93,7 +81,6 @@ class SegmentationSource(VolumeSource):
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
         size = (header.image.rows, header.image.columns)
         slices = [Slice(header.image, number) for number in range(len(places))]
-        plain = plain_frames(header.image)
         with StoredPixels(slices) as decoded:
             for number in range(len(places)):
                 step = Step(number / len(places), "Reading frames")
@@ -104,12 +91,23 @@ class SegmentationSource(VolumeSource):
                     window = label_map.values[slice_number, row : row + size[0], column : column + size[1]]
                     paint(label_map, window, stored, header, int(header.frames.segments[number]))
         notes += label_map.overlap_note("segments", "the one with the higher number")
-        notes += label_map.empty_note("segments")
-        return RawValues(label_map.values, grid.affine, tuple(notes), "label", label_map.names, label_map.colors)
+        notes += label_map.empty_note("segments") + label_map.undescribed_note()
+        return RawValues(
+            label_map.values, grid.affine, tuple(notes), ValueKind.LABEL, label_map.names, label_map.colors
+        )
+
+
+def open_steps(path: Path) -> Steps[SegmentationSource]:
+    """Read the file's header, and those of the images near it."""
+    stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
+    yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+    header = yield from stages.run("Reading headers", header_steps(path))
+    slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
+    return SegmentationSource(path, header, slices)
 
 
 def paint(label_map: LabelMap, window: NDArray[Any], stored: NDArray[Any], header: Header, segment: int) -> None:
-    """Put one frame into its window."""
+    """Write the label of one frame into its window of the label map."""
     if header.kind == "LABELMAP":
         label_map.paint_labels(window, np.where(stored == header.padding, 0, stored) if header.padding else stored)
     else:
@@ -126,56 +124,3 @@ def check_single(places: NDArray[np.int64], segments: NDArray[np.int64], name: s
             f"{name} has {several} frames of a segment where it has another already, such as time points; "
             "export each as a file of its own"
         )
-
-
-def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
-    """The stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
-    if image.pixels.syntax == DEFLATED_FRAMES:
-        return read_frames(image, deflated_frames)
-    return None if image.pixels.compressed else read_frames(image, native_frames)
-
-
-def read_frames(
-    image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
-) -> Iterator[NDArray[Any]]:
-    """Frames from the opened file."""
-    with opened(image.path) as (elements, _):
-        elements.file.seek(image.pixels.start)
-        yield from read(elements.file, image)
-
-
-def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
-    """Frames as they stand; those of one bit follow each other without a gap, the lowest bit first."""
-    bits, size = image.pixels.options["bits_allocated"], image.rows * image.columns
-    left = b""  # the byte in which the frame before ended
-    for number in range(image.pixels.options["number_of_frames"]):
-        start, stop = number * size * bits, (number + 1) * size * bits
-        count = (stop + 7) // 8 - start // 8 - len(left)
-        piece = left + file.read(count)
-        left = piece[-1:] if stop % 8 else b""
-        yield values_of(piece, bits, start % 8, image)
-
-
-def deflated_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
-    """Frames that are deflated each by itself (PS3.5 A.4.13, Deflated Image Frame Compression)."""
-    encaps = needed("pydicom.encaps", "pydicom", "DICOM")
-    bits, count = image.pixels.options["bits_allocated"], image.pixels.options["number_of_frames"]
-    needed_bytes = (image.rows * image.columns * bits + 7) // 8
-    try:
-        for packed in encaps.generate_frames(file, number_of_frames=count):
-            piece = zlib.decompressobj(-zlib.MAX_WBITS).decompress(packed, needed_bytes)
-            yield values_of(piece, bits, 0, image)
-    except pydicom_errors() as error:
-        raise Damaged(reason(error)) from error
-
-
-def values_of(piece: bytes, bits: int, first_bit: int, image: ImageFile) -> NDArray[Any]:
-    """The pixels (rows, columns) in some bytes."""
-    size = image.rows * image.columns
-    if len(piece) * 8 < first_bit + size * bits:
-        raise Damaged(f"{len(piece)} bytes of a frame of {image.columns} x {image.rows} pixels")
-    if bits == 1:
-        values = np.unpackbits(np.frombuffer(piece, np.uint8), bitorder="little")[first_bit : first_bit + size]
-    else:
-        values = np.frombuffer(piece, f"<u{bits // 8}", size)
-    return values.reshape(image.rows, image.columns)

@@ -18,7 +18,7 @@ from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
 from ..header import UNCOMPRESSED, Called, ImageFile, Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Found
-from .label_file import numbers, opened, reference_of, texts, uid, unsigned, whole
+from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
 
 FRAME_GROUP = {
@@ -58,7 +58,7 @@ class Frames(NamedTuple):
 
 
 class Header(NamedTuple):
-    """What one file says of its segmentation."""
+    """The description of a segmentation in its file."""
 
     image: ImageFile
     kind: str  # BINARY, FRACTIONAL or LABELMAP
@@ -80,8 +80,8 @@ def header_steps(path: Path) -> Steps[Header]:
         image = image_of(path, found, syntax, kind, elements.size)
         decoded = texts(found)
         names, colors = segments_of(found, decoded, path.name)
-        largest = unsigned(found.get(0x0062000E, b"\xff\0"))[0]
-        padding = unsigned(found.get(0x00280120, b"\0\0"))[0] if kind == "LABELMAP" else 0
+        largest = first_unsigned(found, 0x0062000E, 255)
+        padding = first_unsigned(found, 0x00280120, 0) if kind == "LABELMAP" else 0
         series = found.get(0x00081115, [])
         reference = reference_of(found, series, 0x0008114A)
         frames = frames_of_header(found, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
@@ -97,7 +97,7 @@ def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> Ima
     if pixels is None:
         raise ReadError(f"{path.name} is a truncated segmentation: it has no pixels; copy it again")
     frame_count = whole(found.get(0x00280008, b"0"))
-    rows, columns, bits = (unsigned(found.get(tag, b"\0\0"))[0] for tag in (0x00280010, 0x00280011, 0x00280100))
+    rows, columns, bits = (first_unsigned(found, tag, 0) for tag in (0x00280010, 0x00280011, 0x00280100))
     if min(frame_count, rows, columns) < 1 or bits not in TYPES[kind]:
         raise ReadError(
             f"{path.name} says it has {frame_count} frames of {columns} x {rows} pixels of {bits} bits, which no "

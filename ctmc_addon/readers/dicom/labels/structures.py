@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Stages, Step, Steps
-from ...labels.colors import RGB
+from ....core.volume import ValueKind
+from ...labels.colors import RGB, rgb_of_bytes
 from ...labels.contours import Edges, edges_of, filled_steps
 from ...labels.label_map import LabelMap, clean_name
 from ...optional_imports import imported_steps
 from ...result import RawValues, ReadOptions, Series, VolumeSource
 from ..header import Slice
 from .elements import PLACE, VALUE, Damaged, Elements, Found, Place
-from .label_file import opened, reference_of, texts, uid, whole
+from .label_file import decimals, opened, reference_of, texts, uid, whole
 from .references import Reference, found_steps, grid_of
 from .slice_grid import SliceGrid
 
@@ -61,7 +62,7 @@ class Region(NamedTuple):
 
 
 class Header(NamedTuple):
-    """What one file says of its regions."""
+    """The description of the regions in a structure set."""
 
     series: str
     regions: list[Region]
@@ -80,20 +81,6 @@ class StructureSource(VolumeSource):
         dtype = "uint8" if len(header.regions) < 256 else "uint16"
         super().__init__(path, (Series(1, header.series, count, (columns, rows), "RTSTRUCT", dtype),), [path])
 
-    @classmethod
-    def open_steps(cls, path: Path) -> Steps[StructureSource]:
-        """Read the file's header, and those of the images near it; a `ReadError` where its CT is not there."""
-        stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
-        yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
-        header = yield from stages.run("Reading headers", header_steps(path))
-        slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
-        if not slices:
-            raise ReadError(
-                f"{path.name} holds contours, and the CT series that they were drawn on is neither in its folder, nor "
-                "in the folders in it or beside it; put the two in one folder"
-            )
-        return cls(path, header, slices)
-
     def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
         """Fill every region; the smaller keeps a voxel that several have."""
         stages = Stages({"Reading contours": 1, "Filling contours": 2})
@@ -108,7 +95,23 @@ class StructureSource(VolumeSource):
         notes += [f"{text}: {count} left out" for text, count in sorted(left_out.items())]
         notes += label_map.overlap_note("regions", "the one with the smaller area of contours")
         notes += label_map.empty_note("regions")
-        return RawValues(label_map.values, grid.affine, tuple(notes), "label", label_map.names, label_map.colors)
+        return RawValues(
+            label_map.values, grid.affine, tuple(notes), ValueKind.LABEL, label_map.names, label_map.colors
+        )
+
+
+def open_steps(path: Path) -> Steps[StructureSource]:
+    """Read the file's header, and those of the images near it; a `ReadError` where its CT is not there."""
+    stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
+    yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+    header = yield from stages.run("Reading headers", header_steps(path))
+    slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
+    if not slices:
+        raise ReadError(
+            f"{path.name} holds contours, and the CT series that they were drawn on is neither in its folder, nor "
+            "in the folders in it or beside it; put the two in one folder"
+        )
+    return StructureSource(path, header, slices)
 
 
 def header_steps(path: Path) -> Steps[Header]:
@@ -134,12 +137,9 @@ def header_steps(path: Path) -> Steps[Header]:
 
 
 def color_of(item: Found) -> RGB | None:
-    """ROIDisplayColor, or None."""
+    """ROIDisplayColor; None where it is none, as nothing else hangs on it."""
     words = item.get(0x3006002A, b"").rstrip(b"\0 ").split(b"\\")
-    if len(words) != 3:
-        return None
-    red, green, blue = (min(255, max(0, int(word))) for word in words)
-    return (red, green, blue)
+    return rgb_of_bytes([word.decode("ascii", "replace") for word in words])
 
 
 def contours_of(item: Found) -> list[tuple[str, Place]]:
@@ -192,10 +192,9 @@ def positions_of(elements: Elements, place: Place) -> NDArray[np.float64]:
     if place.length > LONGEST_CONTOUR:
         raise Damaged(f"a contour of {place.length} bytes, and at most {LONGEST_CONTOUR} are read")
     elements.file.seek(place.start)
-    words = elements.file.read(place.length).rstrip(b"\0 ").split(b"\\")
-    if len(words) % 3:
-        raise Damaged(f"a contour of {len(words)} numbers, which are no positions")
-    values = np.fromiter(map(float, words), np.float64, len(words))
+    values = decimals(elements.file.read(place.length))
+    if len(values) % 3:
+        raise Damaged(f"a contour of {len(values)} numbers, which are no positions")
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN
         raise Damaged("a contour with positions that are no number or farther than any patient")
     return values.reshape(-1, 3)

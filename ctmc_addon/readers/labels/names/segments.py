@@ -18,6 +18,7 @@ from ..colors import RGB, rgb_of_shares
 from ..label_map import LabelMap, clean_name
 
 MOST_SEGMENTS = 4096
+MOST_SHOWN = 20  # letters of a damaged value in an error
 
 
 class Segment(NamedTuple):
@@ -40,8 +41,15 @@ def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
     for number in numbers:
         fields = {"LabelValue": 1, "Layer": number} if is_old else {"LabelValue": "", "Layer": 0}
         value, layer = (str(header.get(f"Segment{number}_{key}", own)).strip() for key, own in fields.items())
-        if not all(re.fullmatch(r"\d{1,18}", text, re.ASCII) for text in (value, layer)):
+        if not value:
             continue
+        for key, text in (("LabelValue", value), ("Layer", layer)):
+            if not re.fullmatch(r"\d{1,18}", text, re.ASCII):
+                shown = text[:MOST_SHOWN] + "..." * (len(text) > MOST_SHOWN)
+                raise ReadError(
+                    f"{name} has '{shown}' as {key} of segment {number}, and a whole number of 18 digits at most "
+                    "belongs there; export it again"
+                )
         called = clean_name(header.get(f"Segment{number}_Name", ""), f"Segment {number}")
         color = rgb_of_shares(str(header.get(f"Segment{number}_Color", "")).split())
         segments.append(Segment(int(value), int(layer), called, color))

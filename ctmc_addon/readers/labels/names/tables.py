@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from ....core.files.input_files import add_inputs
 from ...file_formats import natural_key, stem
 from ..colors import RGB
 from ..label_map import clean_name
@@ -44,6 +45,7 @@ def table_for(path: Path, name: str) -> LabelTable:
         tables = {file: table for file in candidates if (table := read_table(file)) is not None}
         if len(tables) == 1:
             file, table = tables.popitem()
+            add_inputs([file])
             return table._replace(notes=(f"names and colors of labels are from {file.name} beside it",))
     if is_total_segmentator(name):
         return LabelTable(NAMES, {}, ("names of labels are those of TotalSegmentator 2, as the file's name says",))

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ....core.volume import ValueKind
 from ... import jobs
 from ...needs import Needs
 from ...state import volumes
@@ -20,7 +21,7 @@ DONE = {"FINISHED"}
 def has_gray_values(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the CT has gray values, with the reason if not."""
     volume = volumes.current(context.scene)
-    if volume is not None and volume.kind == "label":
+    if volume is not None and volume.kind == ValueKind.LABEL:
         operator.poll_message_set("A label volume has labels and no gray values")
         return False
     return True
@@ -45,12 +46,10 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
     needs = (volumes.has_volume, has_gray_values)
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        """Without a window there is nothing to draw in."""
         self.report({"ERROR"}, translate("The histogram needs a window; set the threshold as a number"))
         return {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Open it; where it is open, close it."""
         if histogram.current() is not None:
             histogram.hide()
             return DONE
@@ -97,10 +96,10 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
             line = histogram.line_at(strip, context.scene, bool(self.opened.held))
             self.offset = x - line if abs(x - line) <= strip.reach / strip.pixel else 0.0
             return {"RUNNING_MODAL"} if self.offset else self.follow(context, event, strip, x)
-        return {"RUNNING_MODAL"}  # a click is no click on what lies behind the strip
+        return {"RUNNING_MODAL"}  # A click in the strip does not reach the objects behind it.
 
     def follow(self, context: bpy.types.Context, event: bpy.types.Event, strip: Any, x: float) -> set[str]:
-        """A line is dragged: it follows, is left where the button is released, or goes back."""
+        """Move the dragged line with the mouse, leave it where the button is released, or put it back."""
         opened = self.opened
         back = event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS"
         if back:
@@ -118,7 +117,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def look(self, context: bpy.types.Context, area: bpy.types.Area, strip: Any, x: float | None) -> None:
-        """The mouse has moved: say what is under it, None where it has left the strip."""
+        """Show the value under the mouse; None where the mouse has left the strip."""
         opened = self.opened
         seen = (None, None) if x is None else (strip.value_at(x), histogram.grabbed(strip, context.scene, x))
         if seen != (opened.pointed, opened.held):
@@ -127,7 +126,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         self.point(context, x is not None)
 
     def point(self, context: bpy.types.Context, inside: bool) -> None:
-        """The pointer says that something can be dragged sideways."""
+        """Show a pointer which says that a line can be dragged sideways."""
         if inside != self.pointing and context.window is not None:
             if inside:
                 context.window.cursor_modal_set("MOVE_X")
@@ -136,7 +135,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         self.pointing = inside
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Another file is opened, or the window closed."""
+        """Close the histogram, as another file is opened or the window is closed."""
         if self.opened is histogram.current():
             histogram.hide()
 

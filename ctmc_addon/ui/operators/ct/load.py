@@ -3,39 +3,34 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    BoolVectorProperty,
-    CollectionProperty,
-    FloatVectorProperty,
-    IntProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from .... import readers
 from ....blender.colors import color_of
 from ....blender.ct_box import show_box
 from ....blender.units import has_blenders_units, set_units
-from ....core import ReadError, Stages, Steps
-from ....core.volume import volume_box, volume_statistics_steps
-from ....readers import KNOWN_SUFFIXES
+from ....core import ReadError, Stages, Steps, fits_in_memory, shown_stride
+from ....core.volume import ValueKind, volume_box, volume_statistics_steps
+from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
 from ... import jobs
 from ...properties.preferences import machine
+from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...state import change_events, session, surfaces, volumes
 from ...translations import OURS, translate
 from ..paths import RELATIVE
 from .view import frame_everywhere
 
 STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
-# Blender looks at the last suffix only.
-DROPPED = ";".join(sorted({"." + suffix.rpartition(".")[2] for suffix in KNOWN_SUFFIXES} | {".gz"}))
+# Blender looks at the last suffix only, and folders cannot be dropped.
+DROPPED = ";".join(sorted({"." + end.rpartition(".")[2] for end in KNOWN_SUFFIXES if end not in FOLDER_SUFFIXES}))
 
 
 class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
@@ -53,32 +48,6 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE", *RELATIVE})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
-    spacing: FloatVectorProperty(
-        name="Spacing",
-        description="Distance between samples along x, y and z [mm]. 0 = as the files say",
-        min=0.0,
-        subtype="XYZ",
-        unit="CAMERA",
-        options={"SKIP_SAVE"},
-    )
-    flip: StringProperty(name="Flip", description="Axes to flip, such as z or xy", options={"SKIP_SAVE", "HIDDEN"})
-    flip_axes: BoolVectorProperty(
-        name="Flip",
-        description="Axes that lie the other way round than the files say or was assumed",
-        options={"SKIP_SAVE"},
-    )
-    series: StringProperty(
-        name="Series",
-        description="UID of the DICOM series. Empty = the one with the most slices",
-        options={"SKIP_SAVE", "HIDDEN"},
-    )
-    time: IntProperty(
-        name="Time",
-        description="Which of several times of the CT to read: time points, phases or acquisitions. "
-        "0 = the first that is whole",
-        min=0,
-        options={"SKIP_SAVE", "HIDDEN"},
-    )
     again: BoolProperty(
         name="Again",
         description="Read the CT of this scene again, with the spacing and sides of the panel",
@@ -88,7 +57,6 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Ask for a file or folder, unless one was dropped."""
         self.windowed = True
         if self.filepath or self.directory or self.again:
             return self.begin(context)
@@ -99,7 +67,6 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """What the files may not say, beside the list of files."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(align=True)
@@ -108,6 +75,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         row = layout.row(heading=translate("Flip"), heading_ctxt=OURS, align=True)
         for axis, name in enumerate("XYZ"):
             row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
+        layout.prop(self, "strict")
         lines = layout.column(align=True)
         lines.scale_y = 0.8
         for line in in_lines(
@@ -122,19 +90,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene_session.message = scene_session.load_message = ""
         # Several files that were dropped or selected together are slices of one stack.
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
-        reading: dict[str, Any] = {
-            "spacing": tuple(self.spacing) if any(self.spacing) else None,
-            "flip": self.flip or "".join(axis for axis, flips in zip("xyz", self.flip_axes, strict=True) if flips),
-            "series": self.series or None,
-            "time": self.time or None,
-        }
+        reading = asked = options_of_dialog(self)
         if self.again and not path:
             path = stored.volume_path
-            reading = reading_of(stored)
-            if self.series:
-                reading |= {"series": self.series, "time": None}
-            if self.time:
-                reading["time"] = self.time
+            reading = options_of_scene(stored)
+            if asked.series:
+                reading = replace(reading, series=asked.series, time=None)
+            if asked.time:
+                reading = replace(reading, time=asked.time)
             if reading == known_reading(scene):
                 expected = stored.volume_fingerprint
         if not path:
@@ -143,7 +106,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen)
 
     def steps(
-        self, path: Path, reading: dict[str, Any], scene: int, expected: str, chosen: int
+        self, path: Path, reading: ReadingOptions, scene: int, expected: str, chosen: int
     ) -> Steps[jobs.Conclusion]:
         """The work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
@@ -152,22 +115,21 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         stages = Stages(STAGES)
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
-        selected = source.selected_series(reading["series"])
-        fits = selected is None or volumes.fits(selected, machine().memory_limit)
+        selected = source.selected_series(reading.series)
+        budget = machine().budget
         file, stride = None, (1, 1, 1)
-        if fits:
-            limits = machine()
-            work = source.read_steps(**reading, threads=limits.threads, memory_limit=limits.memory_limit)
+        if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
+            work = source.read_steps(reading, threads=budget.threads, memory_limit=budget.bytes)
             volume = yield from stages.run(values, work)
         else:
-            file = yield from stages.run(values, source.slabs_steps(**reading, threads=machine().threads))
-            stride = volumes.shown_stride(file, machine().memory_limit)
-            volume = yield from stages.run(values, file.volume_steps(stride))
-        if reading["series"] and selected is not None:  # its UID is kept nowhere
-            reading = {**reading, "series": str(selected.number)}
+            file = yield from stages.run(values, source.slabs_steps(reading, threads=budget.threads))
+            stride = shown_stride(file, budget)
+            volume = yield from stages.run(values, file.in_memory_steps(stride))
+        if reading.series and selected is not None:  # its number is stored, as a UID must not be
+            reading = replace(reading, series=str(selected.number))
         if selected is not None:
-            time, _ = source.selected_time(reading["series"], reading["time"])
-            reading = {**reading, "time": time if selected.times > 1 else None}
+            time, _ = source.selected_time(reading.series, reading.time)
+            reading = replace(reading, time=time if selected.times > 1 else None)
         slices = volume.size[2] if file is None else file.size[2]
         if 1 < chosen < slices:
             note = f"the whole folder was read, {slices} slices, not the {chosen} files that were chosen"
@@ -195,20 +157,10 @@ def last_folder(scene: bpy.types.Scene) -> Path | None:
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
 
 
-def reading_of(stored: Any) -> dict[str, Any]:
-    """How the panel wants the scene's CT to be read."""
-    return {
-        "spacing": tuple(stored.spacing) if any(stored.spacing) else None,
-        "flip": "".join(axis for axis in "xyz" if getattr(stored, f"flip_{axis}")),
-        "series": stored.series or None,
-        "time": stored.time or None,
-    }
-
-
-def known_reading(scene: bpy.types.Scene) -> Any:
-    """How the CT of the scene was read."""
+def known_reading(scene: bpy.types.Scene) -> ReadingOptions:
+    """Return how the CT of the scene was read."""
     loaded = volumes.loaded(scene)
-    return reading_of(scene.ctmc) if loaded is None else loaded.reading
+    return options_of_scene(scene.ctmc) if loaded is None else loaded.reading
 
 
 def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
@@ -216,17 +168,13 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
-    stored, reading = scene.ctmc, loaded.reading
+    stored = scene.ctmc
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     is_first = not stored.volume_fingerprint
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     volumes.keep(loaded, scene)
-    stored.spacing = reading["spacing"] or (0.0, 0.0, 0.0)
-    for axis in "xyz":
-        setattr(stored, f"flip_{axis}", axis in reading["flip"])
-    stored.series = str(reading["series"] or "")
-    stored.time = reading["time"] or 0
+    show_options(stored, loaded.reading)
     if holds_region:
         stored.region_for = stored.volume_fingerprint
     if is_another_ct:
@@ -253,11 +201,11 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
 
 
 def follow_kind(stored: Any, loaded: volumes.Loaded) -> None:
-    """Labels for a label volume, whose numbers no threshold separates; a threshold for HU, which are no labels."""
+    """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU."""
     labels = [value for value, _ in loaded.statistics.labels]
-    if loaded.volume.kind == "label" and labels and not (stored.use_label and stored.label in labels):
+    if loaded.volume.kind == ValueKind.LABEL and labels and not (stored.use_label and stored.label in labels):
         stored.label = labels[0]
-    elif loaded.volume.kind == "HU" and stored.use_label:
+    elif loaded.volume.kind == ValueKind.HU and stored.use_label:
         stored.use_label = False
         stored.use_threshold = stored.is_property_set("threshold")
 
@@ -276,6 +224,9 @@ def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct:
         frame_everywhere(loaded.volume)
 
 
+CTMC_OT_load.__annotations__.update(dialog_properties())
+
+
 class CTMC_FH_stack(bpy.types.FileHandler):
     """Drop a CT file on the 3D viewport or the outliner."""
 
@@ -286,7 +237,7 @@ class CTMC_FH_stack(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Where a surface would be seen."""
+        """Return whether files can be dropped here: on a 3D viewport or the outliner."""
         return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
 
 

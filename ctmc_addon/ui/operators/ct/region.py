@@ -23,7 +23,6 @@ class CTMC_OT_fit_region(Needs, bpy.types.Operator):
     needs = (volumes.has_volume,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set it, and use it."""
         fit_region(context.scene.ctmc)
         return {"FINISHED"}
 

@@ -23,11 +23,9 @@ class CTMC_OT_slice_step(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory."""
         return volumes.current(context.scene) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move it."""
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
         view = context.scene.ctmc_view
@@ -47,7 +45,6 @@ class CTMC_OT_window(bpy.types.Operator):
     level: FloatProperty(name="Level", default=40.0)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Choose them."""
         choose(context.scene.ctmc_view, self.window, self.level)
         return {"FINISHED"}
 

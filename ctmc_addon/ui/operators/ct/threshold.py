@@ -11,7 +11,7 @@ import bpy.utils.previews
 from bpy.props import EnumProperty
 
 from ....core import CtmcError, finish
-from ....core.volume import TISSUES, histogram_picture, quick_threshold, used_threshold_steps
+from ....core.volume import TISSUES, ValueKind, histogram_picture, quick_threshold, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
 from ...state import volumes
@@ -38,7 +38,6 @@ class CTMC_OT_auto_threshold(Needs, bpy.types.Operator):
     needs = (volumes.has_volume,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Find and set it."""
         scene = context.scene
         loaded = volumes.loaded(scene)
         assert loaded is not None, "poll asks for one"
@@ -69,15 +68,13 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where values are Hounsfield units."""
         volume = volumes.current(context.scene)
-        if volume is not None and volume.kind != "HU":
+        if volume is not None and volume.kind != ValueKind.HU:
             cls.poll_message_set("Tissues are known by their HU, and this volume holds other values")
             return False
         return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set it, with its upper limit; a tissue without one leaves none."""
         tissue, settings = TISSUES[self.tissue], context.scene.ctmc
         settings.use_upper = tissue.upper is not None
         settings.threshold = tissue.threshold

@@ -69,7 +69,6 @@ class CTMC_OT_pick_point(Needs, bpy.types.Operator):
     needs = (volumes.has_volume,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Let them meet at the point that is given."""
         self.pick(context, None, tuple(self.point_mm))
         self.report({"INFO"}, point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
         return {"FINISHED"}
@@ -85,7 +84,6 @@ class CTMC_OT_pick_point(Needs, bpy.types.Operator):
         session.redraw_viewports()
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Wait for clicks."""
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}

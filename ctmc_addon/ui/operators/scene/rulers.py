@@ -90,7 +90,7 @@ class Measure:
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 
     def cancel(self: Any, context: bpy.types.Context) -> None:
-        """Leave nothing behind."""
+        """Stop drawing the wire, and restore pointer and status bar."""
         rulers.pending.places, rulers.pending.next_place = [], None
         if context.window is not None:
             context.window.cursor_modal_restore()

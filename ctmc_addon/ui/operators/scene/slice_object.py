@@ -46,11 +46,9 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a CT in memory, and in object mode, as it selects."""
         return in_object_mode(cls, context) and volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Add them, and select them alone."""
         scene = context.scene
         ct, view, scale = volumes.require_loaded(scene), scene.ctmc_view, machine().scale
         cursor_mm = [value / scale for value in scene.cursor.location]
@@ -85,7 +83,6 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface, and a slice or a CT to take one from."""
         if not in_object_mode(cls, context):
             return False
         if not any(obj.type == "MESH" and not is_slice(obj) for obj in context.selected_objects):
@@ -94,7 +91,6 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
         return is_slice(context.object) or volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Cut them."""
         surfaces = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_slice(obj)]
         if not is_slice(context.object):
             active = context.object

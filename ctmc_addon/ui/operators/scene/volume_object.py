@@ -11,8 +11,9 @@ from bpy.props import EnumProperty
 
 from ....blender.units import set_units
 from ....blender.volume import APPEARANCES, add_volume, vdb_steps, vdb_writer
-from ....core import MeshError, Steps
-from ....core.volume import SlabVolume, box_of
+from ....core import MeshError, Steps, Volume
+from ....core.files.file_names import file_name
+from ....core.volume import box_of
 from ... import jobs
 from ...properties.preferences import machine
 from ...state import session, volumes
@@ -54,15 +55,13 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         ct, settings = volumes.require_loaded(scene), scene.ctmc.to_settings()
         x, y, z = box_of(ct.full, settings.region, settings.region_unit)
-        part = (ct.file or SlabVolume.of(ct.volume)).cropped((x[0], y[0], z[0]), (x[1], y[1], z[1]))
+        part = ct.full.part((x, y, z))
         return self.steps(part, settings.stride, scene.session_uid, ct.statistics.fingerprint)
 
-    def steps(
-        self, part: SlabVolume, stride: tuple[int, int, int], uid: int, fingerprint: str
-    ) -> Steps[jobs.Conclusion]:
+    def steps(self, part: Volume, stride: tuple[int, int, int], uid: int, fingerprint: str) -> Steps[jobs.Conclusion]:
         """Write the file, then add the object."""
         path, scale, appearance = free_path(part.name), machine().scale, APPEARANCES[self.appearance]
-        volume = yield from part.volume_steps(stride)
+        volume = yield from part.in_memory_steps(stride)
         yield from vdb_steps(volume, path, scale)
 
         def conclude() -> str:
@@ -78,10 +77,11 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
 def free_path(name: str) -> Path:
     """A .vdb beside the .blend that is not there yet."""
     folder = Path(bpy.data.filepath).parent
-    number, path = 1, folder / f"{name}.vdb"
+    stem = file_name(name)
+    number, path = 1, folder / f"{stem}.vdb"
     while path.exists():
         number += 1
-        path = folder / f"{name} {number}.vdb"
+        path = folder / f"{stem} {number}.vdb"
     return path
 
 
@@ -97,7 +97,6 @@ class CTMC_OT_set_units(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set them."""
         set_units(context.scene, machine().scale)
         self.report({"INFO"}, translate("Blender's numbers are millimeters now"))
         return {"FINISHED"}

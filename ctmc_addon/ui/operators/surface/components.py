@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of the active surface left out or closed: `ctmc.remove_small`, `ctmc.keep_largest`, `ctmc.close_border`.
+"""Remove components of the active surface, or close it: `ctmc.remove_small`, `ctmc.keep_largest`, `ctmc.close_border`.
 
 The setting goes to the panel too, or the next Update would bring back what was left out.
 """
@@ -19,7 +19,7 @@ from .simplify import from_full_steps
 
 
 class ComponentsOperator(jobs.LongOperator):
-    """What the three share, before `bpy.types.Operator`."""
+    """What the three operators share; inherited before `bpy.types.Operator`."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

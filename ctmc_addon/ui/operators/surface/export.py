@@ -9,6 +9,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ....blender.export import export
+from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..paths import SaveDialog
 
@@ -21,6 +22,8 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     bl_idname = "ctmc.export"
     bl_label = "Export Surface"
     bl_description = f"Write the active surface in millimeters; the suffix chooses the format, else STL: {FORMATS}"
+
+    suffixes = SURFACE_SUFFIXES
 
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SURFACE_SUFFIXES), options={"HIDDEN"})
     kind: EnumProperty(
@@ -53,7 +56,6 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a mesh to write."""
         if context.object is None or context.object.type != "MESH":
             cls.poll_message_set("Choose a surface first")
             return False
@@ -64,7 +66,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     def suggestion(self, context: bpy.types.Context) -> str:
         """The object's name."""
-        return f"{context.object.name}{self.ending()}"
+        return f"{file_name(context.object.name)}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
         """Write it."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finished surfaces become objects of the scene: new ones, or those that were selected.
+"""Put finished surfaces into the scene, as new objects or into those that were selected.
 
 Data-blocks are kept by their session_uid while a job runs: undo, deletion and renaming do no harm then.
 """
@@ -58,7 +58,7 @@ class SurfaceRequest:
 class FinishedSurface:
     """A surface and what it was asked for: before and after simplification, measured in so many seconds.
 
-    `full` is None where the surface was simplified as it was extracted.
+    `full` is None where the surface before simplification did not fit in memory.
     """
 
     request: SurfaceRequest
@@ -98,7 +98,7 @@ def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
             block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
-        yield Step(1.0, "Adding the surface")  # whoever pressed Esc while Blender was busy is heard
+        yield Step(1.0, "Adding the surface")  # Esc that was pressed while Blender was busy is handled here.
         complete = True
         return meshes
     finally:

@@ -12,6 +12,7 @@ import bpy
 from bpy.props import BoolProperty
 
 from ....core import (
+    Budget,
     CtmcError,
     Reconstruction,
     ReconstructionSettings,
@@ -25,7 +26,7 @@ from ....core import (
     simplified_steps,
     without_small_steps,
 )
-from ....core.volume import SlabVolume, require_labels
+from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
 from ...state import cost_estimates, session, surfaces, volumes
@@ -103,7 +104,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
 
 
 def surfaces_steps(
-    volume: Volume | SlabVolume | None,
+    volume: Volume | None,
     requests: Sequence[SurfaceRequest],
     scene_uid: int,
     full: Reconstruction | None = None,
@@ -112,10 +113,10 @@ def surfaces_steps(
     stages = Stages(JOB_STAGES)
     reconstructing, adding = JOB_STAGES
     if volume is None or len(requests) == 1:
-        [request], limits = requests, machine()
-        making = surface_steps(volume, request, full, limits.threads, limits.memory_limit)
+        [request], budget = requests, machine().budget
+        making = surface_steps(volume, request, full, budget)
         if full is None and volume is not None:
-            making = advised_steps(making, volume, request.settings, 0, limits.threads, limits.memory_limit)
+            making = advised_steps(making, volume, request.settings, budget)
         finished = [(yield from stages.run(reconstructing, making))]
     else:
         finished = yield from stages.run(reconstructing, labels_steps(volume, requests))
@@ -132,14 +133,14 @@ def surfaces_steps(
     return conclude
 
 
-def labels_steps(volume: Volume | SlabVolume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
+def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
     """Make the surfaces of several labels, side by side."""
-    runs, limits = [request.settings for request in requests], machine()
+    runs = [request.settings for request in requests]
 
-    def work_steps(number: int, threads: int, limit: int | None, beside: bool) -> Steps[FinishedSurface]:
-        return (yield from surface_steps(volume, requests[number], None, threads, limit, streams=not beside))
+    def work_steps(number: int, budget: Budget) -> Steps[FinishedSurface]:
+        return (yield from surface_steps(volume, requests[number], None, budget))
 
-    made = yield from each_label_steps(volume, runs, work_steps, limits.threads, limits.memory_limit)
+    made = yield from each_label_steps(volume, runs, work_steps, machine().budget)
     finished = []
     for result in made:
         if isinstance(result, CtmcError):
@@ -149,24 +150,19 @@ def labels_steps(volume: Volume | SlabVolume, requests: Sequence[SurfaceRequest]
 
 
 def surface_steps(
-    volume: Volume | SlabVolume | None,
+    volume: Volume | None,
     request: SurfaceRequest,
     full: Reconstruction | None,
-    threads: int | None,
-    memory_limit: int | None,
-    streams: bool = True,
+    budget: Budget,
 ) -> Steps[FinishedSurface]:
-    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this.
-
-    `streams` is that of `reconstruct_steps`.
-    """
+    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
     stages = Stages(SURFACE_STAGES)
     reconstructing, measuring = SURFACE_STAGES
     if full is not None:
-        making = remade_steps(full, request.settings, memory_limit)
+        making = remade_steps(full, request.settings, budget)
     else:
         assert volume is not None, "the caller has one of the two"
-        making = result_and_full_steps(volume, request.settings, threads, memory_limit, streams)
+        making = result_and_full_steps(volume, request.settings, budget)
     result, full = yield from stages.run(reconstructing, making)
     measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh)
     measurement = yield from stages.run(measuring, measuring_steps)
@@ -174,14 +170,14 @@ def surface_steps(
 
 
 def remade_steps(
-    full: Reconstruction, settings: ReconstructionSettings, memory_limit: int | None
+    full: Reconstruction, settings: ReconstructionSettings, budget: Budget
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
     """The surface that the settings ask for, of the full one of other settings; and the full one of these."""
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
     if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
-    return (yield from simplified_steps(full, settings, memory_limit)), full
+    return (yield from simplified_steps(full, settings, budget)), full
 
 
 def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:

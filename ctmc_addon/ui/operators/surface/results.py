@@ -9,11 +9,13 @@ from typing import Any
 import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
-from ....blender.surface import as_shown, own_mesh, require_editable, require_provenance, settings_of
-from ....core import STREAMED_NOTE, CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
+from ....core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ....core.files.file_names import file_name
 from ....core.mesh import ReferenceSurface, vertex_distances_steps
 from ....reporting.command_line import command_line
 from ... import jobs
+from ...properties.reading import options_of_scene
 from ...state import measurements, session, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate
@@ -60,10 +62,9 @@ def has_full(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the full surface of the active one is in memory, with the reason if not."""
     obj = context.view_layer.objects.active
     if surfaces.origin_of(obj) not in session.of(context.scene).full:
-        if STREAMED_NOTE in require_provenance(obj).notes:
-            operator.poll_message_set("The full surface does not fit in memory; use a larger stride or a region first")
-            return False
-        operator.poll_message_set("The full surface is not in memory; reconstruct again first")
+        operator.poll_message_set(
+            "The full surface is not in memory; reconstruct again, at a larger stride where it does not fit"
+        )
         return False
     return True
 
@@ -117,14 +118,12 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a map, or where a viewport shows one."""
         if painted_mm(context.view_layer.objects.active) is None and not deviation.is_shown():
             cls.poll_message_set("Make a deviation map first")
             return False
         return True
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        """Switch."""
         if deviation.is_shown():
             deviation.hide()
         else:
@@ -143,14 +142,12 @@ class CTMC_OT_adopt_settings(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with a surface that knows its settings."""
         if not surfaces.is_surface(context.view_layer.objects.active):
             cls.poll_message_set("Choose a reconstructed surface first")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take them."""
         try:
             context.scene.ctmc.from_settings(settings_of(context.view_layer.objects.active))
         except CtmcError as error:
@@ -167,14 +164,12 @@ class CTMC_OT_copy_command(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where a CT is known."""
         if not context.scene.ctmc.volume_path:
             cls.poll_message_set("Load a CT first")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy it, a line for each surface."""
         try:
             text = command_text(context.scene)
         except CtmcError as error:
@@ -188,11 +183,11 @@ def command_text(scene: bpy.types.Scene) -> str:
     """The command line of every surface the panel asks for."""
     stored, loaded = scene.ctmc, volumes.loaded(scene)
     source = bpy.path.abspath(stored.volume_path)
-    reading = loaded.reading if loaded is not None else {}
+    reading = loaded.reading if loaded is not None else options_of_scene(stored)
     name = loaded.volume.name if loaded is not None else Path(source).stem
     lines = []
     for settings in stored.all_settings():
-        output = f"{name}.stl" if settings.label is None else f"{name}_label_{settings.label}.stl"
+        output = file_name(name if settings.label is None else f"{name}_label_{settings.label}") + ".stl"
         lines.append(command_line(source, output, settings, reading))
     return "\n".join(lines)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fewer triangles, and a plain mesh: `ctmc.simplify`, `ctmc.make_final`."""
+"""Reduce the triangles of a surface, and make a plain mesh of it: `ctmc.simplify`, `ctmc.make_final`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,6 @@ class CTMC_OT_apply_shape(Needs, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Bake it."""
         obj = context.view_layer.objects.active
         try:
             apply_shape_and_modifiers(obj)

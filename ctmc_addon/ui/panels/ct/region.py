@@ -24,7 +24,6 @@ class CTMC_PT_region(SubPanel, bpy.types.Panel):
         self.layout.prop(context.scene.ctmc, "use_region", text="")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Unit, lowest and highest corner."""
         layout, settings = self.layout, context.scene.ctmc
         prepare(layout)
         layout.use_property_split = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ....core.volume import slice_at, slice_position_text
+from ....core.volume import ValueKind, slice_at, slice_position_text
 from ... import jobs
 from ...state import volumes
 from ...translations import translate
@@ -23,7 +23,6 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Nothing to slice without a CT."""
         return volumes.current(context.scene) is not None
 
     def draw_header(self, context: bpy.types.Context) -> None:
@@ -32,7 +31,6 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         self.layout.prop(context.scene.ctmc_view, "show_slice", text="")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Plane, place, window and level."""
         layout, view = self.layout, context.scene.ctmc_view
         volume = volumes.current(context.scene)
         assert volume is not None, "poll asks for one"
@@ -49,11 +47,13 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         text = text.format(number=place.index + 1, count=place.count, place=slice_position_text(volume, place))
         layout.label(text=text, translate=False)
         column = layout.column(align=True)
-        column.active = not (volume.kind == "label" and context.scene.ctmc.use_label)  # it is shown in their colors
-        unit = " [HU]" if volume.kind == "HU" else ""
+        column.active = not (
+            volume.kind == ValueKind.LABEL and context.scene.ctmc.use_label
+        )  # it is shown in their colors
+        unit = " [HU]" if volume.kind == ValueKind.HU else ""
         column.prop(view, "window", text=translate("Window") + unit, translate=False)
         column.prop(view, "level", text=translate("Level") + unit, translate=False)
-        if volume.kind == "HU":
+        if volume.kind == ValueKind.HU:
             row = layout.row(align=True)
             for name, window, level in WINDOWS:
                 button = row.operator("ctmc.window", text=name)

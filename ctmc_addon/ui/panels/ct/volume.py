@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ....readers import Series
-from ....reporting.formatting import count, directions, kind_text
+from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
 from ...state import session, volumes
@@ -68,7 +68,7 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         (
             translate("Values"),
             translate("{low} to {high} {kind}").format(
-                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(kind_text(volume.kind))
+                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(str(volume.kind))
             ),
         ),
     ]
@@ -121,7 +121,7 @@ def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
     text = translate("Time, 1 to {count}").format(count=loaded.times)
     column.prop(stored, "time", text=text, translate=False)
     row = column.row(align=True)
-    row.enabled = stored.time != loaded.reading["time"]
+    row.enabled = stored.time != loaded.reading.time
     row.operator("ctmc.load", text="Load This Time", icon="FILE_REFRESH").again = True
 
 

@@ -19,7 +19,6 @@ class CTMC_PT_rulers(SubPanel, bpy.types.Panel):
     bl_parent_id = "CTMC_PT_results"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Two buttons; every ruler of the scene with its value."""
         layout = self.layout
         prepare(layout)
         column = layout.column(align=True)

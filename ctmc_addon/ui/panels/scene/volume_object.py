@@ -21,11 +21,9 @@ class CTMC_PT_volume_object(SubPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Nothing to add without a CT."""
         return volumes.current(context.scene) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        """A button for each appearance, or why there is none; the units."""
         layout = self.layout
         prepare(layout)
         if vdb_writer() is None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.errors import LabelError, SettingsError
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
@@ -194,7 +195,7 @@ def test_empty_margins_do_not_change_the_surface():
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), THICK])
 def test_the_result_does_not_depend_on_the_threads(spacing):
     mask = ball(30.0, spacing)
-    one, many = smooth(mask, spacing, threads=1), smooth(mask, spacing, threads=4)
+    one, many = (smooth(mask, spacing, budget=Budget(threads=threads)) for threads in (1, 4))
     assert one.values.tobytes() == many.values.tobytes()
     assert one.constant_mm == many.constant_mm
 
@@ -204,7 +205,7 @@ def test_steps_move_forwards_and_closing_them_leaves_no_thread():
 
     before = threading.active_count()
     fractions = []
-    steps = constrained_steps(ball(12.0, THICK), THICK, threads=3)
+    steps = constrained_steps(ball(12.0, THICK), THICK, budget=Budget(threads=3))
     for step in steps:
         fractions.append(step.fraction)
         if step.fraction > 0.6:
@@ -249,7 +250,7 @@ def test_memory_is_as_predicted(spacing):
 
     mask = ball(40.0, spacing)
     tracemalloc.start()
-    smooth(mask, spacing, threads=1)
+    smooth(mask, spacing, budget=Budget(threads=1))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert 0.4 < peak / constrained_bytes(mask, spacing) < 1.05

@@ -14,10 +14,28 @@ AXIAL = (1, 0, 0, 0, 1, 0)
 SEG = "1.2.840.10008.5.1.4.1.1.66.4"
 LABEL_MAP = "1.2.840.10008.5.1.4.1.1.66.7"
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
+RLE = "1.2.840.10008.1.2.5"
 EXPLICIT, IMPLICIT, DEFLATED = "1.2.840.10008.1.2.1", "1.2.840.10008.1.2", "1.2.840.10008.1.2.1.99"
 DEFLATED_FRAMES = "1.2.840.10008.1.2.8.1"
 RED, GREEN = (34886, 53484, 50172), (57498, 10747, 54274)  # CIELab
 PATIENT = "Muster^Erika"
+
+
+def rle_frame(content: bytes) -> bytes:
+    """One segment of PackBits runs (PS3.5 annex G), repeated and literal."""
+    runs = bytearray()
+    at = 0
+    while at < len(content):
+        same = 1
+        while same < 128 and content[at + same : at + same + 1] == content[at : at + 1]:
+            same += 1
+        if same > 1:
+            runs += bytes([257 - same, content[at]])
+        else:
+            runs += bytes([0, content[at]])
+        at += same
+    runs += b"\0" * (len(runs) % 2)
+    return (1).to_bytes(4, "little") + (64).to_bytes(4, "little") + bytes(56) + runs
 
 
 def item(**values: Any) -> Any:
@@ -60,6 +78,7 @@ def save_segmentation() -> Callable[..., Any]:
         spacing: Any = (0.8, 0.5),
         gap: float | None = None,
         bits: int = 8,
+        bit_packed: bool = True,
         **tags: Any,
     ) -> Any:
         import pydicom
@@ -108,6 +127,10 @@ def save_segmentation() -> Callable[..., Any]:
             streams = [zlib.compressobj(wbits=-15) for _ in packed]
             pairs = zip(streams, packed, strict=True)
             dataset.PixelData = encapsulate([stream.compress(piece) + stream.flush() for stream, piece in pairs])
+        elif syntax == RLE:
+            if kind == "BINARY" and not bit_packed:
+                packed = [plane.astype(np.uint8).tobytes() for plane in stack]
+            dataset.PixelData = encapsulate([rle_frame(piece) for piece in packed])
         elif kind == "BINARY":  # bits of all frames without a gap
             dataset.PixelData = np.packbits(stack.ravel() != 0, bitorder="little").tobytes()
         else:
@@ -115,7 +138,7 @@ def save_segmentation() -> Callable[..., Any]:
         if len(dataset.PixelData) % 2:
             dataset.PixelData += b"\0"
         dataset["PixelData"].VR = "OW" if bits == 16 else "OB"
-        dataset["PixelData"].is_undefined_length = syntax == DEFLATED_FRAMES
+        dataset["PixelData"].is_undefined_length = syntax in (DEFLATED_FRAMES, RLE)
         for name, value in tags.items():
             if value is None:
                 delattr(dataset, name)
@@ -136,7 +159,7 @@ def save_segmentation() -> Callable[..., Any]:
 def save_structures() -> Callable[..., Any]:
     """Write a structure set of the CT that `save_stack` writes; `regions` are name: [(type, positions (n, 3))]."""
 
-    def save(path: Path, regions: Any, syntax: str = IMPLICIT, **tags: Any) -> Any:
+    def save(path: Path, regions: Any, syntax: str = IMPLICIT, color: Any = (255, None, 0), **tags: Any) -> Any:
         import pydicom
 
         dataset = _empty(RTSTRUCT, syntax, "RTSTRUCT")
@@ -158,8 +181,9 @@ def save_structures() -> Callable[..., Any]:
                 )
                 for kind, points in contours
             ]
+            own_color = [10 * at if share is None else share for share in color]
             dataset.ROIContourSequence.append(
-                item(ReferencedROINumber=number, ROIDisplayColor=[255, 10 * at, 0], ContourSequence=drawn)
+                item(ReferencedROINumber=number, ROIDisplayColor=own_color, ContourSequence=drawn)
             )
         for name, value in tags.items():
             setattr(dataset, name, value)

@@ -19,6 +19,12 @@ def said(volume, text):
     return any(text in note for note in volume.notes)
 
 
+def rle_frame(content):
+    """A frame of literal bytes (PS3.5 annex G)."""
+    runs = b"".join(bytes([0, value]) for value in content)
+    return (1).to_bytes(4, "little") + (64).to_bytes(4, "little") + bytes(56) + runs
+
+
 def masks(count, shape=(5, 7), seed=3):
     """Random pixels; 5 x 7 bits do not end with a byte."""
     return np.random.default_rng(seed).integers(0, 2, (count, *shape)).astype(np.uint8)
@@ -40,6 +46,14 @@ def test_frames_of_one_bit_in_any_order_stand_where_they_belong(tmp_path, save_s
         volume.affine, [[-0.5, 0, 0, 10], [0, -0.8, 0, 20], [0, 0, 2.5, 0], [0, 0, 0, 1]], atol=1e-12
     )
     assert said(volume, "2 of 3 segments are empty: tumor, vessel")
+
+
+@pytest.mark.parametrize("keyword", ["Rows", "BitsAllocated", "NumberOfFrames", "SegmentSequence"])
+def test_an_empty_element_is_refused_in_a_sentence(tmp_path, save_segmentation, keyword):
+    frames = [(1, (-10, -20, 2.5 * z), plane) for z, plane in enumerate(masks(3))]
+    save_segmentation(tmp_path / "seg.dcm", frames, kind="FRACTIONAL", **{keyword: []})
+    with pytest.raises(CtmcError, match=r"^seg\.dcm .*; (copy|copy or export|export) it again$"):
+        read_volume(tmp_path / "seg.dcm")
 
 
 def test_frames_left_out_are_empty_slices_and_the_ct_beside_it_tells_how_many(tmp_path, save_segmentation, save_stack):
@@ -129,6 +143,48 @@ def test_a_label_map_keeps_its_numbers_and_padding_is_background(tmp_path, save_
     labels = np.where(plane == 5, 0, plane)
     np.testing.assert_array_equal(volume.values, [labels, 0 * labels, labels])
     assert volume.values.dtype == (np.uint8 if bits == 8 else np.uint16)
+
+
+def test_numbers_that_no_segment_has_are_labels_and_said(tmp_path, save_segmentation):
+    plane = np.array([[0, 1, 2, 7], [9, 9, 3, 0]], np.uint8)
+    save_segmentation(tmp_path / "seg.dcm", [(None, (0, 0, z), plane) for z in (0, 1)], "LABELMAP")
+    volume = read_volume(tmp_path / "seg.dcm")
+    np.testing.assert_array_equal(volume.values, [plane, plane])
+    assert volume.label_names == {1: "liver", 2: "tumor", 3: "vessel"}
+    text = "pixels have numbers of no segment that is described, and are labels all the same: 7, 9"
+    assert volume.notes[-1] == text
+
+
+@pytest.mark.parametrize("bit_packed", [False, True])
+@pytest.mark.parametrize("shape", [(5, 7), (4, 8), (2, 2), (30, 40)])
+def test_masks_in_rle_have_a_byte_for_a_pixel_or_for_eight(tmp_path, save_segmentation, bit_packed, shape):
+    planes = masks(3, shape)
+    planes[1] = 0
+    planes[2, : shape[0] // 2 + 1] = 1
+    frames = [(1, (-10, -20, 2.5 * z), plane) for z, plane in enumerate(planes)]
+    save_segmentation(tmp_path / "seg.dcm", frames, syntax=RLE, bit_packed=bit_packed)
+    np.testing.assert_array_equal(read_volume(tmp_path / "seg.dcm").values, planes)
+
+
+@pytest.mark.parametrize("rows", [6, 50, 3])
+def test_masks_in_rle_of_another_size_are_refused_in_a_sentence(tmp_path, save_segmentation, rows):
+    frames = [(1, (-10, -20, 2.5 * z), plane) for z, plane in enumerate(masks(3, (4, 16)))]
+    save_segmentation(tmp_path / "seg.dcm", frames, syntax=RLE, Rows=rows)
+    with pytest.raises(CtmcError) as refused:
+        read_volume(tmp_path / "seg.dcm")
+    assert str(refused.value) == (
+        f"seg.dcm is truncated or damaged (8 bytes of a frame of 16 x {rows} pixels); copy or export it again"
+    )
+
+
+def test_fewer_frames_in_rle_than_the_header_says_are_refused_in_a_sentence(tmp_path, save_segmentation):
+    from pydicom.encaps import encapsulate
+
+    frames = [(1, (-10, -20, 2.5 * z), plane) for z, plane in enumerate(masks(3))]
+    packed = rle_frame(bytes(35))
+    save_segmentation(tmp_path / "seg.dcm", frames, syntax=RLE, PixelData=encapsulate([packed, packed]))
+    with pytest.raises(CtmcError, match=r"^seg\.dcm is truncated or damaged \(.*\); copy or export it again$"):
+        read_volume(tmp_path / "seg.dcm")
 
 
 def test_an_oblique_segmentation_lies_where_its_positions_say(tmp_path, save_segmentation):

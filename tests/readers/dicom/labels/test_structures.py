@@ -8,6 +8,8 @@ import pytest
 
 from ctmc_addon.core import CtmcError
 from ctmc_addon.readers import open_volume, read_volume
+from ctmc_addon.readers.dicom.labels.elements import Damaged
+from ctmc_addon.readers.dicom.labels.label_file import whole
 
 CLOSED, XOR = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR"
 
@@ -133,6 +135,61 @@ def test_positions_that_are_no_numbers_are_refused_in_a_sentence(ct, save_struct
     path.write_bytes(path.read_bytes().replace(b"1234.5678", words.rjust(9)))
     with pytest.raises(CtmcError, match=r"rt\.dcm is truncated or damaged"):
         read_volume(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "color"),
+    [
+        (b"255.0\\0.0\\0.0", (255, 0, 0)),
+        (b"0\\127.6\\300", (0, 128, 255)),
+        (b"red\\0\\0", None),
+        (b"nan\\0\\0", None),
+        (b"1e400\\0\\0", None),
+        (b"1\\\\3", None),
+        (b"", None),
+    ],
+)
+def test_a_color_in_other_words_is_read_or_left_out_and_refuses_nothing(ct, save_structures, words, color):
+    path = ct / "rt.dcm"
+    save_structures(path, {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]}, color=(255, 1000, 1000))
+    written = path.read_bytes()
+    assert written.count(b"255\\1000\\1000 ") == 1
+    path.write_bytes(written.replace(b"255\\1000\\1000 ", words.ljust(14)))
+    volume = read_volume(path)
+    assert volume.values.sum() == 81
+    assert volume.label_colors == ({} if color is None else {1: color})
+
+
+def test_a_defect_of_our_own_is_not_called_a_damaged_file(ct, save_structures, monkeypatch):
+    save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]})
+
+    def defect(item):
+        raise ValueError("a defect")
+
+    monkeypatch.setattr("ctmc_addon.readers.dicom.labels.structures.contours_of", defect)
+    with pytest.raises(ValueError, match="a defect"):
+        read_volume(ct / "rt.dcm")
+
+
+@pytest.mark.parametrize("tag", [b"\x06\x30\x22\0", b"\x06\x30\x84\0"], ids=["region", "contours"])
+@pytest.mark.parametrize("words", [b"x1", b"1."])
+def test_the_number_of_a_region_that_is_none_is_refused_in_a_sentence(ct, save_structures, tag, words):
+    path = ct / "rt.dcm"
+    save_structures(path, {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]})
+    number = tag + b"\2\0\0\0" + b"10"
+    written = path.read_bytes()
+    assert written.count(number) == 1
+    path.write_bytes(written.replace(number, number[:-2] + words))
+    with pytest.raises(CtmcError) as refused:
+        read_volume(path)
+    assert str(refused.value) == (
+        f"rt.dcm is truncated or damaged ('{words.decode()}' where a whole number belongs); copy or export it again"
+    )
+
+
+def test_a_number_of_5000_digits_is_damage():
+    with pytest.raises(Damaged, match=r"^'999999[9]*\.\.\.' where a whole number belongs$"):
+        whole(b"9" * 5000)
 
 
 def test_contours_that_cross_too_many_rows_are_refused_in_a_sentence(ct, save_structures, monkeypatch):

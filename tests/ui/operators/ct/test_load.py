@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapes import distance_mm
 
 bpy = pytest.importorskip("bpy")
 
@@ -19,7 +20,7 @@ from ui.drawing import drawn, meshes_in
 import ctmc_addon
 from ctmc_addon.blender.colors import color_of, linear
 from ctmc_addon.blender.surface import evaluated_triangles
-from ctmc_addon.core import reconstruct
+from ctmc_addon.core import Budget, reconstruct
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.state import volumes
@@ -164,13 +165,15 @@ def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_f
 
     for kind, name, named in (
         (export.CTMC_OT_export, "bone", "bone.stl"),
-        (export.CTMC_OT_export, "bone.ply", "bone.ply"),
+        (export.CTMC_OT_export, "bone.PLY", "bone.PLY"),
+        (export.CTMC_OT_export, "liver 1.5mm", "liver 1.5mm.stl"),
         (rotation_test.CTMC_OT_rotation_save, "times", "times.csv"),
     ):
         properties = getattr(bpy.ops.ctmc, kind.bl_idname.partition(".")[2]).get_rna_type().properties
         assert properties["check_existing"].default
         ending = Path(named).suffix
         dialog = SimpleNamespace(filepath=str(tmp_path / name), kind=".stl", ending=lambda ending=ending: ending)
+        dialog.suffixes = kind.suffixes
         assert kind.check(dialog, None) == (name != named)
         assert dialog.filepath == str(tmp_path / named)
     load(ball_file)
@@ -195,10 +198,9 @@ def too_large(tmp_path, monkeypatch):
     from ctmc_addon.ui.operators.ct import load as load_module
     from ctmc_addon.ui.properties.preferences import Machine
 
-    z, y, x = np.indices((24, 48, 48)) - np.array([11.5, 23.5, 23.5])[:, None, None, None]
-    values = 180 - 10 * np.sqrt(x**2 + y**2 + (2 * z) ** 2)
+    values = 180 - 10 * distance_mm((24, 48, 48), spacing=(1, 1, 2))
     np.save(tmp_path / "large.npy", values.astype(np.int16))
-    monkeypatch.setattr(load_module, "machine", lambda: Machine(memory_limit=values.size * 2 - 1))
+    monkeypatch.setattr(load_module, "machine", lambda: Machine(budget=Budget(bytes=values.size * 2 - 1)))
     return tmp_path / "large.npy"
 
 
@@ -232,7 +234,7 @@ def test_the_format_of_the_dialog_and_the_suffix_follow_each_other(scene):
 
     from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
 
-    dialog = SimpleNamespace(filepath="/x/bone.stl", kind=".stl")
+    dialog = SimpleNamespace(filepath="/x/bone.stl", kind=".stl", suffixes=CTMC_OT_export.suffixes)
     dialog.ending = lambda: dialog.kind
     CTMC_OT_export.check(dialog, None)
     dialog.kind = ".glb"

@@ -45,7 +45,7 @@ def test_the_time_of_the_panel_is_read_and_noted(scene, tmp_path):
     scene.ctmc.time = 4
     with pytest.raises(RuntimeError, match=r"no time 4, as heart\.nii holds 3 times; choose from 1 to 3"):
         bpy.ops.ctmc.load(again=True)
-    assert volumes.loaded(scene).reading["time"] == 2
+    assert volumes.loaded(scene).reading.time == 2
 
 
 def test_name_and_region_hold_for_the_other_times(scene, tmp_path, monkeypatch):

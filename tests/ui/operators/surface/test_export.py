@@ -11,15 +11,10 @@ from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, Page, ShownSurface
 from ctmc_addon.cli import main
 from ctmc_addon.core import finish
-from ctmc_addon.ui.state import surfaces
-
-
-@pytest.fixture
-def loaded(scene, ball_file):
-    """The ball, loaded, threshold 100."""
-    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    scene.ctmc.threshold = 100.0
-    return scene
+from ctmc_addon.ui.operators.figure import subject
+from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
+from ctmc_addon.ui.operators.surface.results import command_text
+from ctmc_addon.ui.state import surfaces, volumes
 
 
 def active():
@@ -39,6 +34,32 @@ def test_panel_and_command_line_write_the_same_bytes(loaded, ball_file, tmp_path
     line = ["reconstruct", str(ball_file), "-o", str(tmp_path / f"command{suffix}"), "--spacing", "1", "1", "2", *flags]
     assert main(line) == 0
     assert (tmp_path / f"panel{suffix}").read_bytes() == (tmp_path / f"command{suffix}").read_bytes()
+
+
+def test_an_object_with_a_slash_in_its_name_is_exported_under_one_that_a_file_can_have(loaded, tmp_path):
+    from types import SimpleNamespace
+
+    bpy.ops.ctmc.reconstruct()
+    active().name = "CT Kidney/left"
+    dialog = SimpleNamespace(ending=lambda: ".stl")
+    assert CTMC_OT_export.suggestion(dialog, bpy.context) == "CT Kidney_left.stl"
+    assert subject(bpy.context) == "CT Kidney_left"
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "CT Kidney_left.stl")) == {"FINISHED"}
+    assert [path.name for path in tmp_path.glob("*.stl")] == ["CT Kidney_left.stl"]
+
+
+def test_a_length_in_a_name_is_not_a_suffix(loaded, tmp_path):
+    bpy.ops.ctmc.reconstruct()
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "liver 1.5mm")) == {"FINISHED"}
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "liver 1.5mm"), kind=".ply") == {"FINISHED"}
+    assert [path.name for path in sorted(tmp_path.glob("liver*"))] == ["liver 1.5mm.ply", "liver 1.5mm.stl"]
+
+
+def test_the_copied_command_writes_a_file_that_can_be(loaded):
+    loaded.ctmc.use_threshold, loaded.ctmc.use_label, loaded.ctmc.label = False, True, 100
+    record = volumes.loaded(loaded)
+    object.__setattr__(record.volume, "name", "thorax/axial")
+    assert "-o thorax_axial_label_100.stl --" in command_text(loaded)
 
 
 def test_the_objects_of_a_figures_blend_are_not_surfaces(loaded, tmp_path):

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a work may use: threads, bytes, workers. One frozen object, handed on; what is None is what the machine has.
+
+Threads, memory and workers change no result: the same input gives the same bytes, or a refusal. The number of triangles
+that decides how a surface is simplified stands here too (`whole_faces`), so that tests can hand in a small one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from .memory import available_bytes, refusal, require
+from .parallel import worker_count
+
+
+class SlabWorkers(Protocol):
+    """Processes, perhaps on other machines, that extract slabs of a volume which all of them can read."""
+
+    @property
+    def count(self) -> int:
+        """How many workers there are now."""
+
+    def results(self, tasks: Sequence[Any]) -> Generator[Any | None, None, None]:
+        """The results in the order of the tasks, and None while nothing happens."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The threads, memory and workers that a computation may use.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Number of threads; by default one for each processor, at most 8.
+    bytes : int, optional
+        Memory that it may take; by default what the machine has available at the time.
+    workers : SlabWorkers, optional
+        Processes that extract slabs in place of this one.
+    slab_bytes : int
+        Bytes of values that are fetched from a file at once; a volume in memory is one slab.
+    work_bytes : int
+        Bytes of working memory, at most, besides the values and the surface.
+    whole_faces : int
+        Triangles up to which a surface is simplified as a whole, and of which larger ones are cut into batches.
+
+    Examples
+    --------
+    >>> half = Budget(threads=4, bytes=1 << 30).shared_by(2)
+    >>> half.threads, half.bytes
+    (2, 536870912)
+    """
+
+    threads: int | None = None
+    bytes: int | None = None
+    workers: SlabWorkers | None = None
+    slab_bytes: int = 1 << 22
+    work_bytes: int = 128 << 20
+    whole_faces: int = 1 << 20
+
+    @property
+    def thread_count(self) -> int:
+        """How many threads to use."""
+        return worker_count(self.threads)
+
+    @property
+    def available(self) -> int | None:
+        """Bytes that may be taken now; None where the system does not tell."""
+        return available_bytes() if self.bytes is None else self.bytes
+
+    def require(self, needed_bytes: int, what: str, remedy: str | Callable[[int], str]) -> None:
+        """Raise `MemoryLimitError` if `what` needs more memory than is available.
+
+        Parameters
+        ----------
+        needed_bytes : int
+            Memory that the work needs.
+        what : str
+            The work, for the message.
+        remedy : str or callable
+            Advice for the message; a callable gets the available bytes.
+
+        Raises
+        ------
+        MemoryLimitError
+            If `needed_bytes` is more than is available.
+        """
+        require(needed_bytes, what, remedy, self.bytes)
+
+    def refusal(self, what: str, remedy: str) -> AbstractContextManager[None]:
+        """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
+        return refusal(what, remedy, self.bytes)
+
+    def threads_for(self, bytes_each: int) -> int:
+        """Return how many threads may work side by side if each takes `bytes_each` bytes; at least one.
+
+        Examples
+        --------
+        >>> Budget(threads=4, bytes=100).threads_for(30)
+        3
+        """
+        there = self.available
+        fitting = self.thread_count if there is None else min(self.thread_count, there // max(1, bytes_each))
+        return max(1, fitting)
+
+    def shared_by(self, count: int) -> Budget:
+        """Return the budget of each of `count` computations that run side by side."""
+        there = self.available
+        return replace(
+            self, threads=max(1, self.thread_count // count), bytes=None if there is None else there // count
+        )

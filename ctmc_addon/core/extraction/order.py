@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The order of vertices and triangles: it hangs on the samples alone, so no cut of a surface into slabs changes it.
+
+Some layers of samples are a unit; how many depends on the size of a layer. Vertices come unit by unit, and in a unit
+
+    1. those on edges along x, then along y, in its lowest layer, which the unit below has too,
+    2. those on edges along x, then y, in its other layers, then all along z, then those inside voxels,
+
+each list in the order of its voxels. Triangles come unit by unit, in a unit by the kind of their voxel. A slab is any
+run of layers: part of a unit where the surface is dense, many units where it is sparse. The numbers in the lowest layer
+of the unit above are known from that layer alone, so pieces of whole units need no look ahead.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_voxels import Slab
+
+INSIDE = 5  # the last of the lists of vertices
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Where the items of a list stand in an array, a few runs of them one after the other.
+
+    Parameters
+    ----------
+    ends : list of int
+        Which of the items each run begins with, and the end.
+    starts : list of int
+        Where in the array each run begins.
+    size : int
+        Rows of the array for each item.
+    """
+
+    ends: list[int]
+    starts: list[int]
+    size: int = 1
+
+    def places(self) -> NDArray[np.int32]:
+        """Where in the array every item stands, (items,)."""
+        places = np.empty(self.ends[-1], np.int32)
+        for (begin, end), start in zip(pairwise(self.ends), self.starts, strict=True):
+            places[begin:end] = np.arange(start, start + end - begin, dtype=np.int32)
+        return places
+
+    def chunks(self, most: int) -> Iterator[tuple[int, int]]:
+        """Yield where chunks of at most so many items begin and end: a long run by itself, short ones together.
+
+        Examples
+        --------
+        >>> list(Runs([0, 1, 9, 11, 12], [0, 5, 20, 40]).chunks(8))
+        [(0, 1), (1, 9), (9, 12)]
+        """
+        low = 0
+        for begin, end in pairwise(self.ends):
+            if end - begin >= most // 2 or end - low > most:
+                if low < begin:
+                    yield low, begin
+                low = begin
+                while end - low > most or (end - low and end - begin >= most // 2):
+                    yield low, min(end, low + most)
+                    low = min(end, low + most)
+        if low < self.ends[-1]:
+            yield low, self.ends[-1]
+
+    def rows(self, low: int, count: int) -> slice | None:
+        """The rows of the array where so many items from `low` on stand; None where they are not in one run."""
+        run = bisect_right(self.ends, low) - 1
+        if low + count > self.ends[run + 1]:
+            return None
+        start = self.starts[run] + (low - self.ends[run]) * self.size
+        return slice(start, start + count * self.size)
+
+    def copy(self, rows: NDArray[Any], low: int, out: NDArray[Any]) -> None:
+        """Copy the rows of the items from `low` on to where they stand in `out`."""
+        run, done = bisect_right(self.ends, low) - 1, 0
+        while done < len(rows):
+            count = min(len(rows) - done, (self.ends[run + 1] - low) * self.size)
+            start = self.starts[run] + (low - self.ends[run]) * self.size
+            out[start : start + count] = rows[done : done + count]
+            done += count
+            run += 1
+            low = self.ends[run]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the vertices and the triangles of a slab stand.
+
+    Parameters
+    ----------
+    vertices : four Runs
+        Of the vertices on edges along x, y and z, and of those inside voxels.
+    faces : tuple of Runs
+        Of the voxels of each kind, from kind 1 on.
+    """
+
+    vertices: tuple[Runs, ...]
+    faces: tuple[Runs, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """The places of all slabs, and how many vertices and triangles they have together."""
+
+    places: list[Places]
+    vertex_count: int
+    face_count: int
+
+
+def order_of(slabs: Sequence[Slab], top: Slab | None = None) -> Order:
+    """Return where everything stands, from the lowest layer of the first slab on, which is that of a unit.
+
+    Parameters
+    ----------
+    top : Slab, optional
+        The layer above the last slab, alone: the lowest of the next unit. It gets places too, the last, and is not
+        counted.
+    """
+    segments = [slab.segments for slab in (*slabs, *([] if top is None else [top]))]
+    if not segments:
+        return Order([], 0, 0)
+    slab = np.repeat(np.arange(len(segments)), [len(each.unit) for each in segments])
+    unit = np.concatenate([each.unit for each in segments])
+    lowest = np.concatenate([each.lowest for each in segments])
+    axis = np.arange(INSIDE + 1 - 2)[:, None]
+    group = np.where(lowest & (axis < 2), axis, axis + 2)  # of the lists along x, y, z and inside
+    vertex_counts = np.concatenate([each.vertices for each in segments], axis=1)
+    kinds = max(len(each.voxels) for each in segments)
+    voxels = np.zeros((kinds, len(unit)), np.intp)
+    for number, each in enumerate(segments):
+        voxels[: len(each.voxels), slab == number] = each.voxels
+    sizes = [(kind + 1) // 2 for kind in range(1, kinds)]
+    vertices = _runs(vertex_counts, group, unit, slab, [1] * 4)
+    faces = _runs(voxels[1:], np.arange(1, kinds)[:, None], unit, slab, sizes)
+    counted = slab < len(slabs)
+    return Order(
+        [Places(*both) for both in zip(vertices, faces, strict=True)],
+        int(vertex_counts[:, counted].sum()),
+        int((voxels[1:, counted].sum(axis=1) * sizes).sum()),
+    )
+
+
+def _runs(
+    counts: NDArray[np.intp], group: NDArray[Any], unit: NDArray[np.intp], slab: NDArray[np.intp], sizes: list[int]
+) -> list[tuple[Runs, ...]]:
+    """The runs of every slab's lists, which stand by unit, then by group, then in the order of the segments.
+
+    Parameters
+    ----------
+    counts : (lists, segments) intp
+        Items of each list in each segment.
+    group : (lists, segments) or (lists, 1)
+    unit, slab : (segments,) intp
+    sizes : list of int
+        Rows of an item of each list.
+    """
+    rows = counts * np.array(sizes, np.intp)[:, None]
+    segment = np.arange(len(unit))
+    keys = [np.broadcast_to(key, counts.shape).ravel() for key in (segment, group, unit)]
+    order = np.lexsort(keys)
+    start = np.empty(counts.size, np.intp)
+    start[order] = np.cumsum(rows.ravel()[order]) - rows.ravel()[order]
+    start = start.reshape(counts.shape)
+    out = []
+    for number in range(int(slab[-1]) + 1):
+        own = slab == number
+        lists = zip(counts[:, own].tolist(), start[:, own].tolist(), sizes, strict=True)
+        out.append(tuple(_joined(*each) for each in lists))
+    return out
+
+
+def _joined(counts: list[int], starts: list[int], size: int) -> Runs:
+    """The runs of so many items each, those that follow one another in the array as one; at least one."""
+    ends, firsts = [0, counts[0]], [starts[0]]
+    for count, start in zip(counts[1:], starts[1:], strict=True):
+        if firsts[-1] + (ends[-1] - ends[-2]) * size == start or not count:
+            ends[-1] += count
+        elif ends[-1] == ends[-2]:  # nothing stands in the run before
+            ends[-1], firsts[-1] = ends[-2] + count, start
+        else:
+            ends.append(ends[-1] + count)
+            firsts.append(start)
+    return Runs(ends, firsts, size)

@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a work needs in memory, whether it fits, and what to advise where it does not: the only owner of these.
+
+The cost estimate shows it, refusals say it, batch and sidebar ask it before they begin. It decides nothing about a
+result: triangles are counted by extraction's own first passes, a slab of values at a time, so that what is proposed is
+counted and not guessed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from .budget import Budget
+from .errors import CtmcError, MemoryLimitError
+from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
+from .extraction.marching_cubes import Counts
+from .memory import NO_THREAD, amount, give_back
+from .progress import Stages, Steps
+from .settings import ReconstructionSettings
+from .simplification.whole import Goal, memory_needed
+from .sinks import HOLD, Sink
+from .volume.field import Field, field_steps
+from .volume.slice_reader import fitting_stride
+from .volume.smoothing import smoothing_of
+from .volume.volume import Volume
+
+T = TypeVar("T")
+
+FACE_BYTES = 128  # of a triangle that is held: 36, and 92 to measure it; a mesh in Blender takes less, after that
+BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
+# Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and to write it.
+OBJECT_BYTES, FIGURE_BYTES = 240, 600
+WRITTEN_BYTES = {".obj": 1100, ".glb": 700}
+PROCESS_BYTES = 400 << 20  # of a case of a batch: Python, NumPy and Blender
+# The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
+CASE_VOXEL_BYTES = 32
+CASES_SHARE = 0.85  # of the memory that is there
+READ_SHARE = 0.25  # of the memory, that values which are read at once may take beside the surface
+SMALL_BYTES = 1 << 26  # that are read at once even under a stride
+SHOWN_SHARE = 0.25  # of the memory, for a copy of a CT that is shown: previews and surfaces need the rest
+MOST_STRIDE = 16
+ROUNDED = 0.9  # of the triangles that would fit are proposed
+LOOKING = "Looking for what fits"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The size of a surface and the memory that it takes.
+
+    Parameters
+    ----------
+    counts : Counts
+        Voxels, vertices and triangles of the full surface.
+    settings : ReconstructionSettings
+    budget : Budget
+    value_bytes : int
+        Bytes of the values that are in memory at once because of this surface.
+    sink : Sink
+    written_bytes : int
+        Bytes of a triangle while Blender writes files, besides those of the surface.
+    """
+
+    counts: Counts
+    settings: ReconstructionSettings
+    budget: Budget
+    value_bytes: int = 0
+    sink: Sink = HOLD
+    written_bytes: int = 0
+
+    @property
+    def simplifies(self) -> bool:
+        """Whether the built-in simplifier has a goal, so that the full surface need not be there as a whole."""
+        return self.settings.simplifies and self.settings.simplifier == "builtin"
+
+    @property
+    def left(self) -> int:
+        """Triangles after simplification, as far as that can be predicted."""
+        faces = self.counts.faces
+        if not self.simplifies:
+            return faces
+        return min(faces, self._goal.target(faces) or round(faces * (1.0 - BOUNDED_REDUCTION)))
+
+    @property
+    def needed(self) -> int:
+        """About the least memory, bytes, in which the surface can be made."""
+        of_surface = 0
+        if self.simplifies:
+            at_once = memory_needed(self._goal.at_once(self.counts.faces, self.budget), self.settings.max_error_mm)
+            of_surface = max(at_once, self.left * self.written_bytes) + self.left * FACE_BYTES
+        elif self.sink.holds:
+            of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes)
+        return self.budget.work_bytes + self.value_bytes + of_surface
+
+    def most_triangles(self, there: int) -> int:
+        """Return how many triangles simplification may leave in `there` bytes; 0 where none fit."""
+        at_once = memory_needed(Goal(target_faces=1).at_once(self.counts.faces, self.budget), None)
+        room = there - self.budget.work_bytes - self.value_bytes - at_once
+        return max(0, int(ROUNDED * room / (FACE_BYTES + self.written_bytes)))
+
+    @property
+    def _goal(self) -> Goal:
+        return Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
+
+
+def plan_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
+    written_bytes: int = 0,
+    field: Field | None = None,
+) -> Steps[Plan]:
+    """Count the triangles of a surface and return its plan.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ReconstructionSettings
+    budget : Budget, optional
+    sink : Sink
+    written_bytes : int
+        Bytes of a triangle while Blender writes files.
+    field : Field, optional
+        The field that is extracted, if it is known already; by default it is prepared here.
+    """
+    budget = budget or Budget()
+    stages = Stages({"Preparing values": 1, "Counting triangles": 1})
+    if field is None:
+        field = yield from stages.run("Preparing values", field_steps(volume, settings, budget))
+    slabs = FieldSlabs(replace(field.again(), settings=settings), budget, normals=False)
+    counts = yield from stages.run("Counting triangles", slabs.counts_steps())
+    return Plan(counts, settings, budget, field.values.own_bytes, sink, written_bytes)
+
+
+def advised_steps(
+    making: Steps[T],
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
+    written_bytes: int = 0,
+) -> Steps[T]:
+    """The steps of `making`; a lack of memory becomes a `MemoryLimitError` with settings that were counted to fit.
+
+    Parameters
+    ----------
+    making : steps
+        Make the surface of the volume with the settings.
+    budget, sink, written_bytes
+        As of `plan_steps`.
+    """
+    budget = budget or Budget()
+    there = budget.available
+    stages = Stages({"Reconstructing": 9, LOOKING: 1})
+    try:
+        return (yield from stages.run("Reconstructing", making))
+    except (MemoryLimitError, MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and not isinstance(error, CtmcError) and str(error) != NO_THREAD:
+            raise
+        if there is None:
+            raise
+        refused = error.with_traceback(None)  # what was made until then goes, and what its cause still holds
+        refused.__cause__ = refused.__context__ = None
+    give_back()
+    looking = refusal_steps(volume, settings, replace(budget, bytes=there), sink, written_bytes)
+    try:
+        sentence = yield from stages.run(LOOKING, looking)
+    except (MemoryLimitError, MemoryError):  # even a slab at a time
+        sentence = slab_refusal(volume, settings, there)
+    except CtmcError:
+        sentence = ""
+    if not sentence:
+        raise refused
+    raise MemoryLimitError(sentence) from refused
+
+
+def refusal_steps(
+    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink = HOLD, written_bytes: int = 0
+) -> Steps[str]:
+    """Why a surface was refused, and settings that fit, all counted; empty where none is known."""
+    there = budget.available or 0
+    what = smoothing = ""
+    if not smoothing_of(settings).by_slabs:
+        what, smoothing = f"smoothing label {settings.label} as constrained", "smoothing gaussian"
+        settings = replace(settings, smoothing="gaussian")
+    stages = Stages({"Counting triangles": 1, LOOKING: 1})
+    planning = plan_steps(volume, settings, budget, sink, written_bytes)
+    plan = yield from stages.run("Counting triangles", planning)
+    fits = plan.needed <= there  # as far as is known: it was refused
+    if smoothing and fits:
+        return _refused(what, there, f"{smoothing} would fit")
+    room = budget.work_bytes + (plan.needed - budget.work_bytes) // 2 if fits else there
+    proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, room))
+    if fits and not proposals:
+        return ""
+    together = f"{smoothing} with " if smoothing else ""
+    what = what or f"a surface of {plan.counts.faces} triangles"
+    if fits or smoothing:
+        return _refused(what, there, together + advice_of(proposals) if proposals else advice_of([]))
+    return (
+        f"{what} needs about {amount(plan.needed)} of memory and {amount(there)} are available; {advice_of(proposals)}"
+    )
+
+
+def advice_of(proposals: Sequence[str]) -> str:
+    """Return proposals in words.
+
+    Examples
+    --------
+    >>> advice_of(["stride 2 2 2", "target_faces 5000"])
+    'stride 2 2 2 or target_faces 5000 would fit'
+    """
+    return f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
+
+
+def _refused(what: str, there: int, advice: str) -> str:
+    """Return the refusal for a surface whose memory cannot be predicted."""
+    return f"{what} needs more than the {amount(there)} of memory that are available; {advice}"
+
+
+def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
+    """Changes of the settings each of which fits into so many bytes: a wider stride, and fewer triangles left."""
+    wider = yield from _stride_steps(volume, plan, room)
+    proposals = [] if wider is None else [wider]
+    most, settings = plan.most_triangles(room), plan.settings
+    if most >= 1000 and settings.simplifier != "decimate" and not settings.max_error_mm:
+        proposals.append(f"target_faces {min(most, plan.counts.faces - 1) // 1000 * 1000}")
+    return proposals
+
+
+def slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -> str:
+    """Why values cannot even be fetched slab by slab, and a region that can."""
+    x, y, _ = volume.size
+    side = widest_slices(volume, settings, there)
+    advice = f"choose a region of at most {side} x {side} voxels across" if side < max(x, y) else "choose a region"
+    return _refused("a slab of this volume", there, advice if side > 1 else "give it more memory")
+
+
+def widest_slices(volume: Volume, settings: ReconstructionSettings, limit: int) -> int:
+    """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
+    reach = smoothing_of(settings).reach(volume.spacing, settings)[2]
+    item = 4 if reach else volume.dtype.itemsize
+    voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * item
+    if reach:
+        voxel_bytes += 4 * (2 * reach + 1)
+    return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)
+
+
+def _stride_steps(volume: Volume, plan: Plan, there: int) -> Steps[str | None]:
+    """Return the smallest wider stride at which the surface fits in memory."""
+    room = there - plan.budget.work_bytes
+    if room <= 0 or not (plan.sink.holds or plan.simplifies):  # triangles are not what it takes
+        return None
+    for stride in _wider(volume, plan, room):
+        settings = replace(plan.settings, stride=stride)
+        try:
+            counted = yield from plan_steps(volume, settings, plan.budget, plan.sink, plan.written_bytes)
+        except CtmcError:  # a slab is thicker at a wider stride, or there is no surface
+            return None
+        if counted.needed <= there:
+            return "stride " + " ".join(map(str, stride))
+    return None
+
+
+def _wider(volume: Volume, plan: Plan, room: int) -> Iterator[tuple[int, int, int]]:
+    """Strides along x, y and z, from the first that may fit: triangles fall with the square of the stride."""
+    first = max(1, math.floor(math.sqrt(max(0, plan.needed - plan.budget.work_bytes) / room)))
+    for more in range(first, MOST_STRIDE):
+        x, y, z = (min(side + more, size - 1) for side, size in zip(plan.settings.stride, volume.size, strict=True))
+        yield x, y, z
+
+
+def triangle_bytes(suffixes: Iterable[str], figure: bool) -> int:
+    """Return the bytes that Blender takes for each triangle that it shows, renders or writes."""
+    return max(OBJECT_BYTES, FIGURE_BYTES * figure, *(WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes))
+
+
+def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Budget) -> bool:
+    """Return whether all values of a file are read at once, which is quicker, and leave memory for a surface.
+
+    They are not where most of them are left out. The surface is the same.
+    """
+    some = settings.region is not None or max(settings.stride) > 1
+    there = budget.available
+    return (not some or value_bytes <= SMALL_BYTES) and (there is None or value_bytes <= READ_SHARE * there)
+
+
+def fits_in_memory(value_bytes: int, budget: Budget) -> bool:
+    """Return whether the values of a CT that is shown fit in memory, by what its headers say."""
+    there = budget.available
+    return there is None or value_bytes <= there
+
+
+def shown_stride(volume: Volume, budget: Budget) -> tuple[int, int, int]:
+    """Return the stride at which a copy of a CT leaves memory for surfaces.
+
+    Raises
+    ------
+    MemoryLimitError
+        Where there is none.
+    """
+    there = budget.available
+    room = volume.nbytes if there is None else int(SHOWN_SHARE * there)
+    stride = fitting_stride(volume.shape, volume.dtype.itemsize, room)
+    if stride is None:
+        budget.require(volume.nbytes, f"reading {volume.name}", "close other programs, or raise the memory limit")
+    return stride or (1, 1, 1)
+
+
+def case_bytes(voxels: int) -> int:
+    """Return the memory that a case of a batch needs, about, by the voxels that its headers tell."""
+    return PROCESS_BYTES + CASE_VOXEL_BYTES * voxels
+
+
+def cases_bytes(budget: Budget) -> int | None:
+    """Return the bytes that all cases of a batch may take in total; None where the system does not say."""
+    there = budget.available
+    return None if there is None else int(there * CASES_SHARE)
+
+
+def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> int:
+    """Processes at once: as many as asked for or as there are processors, and no more than fit by the largest.
+
+    Examples
+    --------
+    >>> cases_at_once(4, [1 << 30, 2 << 30], Budget(bytes=6 << 30))
+    2
+    """
+    jobs = min(asked or os.cpu_count() or 1, max(len(needs), 1))
+    limit = cases_bytes(budget)
+    return jobs if limit is None or not needs else max(1, min(jobs, limit // max(needs)))

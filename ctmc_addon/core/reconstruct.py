@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a volume to a finished surface: the only place that orders, weighs and names the stages.
+
+Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small components -> sink, or simplified
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .budget import Budget
+from .errors import MemoryLimitError
+from .extraction.field_pieces import surface_pieces_steps
+from .extraction.grid import check_stride
+from .memory import give_back
+from .mesh.face_normals import vertex_normals_steps
+from .mesh.faces_shown import face_notes
+from .mesh.kept_pieces import KeptPieces, keep_components_steps
+from .mesh.triangle_mesh import Pieces, Surface, at_alpha_steps, replayed_steps
+from .progress import Stages, Step, Steps, WithResult, finish
+from .reconstruction import Reconstruction, Stage
+from .settings import ReconstructionSettings
+from .simplification.component_removal import RemovedComponents
+from .simplification.simplify import simplification_steps, simplified_pieces_steps
+from .simplification.whole import Goal, Simplification
+from .sinks import HOLD, Sink, Taken
+from .volume.field import Field, field_steps, refinement_of
+from .volume.region import region_box
+from .volume.volume import Box, Volume
+
+# What report.json and a user read, and the usual share of the time.
+PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
+SIMPLIFYING, AVERAGING, WRITING = "Simplifying", "Averaging normals", "Writing the surface"
+MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
+
+
+def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Reconstruction:
+    """Make a surface from a volume.
+
+    Parameters
+    ----------
+    volume : Volume
+        In memory, or in a file that is read a slab at a time. The surface has the same bytes.
+    settings : ReconstructionSettings
+    budget : Budget, optional
+        Threads and memory; by default what the machine has. The result does not depend on them.
+
+    Raises
+    ------
+    CtmcError
+        With one sentence for the user: no surface at these settings, NaN voxels, too little memory.
+
+    Examples
+    --------
+    >>> distance = np.sqrt(((np.indices((24, 24, 24)) - 11.5) ** 2).sum(axis=0))
+    >>> result = reconstruct(Volume(-distance, np.eye(4)), ReconstructionSettings(threshold=-9))
+    >>> result.mesh.closed, round(result.mesh.volume / (4 / 3 * np.pi * 9**3), 2)
+    (True, 0.99)
+    """
+    return finish(reconstruct_steps(volume, settings, budget))
+
+
+def reconstruct_steps(
+    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, sink: Sink = HOLD
+) -> Steps[Reconstruction]:
+    """`reconstruct` as steps; closing the generator cancels.
+
+    Parameters
+    ----------
+    sink : Sink
+        Where the surface goes; by default it is held. What went into a file is not in the result.
+    """
+    making = _Making(volume, settings, budget or Budget(), sink)
+    yield from making.field_steps()
+    return (yield from making.result_steps())
+
+
+def result_and_full_steps(
+    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None
+) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+    """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
+    making = _Making(volume, settings, budget or Budget(), HOLD)
+    yield from making.field_steps()
+    if not _simplifies(settings):
+        full = yield from making.full_steps()
+        return (yield from making.finished_steps(full, None)), full
+    try:
+        full = yield from making.full_steps()
+        return (yield from making.simplified_steps(full)), full
+    except (MemoryLimitError, MemoryError):
+        give_back()  # the full surface, which went with its steps
+    return (yield from making.result_steps()), None
+
+
+def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:
+    """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
+    making = _Making(volume, settings, budget or Budget(), HOLD, full=True)
+    yield from making.field_steps()
+    return (yield from making.full_steps())
+
+
+def simplified_steps(
+    full: Reconstruction, settings: ReconstructionSettings, budget: Budget | None = None
+) -> Steps[Reconstruction]:
+    """Return what `full_steps` made, simplified as `settings` ask; their other fields are those it was made with."""
+    making = _Making(None, settings, budget or Budget(), HOLD)
+    return (yield from making.simplified_steps(full))
+
+
+def without_small_steps(
+    full: Reconstruction, min_part_mm3: float, keep_parts: int | None = None
+) -> Steps[Reconstruction]:
+    """Return what `full_steps` made, without the components below a volume, as if the setting had asked for that.
+
+    With `keep_parts` so many of the largest are left; None leaves that as it is.
+    """
+    settings = replace(full.settings, min_part_mm3=min_part_mm3)
+    if keep_parts is not None:
+        settings = replace(settings, keep_parts=keep_parts)
+    mesh = full.mesh
+    surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
+    surface = yield from keep_components_steps(surface, settings.alpha, settings.keep_parts, min_part_mm3)
+    mesh = surface.at(settings.alpha)
+    return replace(
+        full,
+        mesh=mesh,
+        surface=None if full.surface is None else surface,
+        settings=settings,
+        full_faces=len(mesh.faces),
+    )
+
+
+def _drops(settings: ReconstructionSettings) -> bool:
+    return bool(settings.keep_parts or settings.min_part_mm3)
+
+
+def _simplifies(settings: ReconstructionSettings) -> bool:
+    return settings.simplifies and settings.simplifier == "builtin"
+
+
+def _weights(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict[str, int]:
+    """The stages that there will be, and their usual share of the time."""
+    simplifies = _simplifies(settings) and not full
+    weights = {
+        PREPARING: 20,
+        EXTRACTING: 42,
+        KEEPING: 3 * _drops(settings),
+        SIMPLIFYING: 33 * simplifies,
+        AVERAGING: 2 * (settings.normals == "mesh" and not full),
+        WRITING: 0 if sink.holds else 10,
+    }
+    return {name: weight for name, weight in weights.items() if weight}
+
+
+class _Timed:
+    """Pieces whose seconds are counted, and of whose vertices a sample is kept."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.sample = np.empty((0, 3), np.float32)
+        self._every, self._seen = 1, 0
+
+    def passed_steps(self, pieces: Pieces, sampled: bool) -> Pieces:
+        """Yield the pieces."""
+        source = WithResult(pieces)
+        start = time.perf_counter()
+        for item in source:
+            self.seconds += time.perf_counter() - start
+            if sampled and isinstance(item, Surface):
+                self._take(item.linear)
+            yield item
+            start = time.perf_counter()
+        self.seconds += time.perf_counter() - start
+        return source.result
+
+    def _take(self, points: NDArray[np.float32]) -> None:
+        self.sample = np.concatenate([self.sample, points[-self._seen % self._every :: self._every]])
+        self._seen += len(points)
+        while len(self.sample) > MOST_SAMPLED:
+            self.sample, self._every = self.sample[::2].copy(), 2 * self._every
+
+
+class _Making:
+    """A surface that is being made, from the values to the report."""
+
+    field: Field
+
+    def __init__(
+        self, volume: Volume | None, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False
+    ) -> None:
+        self.settings, self.budget, self.sink = settings, budget, sink
+        self.stages = Stages(_weights(settings, sink, full))
+        self.seconds: dict[str, float] = {}
+        if volume is not None:
+            self.volume = volume
+            region = region_box(volume, settings)
+            steps = refinement_of(volume.spacing, settings)
+            first, last = region[2][0] * steps, (region[2][1] - 1) * steps
+            check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
+
+    def field_steps(self) -> Steps[None]:
+        """Prepare the field that the surface is extracted from."""
+        self.field = yield from self.stages.run(PREPARING, field_steps(self.volume, self.settings, self.budget))
+        self.seconds[PREPARING] = self.stages.seconds[PREPARING]
+
+    def result_steps(self) -> Steps[Reconstruction]:
+        """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""
+        if not _simplifies(self.settings):
+            full = yield from self.full_steps()
+            return (yield from self.finished_steps(full, None))
+        pieces, extracting = self._pieces_steps(joined=False)
+        goal = Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
+        with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
+            reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha), goal, self.budget)
+            start = time.perf_counter()
+            reduced = yield from self.stages.run(SIMPLIFYING, reducing)
+        self._count(SIMPLIFYING, time.perf_counter() - start, extracting)
+        mesh = reduced.simplification.mesh
+        full = self._described(Taken(mesh, wrong_side=reduced.info), reduced.full_faces, extracting[0].sample)
+        return (yield from self.finished_steps(full, reduced.simplification))
+
+    def full_steps(self) -> Steps[Reconstruction]:
+        """The full surface, taken by the sink."""
+        pieces, extracting = self._pieces_steps(joined=self.sink.holds)
+        start = time.perf_counter()
+        taking = self.sink.full_steps(pieces, self.settings.alpha)
+        with self.budget.refusal("the surface", "use a larger stride or a region"):
+            taken = yield from self.stages.run(EXTRACTING, taking)
+        self._count("" if self.sink.holds else WRITING, time.perf_counter() - start, extracting)
+        faces = len(taken.mesh.faces) if taken.measured is None else taken.measured.faces
+        return self._described(taken, faces, extracting[0].sample)
+
+    def simplified_steps(self, full: Reconstruction) -> Steps[Reconstruction]:
+        """Simplify the full surface that the sink keeps."""
+        simplification, settings = None, self.settings
+        if _simplifies(settings):
+            goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
+            simplifying = simplification_steps(full.mesh, *goals, self.budget)
+            simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
+            self.seconds[SIMPLIFYING] = self.stages.seconds[SIMPLIFYING]
+        return (yield from self.finished_steps(full, simplification))
+
+    def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
+        """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
+        mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
+        settings, measured = self.settings, full.measured
+        if simplification is not None:
+            mesh, removed, surface = simplification.mesh, simplification.removed, None
+            if removed.count:
+                notes += (f"{removed.sentence('mm3')}.",)
+            if simplification.handles_cut:
+                notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
+            target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
+            if settings.max_error_mm is None and len(mesh.faces) > target:
+                notes += (
+                    f"{len(mesh.faces)} triangles are left instead of {target}: no further edge can be removed "
+                    "without moving a border or tearing the surface.",
+                )
+        if settings.normals == "mesh" and self.sink.normals and measured is None:
+            averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
+            mesh = replace(mesh, normals=(yield from self.stages.run(AVERAGING, averaging)))
+            self.seconds[AVERAGING] = self.stages.seconds[AVERAGING]
+        if not self.sink.holds and measured is None:
+            taken = yield from self.stages.run(WRITING, self.sink.mesh_steps(mesh))
+            self.seconds[WRITING] = self.stages.seconds[WRITING]
+            mesh, measured = taken.mesh, taken.measured
+        names = (SIMPLIFYING, AVERAGING, WRITING)
+        stages = tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds)
+        return replace(
+            full,
+            mesh=mesh,
+            surface=surface,
+            settings=settings,
+            stages=full.stages + stages,
+            notes=notes,
+            removed_components=removed.count,
+            measured=measured,
+        )
+
+    def _pieces_steps(self, joined: bool) -> tuple[Pieces, tuple[_Timed, _Timed]]:
+        """The pieces of the surface without small components, and who counts their seconds, without and with these.
+
+        They may be large where they are to be `joined`.
+        """
+        extracting, keeping = _Timed(), _Timed()
+        normals = self.settings.normals == "gradient" and self.sink.normals
+
+        def one_pass(normals: bool) -> Pieces:
+            pieces = surface_pieces_steps(self.field, self.budget, normals, joined)
+            if joined:
+                pieces = self._fitting_steps(pieces)
+            return extracting.passed_steps(pieces, sampled=not extracting.sample.size)
+
+        if not _drops(self.settings):
+            return one_pass(normals), (extracting, extracting)
+        kept = self._kept_steps(one_pass, normals, joined)
+        return keeping.passed_steps(kept, sampled=False), (extracting, keeping)
+
+    def _fitting_steps(self, pieces: Pieces) -> Pieces:
+        """The pieces, as long as all of them fit together."""
+        faces = needed = 0
+        source = WithResult(pieces)
+        for item in source:
+            if isinstance(item, Surface):
+                faces += len(item.faces)
+                vectors = (item.midpoints, item.linear, item.faces, item.normals)
+                needed += sum(array.nbytes for array in vectors if array is not None)
+                what = f"a surface of at least {faces} triangles"
+                self.budget.require(needed, what, "use a larger stride or a region")
+            yield item
+        return source.result
+
+    def _kept_steps(self, one_pass: Callable[[bool], Pieces], normals: bool, holds: bool) -> Pieces:
+        """The pieces without small components: extracted again for each look, or held where the sink `holds`."""
+        settings, wrong_side = self.settings, None
+        if holds:
+            held: list[Surface] = []
+            source = WithResult(one_pass(normals))
+            for item in source:
+                if isinstance(item, Step):
+                    yield item
+                else:
+                    held.append(item)
+            wrong_side = source.result
+            one_pass = lambda _: replayed_steps(held, wrong_side)  # noqa: E731
+        kept = KeptPieces(one_pass, settings.alpha, settings.keep_parts, settings.min_part_mm3, holds)
+        return (yield from kept.pieces_steps(normals))
+
+    def _count(self, name: str, seconds: float, pieces: tuple[_Timed, _Timed]) -> None:
+        """Divide the seconds of a stage between it and the stages that made its pieces."""
+        extracting, keeping = pieces
+        self.seconds[EXTRACTING] = extracting.seconds
+        if keeping is not extracting:
+            self.seconds[KEEPING] = keeping.seconds - extracting.seconds
+        if name:
+            self.seconds[name] = max(0.0, seconds - keeping.seconds)
+
+    def _described(self, taken: Taken, full_faces: int, sample: NDArray[np.float32]) -> Reconstruction:
+        """Return the reconstruction of a mesh, with its settings, counts and notes."""
+        volume, settings, field = self.volume, self.settings, self.field
+        names = (PREPARING, EXTRACTING, KEEPING)
+        return Reconstruction(
+            mesh=taken.mesh,
+            surface=taken.surface,
+            settings=settings,
+            threshold=field.threshold,
+            full_faces=full_faces,
+            voxels_visited=_voxels_visited(region_box(volume, settings), settings.stride, field.slice_steps),
+            stages=tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds),
+            spacing_mm=volume.spacing,
+            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample),
+            name=volume.name,
+            slice_steps=field.slice_steps,
+            wrong_side=taken.wrong_side,
+            label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
+            label_color=None if settings.label is None else volume.label_colors.get(settings.label),
+            measured=taken.measured,
+        )
+
+
+def _voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:
+    gaps = [stop - 1 - start for start, stop in region]
+    gaps[2] *= slice_steps
+    return math.prod(-(-gap // side) for gap, side in zip(gaps, stride, strict=True))

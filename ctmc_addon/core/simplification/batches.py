@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Batches: triangles of a surface that are simplified at once. They share the vertices at their borders.
+
+Every vertex of the whole surface has a number of its own. Two batches share the vertices whose numbers both have. While
+a batch is simplified its border stays, so batches that fitted before fit afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.completed_pieces import CompletedPiece, completed_pieces_steps
+from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
+from ..mesh.vectors import cross, dot
+from ..progress import Step, WithResult
+
+NEW = -1  # number of a vertex that has none yet
+BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
+RINGS = 2  # of triangles beside a seam are simplified again without it
+
+T = TypeVar("T")
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A batch of a surface.
+
+    mesh : TriangleMesh
+    numbers : (V,) int64
+        Number of every vertex in the whole surface.
+    """
+
+    mesh: TriangleMesh
+    numbers: Indices
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles."""
+        return len(self.mesh.faces)
+
+    def with_faces(self, selected: Flags) -> Batch:
+        """The batch of the selected faces, (F,) bool."""
+        if selected.all():
+            return self
+        return Batch(replace(self.mesh, faces=self.mesh.faces[selected]), self.numbers).with_used_vertices()
+
+    def with_used_vertices(self) -> Batch:
+        """The batch without the vertices that no face has."""
+        used, faces = compacted(self.mesh.faces, len(self.numbers))
+        normals = None if self.mesh.normals is None else self.mesh.normals[used]
+        return Batch(TriangleMesh(self.mesh.vertices[used], faces, normals), self.numbers[used])
+
+
+class Numbering:
+    """Gives out vertex numbers that no piece uses."""
+
+    def __init__(self) -> None:
+        self.next = BEYOND_PIECES
+
+    def take(self, count: int) -> Indices:
+        """Return `count` numbers that no vertex has yet, (count,) int64."""
+        self.next += count
+        return np.arange(self.next - count, self.next)
+
+    def completed(self, batch: Batch) -> Batch:
+        """A batch with numbers for its new vertices too."""
+        new = batch.numbers == NEW
+        if not new.any():
+            return batch
+        numbers = batch.numbers.copy()
+        numbers[new] = self.take(int(new.sum()))
+        return Batch(batch.mesh, numbers)
+
+
+def compacted(faces: NDArray[Any], vertex_count: int) -> tuple[Flags, NDArray[np.int32]]:
+    """Which of the vertices are used, (vertex_count,) bool, and the faces with those alone counted."""
+    used = np.zeros(vertex_count, bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return used, number[faces]
+
+
+def joined(batches: Sequence[Batch]) -> Batch:
+    """Batches as a single one, in their order; vertices with one number are one vertex."""
+    if len(batches) == 1:
+        return batches[0]
+    numbers = np.concatenate([batch.numbers for batch in batches])
+    firsts = np.cumsum([0] + [len(batch.numbers) for batch in batches])
+    # Of the vertices with one number the first stands for all, in the order in which they come.
+    order = np.argsort(numbers, kind="stable")
+    ordered = numbers[order]
+    new = np.ones(len(ordered), bool)
+    new[1:] = ordered[1:] != ordered[:-1]
+    stands = np.empty(len(order), np.int64)
+    stands[order] = order[new][np.cumsum(new) - 1]
+    first = stands == np.arange(len(stands))
+    place = (np.cumsum(first) - 1)[stands].astype(np.int32)
+    faces = np.concatenate([place[batch.mesh.faces + low] for batch, low in zip(batches, firsts[:-1], strict=True)])
+    vertices = np.concatenate([batch.mesh.vertices for batch in batches])[first]
+    normals: Any = [batch.mesh.normals for batch in batches if len(batch.numbers)]
+    whole = bool(normals) and all(each is not None for each in normals)
+    normals = np.concatenate(normals)[first] if whole else None
+    return Batch(TriangleMesh(vertices, faces, normals), numbers[first])
+
+
+def batches_steps(pieces: SurfacePieces[T], least: int, most_whole: float) -> Generator[Step | Batch, None, T]:
+    """Gather pieces to batches of at least so many triangles; up to `most_whole` triangles are one batch.
+
+    Where a batch ends is read from the triangles alone: at the first position in their list, `least` or more after its
+    start, where every triangle before has a lower lowest vertex than every triangle after. In what extraction makes,
+    every layer of samples ends so. It does not matter how the surface was cut into pieces.
+
+    Yields
+    ------
+    Step or Batch
+        The steps of the pieces; a batch that is all of the surface has all its vertices, used or not.
+    """
+    gathered: list[CompletedPiece] = []
+    count, begun = 0, False
+    source = WithResult(completed_pieces_steps(pieces))
+    for item in source:
+        if isinstance(item, Step):
+            yield item
+            continue
+        gathered.append(item)
+        count += len(item.mesh.faces)
+        begun = begun or count > most_whole
+        if begun and count >= least:
+            rest = yield from _complete_batches(_concatenated(gathered), least)
+            gathered, count = [rest], len(rest.mesh.faces)
+    if count:
+        rest = _concatenated(gathered)
+        if begun:
+            yield from _bands(_batch(rest, 0, count, 0), least)
+        else:
+            yield Batch(rest.mesh, np.arange(len(rest.mesh.vertices)))
+    return source.result
+
+
+def _concatenated(pieces: Sequence[CompletedPiece]) -> CompletedPiece:
+    """Pieces that follow each other as a single one."""
+    if len(pieces) == 1:
+        return pieces[0]
+    first, last = pieces[0].first, pieces[-1]
+    faces = np.concatenate([piece.mesh.faces + np.int32(piece.first - first) for piece in pieces])
+    vertices = np.concatenate([piece.mesh.vertices[: piece.own] for piece in pieces[:-1]] + [last.mesh.vertices])
+    normals: Any = [piece.mesh.normals if piece is last else _own_normals(piece) for piece in pieces]
+    normals = None if any(each is None for each in normals) else np.concatenate(normals)
+    return CompletedPiece(TriangleMesh(vertices, faces, normals), last.first - first + last.own, first)
+
+
+def _own_normals(piece: CompletedPiece) -> NDArray[np.float32] | None:
+    return None if piece.mesh.normals is None else piece.mesh.normals[: piece.own]
+
+
+def _complete_batches(piece: CompletedPiece, least: int) -> Generator[Batch, None, CompletedPiece]:
+    """Yield the batches whose end is known, whatever follows the piece; returns what is left of it."""
+    mesh, start, low = piece.mesh, 0, 0
+    clean = _clean_cuts(mesh.faces, piece.own)
+    while start + least < len(clean):
+        ahead = clean[start + least :]
+        end = start + least + int(np.argmax(ahead))
+        if not clean[end]:
+            break
+        yield from _bands(_batch(piece, start, end, low), least)
+        # All triangles that follow have higher vertices alone.
+        start, low = end, int(_lowest(mesh.faces[start:end]).max()) + 1
+    if not start:
+        return piece
+    normals = None if mesh.normals is None else mesh.normals[low:]
+    rest = TriangleMesh(mesh.vertices[low:], mesh.faces[start:] - np.int32(low), normals)
+    return CompletedPiece(rest, piece.own - low, piece.first + low)
+
+
+def _clean_cuts(faces: NDArray[np.int32], bound: int) -> Flags:
+    """Before which triangles, (F + 1,) bool, the list can be cut; what follows has no vertex below `bound`.
+
+    Where a triangle of the last layer lies in the next one, what follows decides: that is no cut yet.
+    """
+    lowest = _lowest(faces)
+    before = np.full(len(faces) + 1, -1, np.int32)
+    np.maximum.accumulate(lowest, out=before[1:])
+    after = np.append(lowest, np.int32(bound))
+    np.minimum.accumulate(after[::-1], out=after[::-1])
+    return after > before
+
+
+def _lowest(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Lowest vertex of every triangle, (F,)."""
+    return np.minimum(np.minimum(faces[:, 0], faces[:, 1]), faces[:, 2])
+
+
+def _batch(piece: CompletedPiece, start: int, end: int, low: int) -> Batch:
+    """The triangles from `start` to `end`, whose vertices are not below `low`."""
+    mesh = piece.mesh
+    faces = mesh.faces[start:end] - np.int32(low)
+    high = int(faces.max()) + 1
+    normals = None if mesh.normals is None else mesh.normals[low : low + high]
+    numbers = np.arange(piece.first + low, piece.first + low + high)
+    return Batch(TriangleMesh(mesh.vertices[low : low + high], faces, normals), numbers).with_used_vertices()
+
+
+def _bands(batch: Batch, most: int) -> Iterator[Batch]:
+    """Yield a batch; one of more than twice `most` triangles, as of a layer with a cap on a whole slice, in bands."""
+    if batch.face_count <= 2 * most:
+        yield batch
+        return
+    vertices = batch.mesh.vertices
+    axis = int(np.argmax(vertices.max(axis=0) - vertices.min(axis=0)))
+    along = vertices[batch.mesh.faces[:, 0], axis]
+    ends = np.sort(along)[most::most]
+    band = np.searchsorted(ends, along, side="right")
+    for number in range(len(ends) + 1):
+        selected = band == number
+        if selected.any():
+            yield batch.with_faces(selected)
+
+
+def shared(first: Batch, second: Batch) -> Indices:
+    """Sorted numbers of the vertices that both have."""
+    return np.intersect1d(first.numbers, second.numbers)
+
+
+def beside(batch: Batch, seam: Indices) -> Flags:
+    """Faces within `RINGS` rings of triangles of the vertices with these sorted numbers, (F,) bool."""
+    near = np.zeros(len(batch.numbers), bool)
+    if len(seam):
+        at = np.minimum(np.searchsorted(seam, batch.numbers), len(seam) - 1)
+        near = seam[at] == batch.numbers
+    faces = np.zeros(batch.face_count, bool)
+    for _ in range(RINGS):
+        faces = near[batch.mesh.faces].any(axis=1)
+        near[batch.mesh.faces[faces]] = True
+    return faces
+
+
+def area(mesh: TriangleMesh) -> float:
+    """Sum of the areas of the triangles, added in their order."""
+    if not len(mesh.faces):
+        return 0.0
+    a, b, c = (mesh.vertices[corner].T for corner in mesh.faces.T)
+    normal = cross(b - a, c - a).astype(np.float64)
+    return float(np.cumsum(np.sqrt(dot(normal, normal)))[-1]) / 2.0

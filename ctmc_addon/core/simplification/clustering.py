@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A first, quick reduction of a dense surface: vertices join one of their neighbors, all in one round.
+
+A cluster is a seed, a vertex no neighbor of which is a seed, with the vertices beside it that join it: every other
+vertex joins the nearest seed beside it. Each cluster becomes one vertex where its quadrics are least. A round leaves a
+bit more than a third of the triangles, in the time of a few rounds of edge collapse. In the last round the cheapest
+clusters alone are made, as many as the goal needs. What does not keep the surface's topology is taken back, cluster by
+cluster: a cluster must be a disk (Euler number 1), an edge must have two triangles, and no triangle may turn over. The
+border stays. Clusters: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29; their quadrics: Lindstrom 2000,
+doi:10.1145/344779.344912.
+
+The quadric of a cluster is the sum of those of its vertices, from round to round, so it remembers the planes of all
+triangles at first: that keeps the volume, and they are worked out once. No list of edges is made, which would take as
+long as all else: triangles alone tell which vertices are neighbors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.triangle_mesh import TriangleMesh
+from ..mesh.vectors import cross, dot
+from ..progress import PAUSE, Steps
+from .batches import Batch
+from .collapses import TURN, shuffled
+from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
+
+PASSES = 3  # of choosing seeds
+EXPENSIVE = 8.0  # times the median error of clusters: such a cluster is not made
+LEAST_GAIN = 0.8  # of the triangles may be left by a round that is worth another
+BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
+ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
+
+Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(eq=False)
+class Shape:
+    """A surface as columns.
+
+    positions : (3, V) float32
+    faces : (3, F) int64
+    locked : (V,) bool, vertices that stay
+    original : (V,) int64, their numbers at first
+    normals : (3, V) float32 or None
+    quadrics : EdgeQuadric of each vertex about itself: of all faces that it had a corner of, at first and before
+    """
+
+    positions: Floats
+    faces: Indices
+    locked: Flags
+    original: Indices
+    normals: Floats | None
+    quadrics: EdgeQuadric
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """Vertices that may become one.
+
+    roots : (C,) int64, the seed of each
+    size : (C,) int64, vertices
+    disk : (C,) bool, whether it may become one
+    places : (3, C) float32, where that goes
+    cost : (C,) float32, its error there
+    quadrics : EdgeQuadric, about that place
+    """
+
+    roots: Indices
+    size: Indices
+    disk: Flags
+    places: Floats
+    cost: Floats
+    quadrics: EdgeQuadric
+
+    def cheap(self, most: int) -> Indices:
+        """Numbers of those to be made: the cheapest for each triangle that goes, `most` of which may."""
+        number = np.flatnonzero(self.disk)
+        if not len(number):
+            return number
+        number = number[self.cost[number] <= EXPENSIVE * np.median(self.cost[number])]
+        going = 2 * (self.size[number] - 1)
+        if going.sum() <= most:
+            return number
+        order = np.argsort(self.cost[number] / going, kind="stable")
+        return np.sort(number[order[np.cumsum(going[order]) <= most]])
+
+
+def clustered_steps(batch: Batch, target: int) -> Steps[Batch]:
+    """The batch with no fewer than `target` triangles, and not many more where it is smooth; its border stays."""
+    mesh = batch.mesh
+    extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
+    scale = np.float32(2.0 ** -np.frexp(extent)[1])
+    faces = np.array(mesh.faces.T, np.int64, order="C")
+    locked = _border(faces, len(mesh.vertices))
+    normals = None if mesh.normals is None else np.ascontiguousarray(mesh.normals.T)
+    positions = np.ascontiguousarray(mesh.vertices.T) * scale
+    quadrics = yield from _quadrics_steps(positions, faces)
+    shape = Shape(positions, faces, locked, np.arange(len(locked)), normals, quadrics)
+    while (before := shape.faces.shape[1]) > target and len(shape.locked) >> ID_BITS == 0:
+        yield PAUSE
+        shape = yield from _round_steps(shape, target)
+        if shape.faces.shape[1] > LEAST_GAIN * before:
+            break
+    vertices = np.ascontiguousarray((shape.positions / scale).T)
+    if shape.normals is None:
+        rows = None
+    else:
+        length = np.sqrt(dot(shape.normals, shape.normals))
+        rows = np.ascontiguousarray((shape.normals / np.where(length > 0, length, np.float32(1.0))).T)
+    triangles = np.ascontiguousarray(shape.faces.T.astype(np.int32))
+    return Batch(TriangleMesh(vertices, triangles, rows), batch.numbers[shape.original])
+
+
+def _quadrics_steps(positions: Floats, faces: Indices) -> Steps[EdgeQuadric]:
+    """Of every vertex the planes of its faces, which all go through it."""
+    vertex_count, face_count = positions.shape[1], faces.shape[1]
+    rows = np.empty((6, face_count), np.float32)
+    for start in range(0, face_count, BLOCK):
+        block = slice(start, start + BLOCK)
+        rows[:, block] = face_quadrics(positions, faces[:, block])
+        yield PAUSE
+    matrix = np.empty((6, vertex_count), np.float32)
+    for total, row in zip(matrix, rows, strict=True):
+        weights = row.astype(np.float64)
+        total[:] = sum(np.bincount(corner, weights, vertex_count) for corner in faces)
+        yield PAUSE
+    return EdgeQuadric(matrix, np.zeros((3, vertex_count), np.float32), np.zeros(vertex_count, np.float32))
+
+
+def _moved(quadrics: EdgeQuadric, offset: Floats) -> EdgeQuadric:
+    """The same quadrics about places that lie so far away, (3, n)."""
+    slope = times(quadrics.matrix, offset)
+    constant = dot(offset, slope + quadrics.gradient + quadrics.gradient) + quadrics.constant
+    return EdgeQuadric(quadrics.matrix, slope + quadrics.gradient, constant)
+
+
+def _border(faces: Indices, vertex_count: int) -> Flags:
+    """Which vertices have triangles that are no fan all around them, (V,) bool.
+
+    Around a whole fan every neighbor comes once before and once after the vertex, so sums over both are equal; around
+    an open one they differ by its ends. Sums of a few numbers below 2^32 are exact.
+    """
+    number = shuffled(np.arange(vertex_count)).astype(np.float64)
+    at = [np.take(number, corner) for corner in faces]
+    sums = np.zeros(vertex_count)
+    for corner in range(3):
+        sums += np.bincount(faces[corner], at[(corner + 1) % 3] - at[(corner + 2) % 3], vertex_count)
+    return sums != 0
+
+
+def _round_steps(shape: Shape, target: int) -> Steps[Shape]:
+    """One round: no fewer than `target` triangles are left."""
+    positions, faces = shape.positions, shape.faces
+    vertex_count = positions.shape[1]
+    joins = yield from _seeds_steps(shape)
+    new = np.take(joins, faces)
+    yield PAUSE
+    clusters = yield from _made_steps(shape, joins, new)
+    made = clusters.cheap(faces.shape[1] - target)
+    placed = positions.copy()
+    placed[:, clusters.roots] = clusters.places
+    reverted = np.ones(len(clusters.roots), bool)
+    reverted[made] = False
+    multiple = np.zeros(vertex_count, bool)
+    multiple[clusters.roots[made]] = True
+    changed, at = multiple, None
+    while True:
+        # The triangles of what was taken apart are looked at anew; at first all that touch a cluster.
+        apart = np.zeros(vertex_count, bool)
+        apart[clusters.roots[reverted]] = True
+        apart = np.flatnonzero(apart[joins])
+        joins[apart] = apart
+        placed[:, apart] = positions[:, apart]
+        moved = np.zeros(vertex_count, bool)
+        moved[apart] = True
+        touched = np.flatnonzero(np.take(moved, faces[0]) | np.take(moved, faces[1]) | np.take(moved, faces[2]))
+        for corner, before in zip(new, faces, strict=True):
+            corner[touched] = joins[before[touched]]
+        if at is None:
+            at = np.flatnonzero(np.take(multiple, new[0]) | np.take(multiple, new[1]) | np.take(multiple, new[2]))
+        else:
+            at, changed = touched, moved
+        yield PAUSE
+        at = at[_whole(np.take(new, at, axis=1))]
+        corners = np.take(new, at, axis=1)
+        bad = _torn(corners, multiple, changed)
+        yield PAUSE
+        bad |= _turned(np.take(faces, at, axis=1), corners, positions, placed, multiple)
+        yield PAUSE
+        reverted = bad[clusters.roots]
+        if not reverted.any():
+            whole = np.flatnonzero(_whole(new))
+            used = np.zeros(vertex_count, bool)
+            for corner in new:
+                used[corner[whole]] = True
+            reverted = (multiple & ~used)[clusters.roots]  # a whole component
+            if not reverted.any():
+                break
+        multiple[clusters.roots[reverted]] = False
+    quadrics = shape.quadrics
+    still = multiple[clusters.roots]
+    for rows, summed in zip(quadrics, clusters.quadrics, strict=True):
+        rows[..., clusters.roots[still]] = summed[..., still]
+    number = np.cumsum(used) - 1
+    normals = shape.normals
+    if normals is not None:
+        normals = np.stack([np.bincount(joins, row, vertex_count)[used] for row in normals]).astype(np.float32)
+    return Shape(
+        np.compress(used, placed, axis=1),
+        np.take(number, np.take(new, whole, axis=1)),
+        shape.locked[used],
+        shape.original[used],
+        normals,
+        EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in quadrics)),
+    )
+
+
+def _whole(faces: Indices) -> Flags:
+    """Which triangles have three different corners, (F,) bool."""
+    return (faces[0] != faces[1]) & (faces[1] != faces[2]) & (faces[2] != faces[0])
+
+
+def _seeds_steps(shape: Shape) -> Steps[Indices]:
+    """The seed that every vertex joins, or itself, (V,)."""
+    positions, faces, free = shape.positions, shape.faces, ~shape.locked
+    worst = np.uint32(0xFFFFFFFF)
+    rank = np.where(free, shuffled(np.arange(len(free))), worst)
+    seed = np.zeros(len(free), bool)
+    around = faces  # triangles with a corner that is neither a seed nor beside one
+    for _ in range(PASSES):
+        ranks = [np.take(rank, corner) for corner in around]
+        best = np.minimum(np.minimum(ranks[0], ranks[1]), ranks[2])
+        lost = rank == worst
+        for corner, own in zip(around, ranks, strict=True):
+            lost[corner[own > best]] = True
+        yield PAUSE
+        chosen = ~lost
+        seed |= chosen
+        beside = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        done = np.flatnonzero(beside)
+        for corner in around:
+            rank[corner[done]] = worst
+        rest = np.flatnonzero(~beside)
+        around = np.take(around, rest, axis=1)
+        yield PAUSE
+    joining, seeds = [], []
+    for corner, following in ((0, 1), (1, 2), (2, 0)):
+        at = np.flatnonzero(np.take(seed, faces[corner]))
+        vertex = faces[following, at]
+        may = np.take(free, vertex)
+        seeds.append(faces[corner, at][may])
+        joining.append(vertex[may])
+        yield PAUSE
+    to, vertex = np.concatenate(seeds), np.concatenate(joining)
+    along = np.take(positions, to, axis=1) - np.take(positions, vertex, axis=1)
+    squared = dot(along, along)
+    far = np.float32(0xFFFF / max(float(squared.max(initial=0.0)), 1e-30))
+    nearness = np.uint16(0xFFFF) - (squared * far).astype(np.uint16)
+    order = np.argsort(nearness, kind="stable")  # the nearest is written last
+    yield PAUSE
+    joins = np.arange(len(free))
+    joins[vertex[order]] = to[order]
+    return joins
+
+
+def _made_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+    """The clusters, and what each of them would cost."""
+    positions, vertex_count = shape.positions, len(joins)
+    size = np.bincount(joins, minlength=vertex_count)
+    roots = np.flatnonzero(size > 1)
+    count = len(roots)
+    slot = np.full(vertex_count, count)  # the last is for all others
+    slot[roots] = np.arange(count)
+    size = size[roots]
+    # Triangles with two corners or more in one cluster. A disk has as many vertices as edges less triangles, and one
+    # more. An edge within it has two sides: a triangle with two corners there has one of them; one with all three has
+    # three, and is itself a triangle of it.
+    ends = new[1] == new[2]
+    within = np.flatnonzero(ends | (new[0] == new[1]) | (new[2] == new[0]))
+    owner = slot[np.where(ends[within], new[1, within], new[0, within])]
+    disk = 2 * size - np.bincount(owner, minlength=count + 1)[:count] == 2
+    yield PAUSE
+    inner = slot[joins]
+    member = np.flatnonzero(inner < count)
+    inner = inner[member]
+    places = np.take(positions, member, axis=1)
+    middle = _sums(inner, places, count)
+    middle /= size.astype(np.float32)
+    yield PAUSE
+    own = EdgeQuadric(*(np.take(rows, member, axis=-1) for rows in shape.quadrics))
+    own = _moved(own, np.take(middle, inner, axis=1) - places)
+    yield PAUSE
+    quadrics = EdgeQuadric(
+        _sums(inner, own.matrix, count), _sums(inner, own.gradient, count), _sums(inner, own.constant[None], count)[0]
+    )
+    yield PAUSE
+    step = best_step(quadrics)
+    return Clusters(roots, size, disk, middle + step, error(quadrics, step), _moved(quadrics, step))
+
+
+def _sums(owner: Indices, rows: Floats, count: int) -> Floats:
+    """Sums of each row by owner, (rows, count)."""
+    return np.stack([np.bincount(owner, row, count) for row in rows]).astype(np.float32)
+
+
+def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
+    """Which clusters, (V,) bool, have an edge without two triangles, one either way, or two triangles back to back.
+
+    Edges with an end that has `changed` are looked at; the faces must be all that have such a corner.
+    """
+    count = len(multiple)
+    used = np.zeros(count, bool)
+    used[faces] = True
+    used = np.flatnonzero(used)
+    number = np.empty(count, np.uint64)
+    number[used] = np.arange(len(used), dtype=np.uint64)
+    bits = np.uint64(ID_BITS)
+    mask, one = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
+    corners = np.take(number, faces)
+    keys = np.empty(corners.shape, np.uint64)
+    for row, (start, end, other) in zip(keys, ((0, 1, 2), (1, 2, 0), (2, 0, 1)), strict=True):
+        low, high = np.minimum(corners[start], corners[end]), np.maximum(corners[start], corners[end])
+        np.left_shift(low, bits, out=row)
+        row |= high
+        row <<= bits
+        row |= corners[other]
+        row <<= one
+        row |= corners[start] < corners[end]
+    keys = keys.ravel()
+    keys.sort()
+    edge = keys >> (bits + one)
+    same = edge[1:] == edge[:-1]
+    pair = keys[1:] ^ keys[:-1]  # of one edge: the lowest bit is set where the directions differ
+    wrong = np.zeros(len(keys) + 1, bool)
+    wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
+    wrong[1:-2] |= same[1:] & same[:-1]
+    alone = np.ones(len(keys), bool)
+    alone[1:] &= ~same
+    alone[:-1] &= ~same
+    at = np.flatnonzero(wrong[:-1] | wrong[1:] | alone)
+    shifts = bits + bits + one, bits + one, one
+    low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
+    at_changed = changed[low] | changed[high]
+    bad = np.zeros(count, bool)
+    for corner in (low, high, third):
+        bad[corner[at_changed]] = True
+    return bad & multiple
+
+
+def _turned(before: Indices, after: Indices, positions: Floats, placed: Floats, multiple: Flags) -> Flags:
+    """Which clusters, (V,) bool, have a triangle that turns too far or loses its area."""
+    normals = []
+    for corners, places in ((before, positions), (after, placed)):
+        a, b, c = (np.take(places, corner, axis=1) for corner in corners)
+        normals.append(cross(b - a, c - a))
+    old, new = normals
+    along, size = dot(old, new), dot(new, new)
+    turned = (along < 0) | (along * along < TURN * TURN * dot(old, old) * size) | (size == 0)
+    bad = np.zeros(len(multiple), bool)
+    bad[after[:, turned]] = True
+    return bad & multiple

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
+
+Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
+quick clusters at first. Then the strips along the seams are simplified, and at last the surface as a whole, exactly to
+the goal. The batches leave `SPARE` times as many triangles as are wanted: the last pass chooses where they matter most.
+
+What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
+surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import zip_longest
+
+import numpy as np
+
+from ..budget import Budget
+from ..errors import MeshError
+from ..memory import require_or_killed
+from ..parallel import in_order_steps
+from ..progress import PAUSE, Step, Steps
+from .batches import NEW, Batch, Numbering, area, beside, joined, shared
+from .clustering import clustered_steps
+from .component_removal import RemovedComponents
+from .edge_collapse import CollapsingMesh
+from .whole import SAFETY_FACTOR, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
+
+SPARE = 2.0  # times as many triangles as wanted are left for the last pass
+FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
+CLUSTERED = 4.0  # times as many triangles as wanted: worth clustering first
+LEFT_BY_CLUSTERS = 2.0  # times as many triangles as wanted: edges collapse from there on
+LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
+BATCHES_SHARE = 0.8  # of the time
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A simplified batch, its density and what went.
+
+    batch : Batch
+    face_count : int
+        Triangles that it had.
+    density : float
+        Triangles wanted for each unit of area.
+    removed : RemovedComponents
+    handles_cut : int
+    """
+
+    batch: Batch
+    face_count: int
+    density: float
+    removed: RemovedComponents
+    handles_cut: int
+
+
+Work = Callable[[], Steps[Reduced]]
+
+
+def in_batches_steps(
+    batches: Iterable[Step | Batch], goal: Goal, budget: Budget, face_count: int | None = None
+) -> Steps[tuple[Simplification, int]]:
+    """Simplify batches that follow each other; returns also how many triangles they had.
+
+    Parameters
+    ----------
+    batches : iterable of Step and Batch
+        A single one of no more than `goal.most_whole` triangles is simplified as a whole.
+    goal : Goal
+    budget : Budget
+    face_count : int, optional
+        How many triangles come, if that is known and the steps of `batches` do not say how far they are.
+    """
+    passes = _Passes(goal, budget)
+    left = yield from passes.batches_steps(batches, face_count)
+    if not passes.full_faces:
+        raise MeshError("there is no surface to simplify: no piece has a triangle")
+    if passes.full_faces <= goal.most_whole(budget):
+        simplification = yield from _after_batches_steps(whole_steps(left[0].mesh, goal, budget))
+        return simplification, passes.full_faces
+    target = goal.target(passes.full_faces)
+    left = yield from passes.last_pass_steps(left, target)
+    simplification = Simplification(joined(left).mesh, passes.removed, passes.handles_cut)
+    yield Step(1.0, simplification.message(target))
+    return simplification, passes.full_faces
+
+
+class _Passes:
+    """The counts that all passes over the batches add to."""
+
+    def __init__(self, goal: Goal, budget: Budget) -> None:
+        self.goal, self.budget, self.numbering = goal, budget, Numbering()
+        self.batch_faces, self.last_faces = goal.sizes(budget)
+        self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
+        self.removed, self.handles_cut = RemovedComponents(), 0
+
+    def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
+        """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
+        single: list[Batch] = []
+        reduced: list[Reduced] = []
+        fraction = 0.0
+        for item in self._in_order_steps(self._works_steps(batches, single), self.batch_faces):
+            if isinstance(item, Step):
+                fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
+                yield Step(BATCHES_SHARE * fraction, item.message)
+            else:
+                reduced.append(item)
+        if single or self.goal.max_error is not None:  # only the last pass may add to the error of batches
+            return single or [each.batch for each in reduced]
+        works: list[Work] = []
+        most = 0
+        for number in range(1, len(reduced)):
+            yield PAUSE
+            pair = reduced[number - 1 : number + 1]
+            seam = shared(pair[0].batch, pair[1].batch)
+            halves, wanted = [], 0.0
+            for at, each in enumerate(pair, number - 1):
+                in_strip = beside(each.batch, seam)
+                halves.append(each.batch.with_faces(in_strip))
+                reduced[at] = replace(each, batch=each.batch.with_faces(~in_strip))
+                wanted += each.density * area(halves[-1].mesh)
+            works.append(partial(reduce_batch_steps, joined(halves), wanted))
+            most = max(most, sum(half.face_count for half in halves))
+        strips = []
+        for item in self._in_order_steps(works, most):
+            if isinstance(item, Step):
+                yield Step(BATCHES_SHARE * fraction)
+            else:
+                strips.append(item)
+        pairs = zip_longest(reduced, strips)
+        return [each.batch for pair in pairs for each in pair if each is not None and each.batch.face_count]
+
+    def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
+        """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
+        held: Batch | None = None
+        seam = 0  # vertices that the held batch has in common with the one before
+        for item in batches:
+            if isinstance(item, Step):
+                yield item
+                continue
+            require_finite(item.mesh, item.numbers)
+            if held is not None:
+                following = len(shared(held, item))
+                yield self._work(held, seam + following)
+                seam = following
+            held = item
+            self.full_faces += item.face_count
+        if held is not None and held.face_count == self.full_faces:
+            single.append(held)
+        elif held is not None:
+            yield self._work(held, seam)
+
+    def _work(self, batch: Batch, seam_vertices: int) -> Work:
+        """Return the function that simplifies a batch, or raise if its memory is not available."""
+        max_error = self.goal.max_error
+        what = f"simplifying {batch.face_count} triangles at once"
+        remedy = "choose a region or a larger stride, or give it more memory"
+        needed = memory_needed(batch.face_count, max_error)
+        if self.budget.bytes is None:
+            require_or_killed(needed, what, remedy)
+        else:
+            self.budget.require(needed, what, remedy)
+        if max_error is not None:
+            return partial(reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error)
+        # Of a number of triangles every batch may have as many as if all were like those so far.
+        wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
+        return partial(reduce_batch_steps, batch, wanted, 2 * seam_vertices)
+
+    def _in_order_steps(self, works: Iterable[Step | Work], most: int) -> Generator[Step | Reduced, None, None]:
+        """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
+        threads = self.budget.threads_for(2 * memory_needed(most, self.goal.max_error))
+        for item in in_order_steps(works, threads):
+            if isinstance(item, Reduced):
+                self.handles_cut += item.handles_cut
+                largest = max(self.removed.largest, item.removed.largest)
+                self.removed = RemovedComponents(self.removed.count + item.removed.count, largest)
+                self.reduced_faces += item.face_count
+                item = replace(item, batch=self.numbering.completed(item.batch))
+            yield item
+
+    def last_pass_steps(self, batches: list[Batch], target: int) -> Steps[list[Batch]]:
+        """Simplify all to the goal: at once where it is small, or stretches bring too little; else in stretches."""
+        max_error = self.goal.max_error
+        if max_error is not None and len(batches) > 1:
+            max_error *= 1.0 - FIRST_SHARE
+        faces, before = sum(batch.face_count for batch in batches), 0
+        whole = stuck = False
+        while faces > target and not (whole and faces == before):
+            stretches = [batches] if stuck else list(_stretches(batches, self.last_faces))
+            counts = [sum(batch.face_count for batch in stretch) for stretch in stretches]
+            self.budget.require(
+                memory_needed(max(counts), max_error),
+                f"simplifying {faces} triangles",
+                "ask for fewer triangles, or use a larger stride",
+            )
+            whole = len(stretches) == 1
+            # Borders of stretches stay, so they do not give all at once: the next stretches have other borders.
+            goal = target if whole else max(target, faces // 2)
+            wanted = [goal] if whole else _shares(goal, counts)
+            works = [
+                partial(_stretch_steps, stretch, share if max_error is None else 0, max_error, whole, goal == target)
+                for stretch, share in zip(stretches, wanted, strict=True)
+            ]
+            batches = []
+            del stretches
+            for item in self._in_order_steps(works, max(counts)):
+                if isinstance(item, Step):
+                    yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * len(batches) / len(works))
+                else:
+                    batches.append(item.batch)
+            before, faces = faces, sum(batch.face_count for batch in batches)
+            # Stretches that cannot be joined to longer ones have the same borders again.
+            stuck = before - faces < LEAST_GAIN * (before - goal)
+            if max_error is not None:
+                break
+        return batches
+
+
+def reduce_batch_steps(
+    batch: Batch,
+    wanted: float,
+    at_border: int = 0,
+    max_error: float | None = None,
+    whole: bool = False,
+    last: bool = False,
+) -> Steps[Reduced]:
+    """Simplify a batch whose border stays.
+
+    Parameters
+    ----------
+    batch : Batch
+    wanted : float
+        Triangles to leave, with a maximum error 0.
+    at_border : int
+        Triangles to leave besides, because the border stays.
+    max_error : float, optional
+    whole : bool
+        Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
+    last : bool
+        Whether no other pass follows, which would choose better what goes last.
+    """
+    before = batch.face_count
+    target = round(wanted) + at_border
+    if target >= before:
+        return Reduced(batch, before, _density(batch, wanted), RemovedComponents(), 0)
+    clustered = max_error is None and not whole and before - at_border > CLUSTERED * wanted
+    if clustered:
+        batch = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted) + at_border)
+    collapsing = CollapsingMesh(
+        batch.mesh, max_error, SAFETY_FACTOR, not whole, rough=not last and (clustered or max_error is not None)
+    )
+    yield from collapse_steps(collapsing, target, last=whole)
+    if max_error is not None:
+        yield from collapsing.roll_back_steps()
+    mesh, used = collapsing.used_mesh()
+    original = collapsing.original_vertex[used]
+    left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
+    return Reduced(left, before, _density(left, wanted), collapsing.removed, collapsing.handles_cut)
+
+
+def _density(batch: Batch, wanted: float) -> float:
+    """Triangles wanted for each unit of a batch's area."""
+    size = area(batch.mesh)
+    return wanted / size if size > 0 else 0.0
+
+
+def _stretch_steps(
+    stretch: list[Batch], wanted: int, max_error: float | None, whole: bool, last: bool
+) -> Steps[Reduced]:
+    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, last))
+
+
+def _shares(goal: int, counts: list[int]) -> list[int]:
+    """What to leave of each of so many triangles, in all `goal`; they go by twos, so an odd one is left to the next.
+
+    Examples
+    --------
+    >>> _shares(50, [60, 40, 101])
+    [14, 10, 26]
+    """
+    shares: list[int] = []
+    for number, count in enumerate(counts):
+        share = max(1, goal * sum(counts[: number + 1]) // sum(counts) - sum(shares))
+        odd = (count - share) % 2 and number + 1 < len(counts)
+        shares.append(share + bool(odd))
+    return shares
+
+
+def _stretches(batches: list[Batch], most: int) -> Iterator[list[Batch]]:
+    """Batches that follow one another, together no more than so many triangles where that is possible."""
+    stretch: list[Batch] = []
+    count = 0
+    for batch in batches:
+        if stretch and count + batch.face_count > most:
+            yield stretch
+            stretch, count = [], 0
+        stretch.append(batch)
+        count += batch.face_count
+    yield stretch
+
+
+def _after_batches_steps(steps: Steps[Simplification]) -> Steps[Simplification]:
+    """The same steps in the time that is left after the batches."""
+    try:
+        while True:
+            try:
+                fraction, message = next(steps)
+            except StopIteration as end:
+                result: Simplification = end.value
+                return result
+            yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * fraction, message)
+    finally:
+        steps.close()

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A goal of simplification, and how a mesh is brought to it as a whole."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..budget import Budget
+from ..errors import MeshError, SettingsError
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Stages, Step, Steps, equal_part
+from .component_removal import RemovedComponents
+from .edge_collapse import CollapsingMesh
+
+FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
+SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
+STAGES = {"Simplifying": 1}
+BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What simplification is to reach; exactly one is not None. See `simplify`."""
+
+    reduction: float | None = None
+    target_faces: int | None = None
+    max_error: float | None = None
+
+    def target(self, face_count: int) -> int:
+        """Return how many of so many triangles shall be left; 0 with a maximum error, which sets no number.
+
+        Raises
+        ------
+        SettingsError
+            Without exactly one goal, or with one outside its limits.
+        """
+        reduction, target_faces, max_error = self.reduction, self.target_faces, self.max_error
+        goals = {"reduction": reduction, "target_faces": target_faces, "max_error": max_error}
+        given = [name for name, value in goals.items() if value is not None]
+        if len(given) != 1:
+            what = " and ".join(given) if given else "none"
+            raise SettingsError(f"give exactly one of reduction, target_faces and max_error to simplify; given: {what}")
+        if reduction is not None:
+            if not 0 <= reduction < 1:
+                raise SettingsError(f"reduction {reduction:g} is outside [0, 1); 0.9 removes 90 % of the triangles")
+            return max(1, round(face_count * (1 - reduction)))
+        if target_faces is not None:
+            if target_faces < 1:
+                raise SettingsError(f"target_faces {target_faces} is below 1; give the number of triangles to keep")
+            return target_faces
+        assert max_error is not None
+        if not 0 < max_error < math.inf:
+            raise SettingsError(f"max_error {max_error:g} is not above 0; give a distance in the mesh's unit")
+        return 0
+
+    def sizes(self, budget: Budget) -> tuple[int, int]:
+        """Return the triangles of a batch, and of what is simplified at once in the last pass, at most."""
+        if self.max_error is None:
+            return budget.whole_faces, budget.whole_faces * 3 // 2
+        return max(1, budget.whole_faces // 4), max(1, budget.whole_faces * 3 // 4)
+
+    def most_whole(self, budget: Budget) -> float:
+        """Return up to how many triangles a surface is one mesh for: simplified as a whole, or left as it is."""
+        return math.inf if self.reduction == 0 else max(budget.whole_faces, self.target_faces or 0)
+
+    def at_once(self, face_count: int, budget: Budget) -> int:
+        """Return how many triangles of a surface of so many are simplified at once, at most."""
+        return face_count if face_count <= budget.whole_faces else min(face_count, self.sizes(budget)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Simplification:
+    """A simplified surface, the components that were removed, and how many handles were cut.
+
+    mesh : TriangleMesh
+    removed : RemovedComponents
+        Small components that went as a whole.
+    handles_cut : int
+        Each cut makes the Euler number larger by two.
+    """
+
+    mesh: TriangleMesh
+    removed: RemovedComponents
+    handles_cut: int = 0
+
+    def message(self, target: int) -> str:
+        """How many triangles there are, why not `target` where that is not 0, and what else went."""
+        count = len(self.mesh.faces)
+        message = f"{count} triangles"
+        if target and count > target:
+            message += (
+                f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+            )
+        if self.removed.count:
+            message += f"; {self.removed.count} small components were removed"
+        if self.handles_cut:
+            message += f"; small handles cut: {self.handles_cut}"
+        return message
+
+
+def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplification]:
+    """Simplify a mesh as a whole.
+
+    Raises
+    ------
+    MeshError
+        If a vertex is not finite.
+    MemoryLimitError
+        Before the work, if it would take more memory than the budget has.
+    """
+    target, max_error = goal.target(len(mesh.faces)), goal.max_error
+    require_finite(mesh)
+    if target >= len(mesh.faces):
+        return Simplification(mesh, RemovedComponents())
+    budget.require(
+        memory_needed(len(mesh.faces), max_error),
+        f"simplifying {len(mesh.faces)} triangles",
+        "use a larger stride or a region",
+    )
+    collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
+    stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
+    yield from stages.run("Simplifying", collapse_steps(collapsing, target))
+    if max_error is not None:
+        yield from stages.run("Checking the error", collapsing.roll_back_steps())
+    removed = collapsing.removed
+    simplification = Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
+    yield Step(1.0, simplification.message(target))
+    return simplification
+
+
+def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -> Steps[None]:
+    """Collapse edges and remove components until there are `target` faces, or nothing more can go.
+
+    Where edges are left no more, components go at any cost, if this is the `last` that is done to the surface.
+    """
+    start = collapsing.face_count
+    yield from collapsing.prepare_steps()
+    while (excess := collapsing.face_count - target) > 0:
+        round_ = equal_part(_round_steps(collapsing, excess, last), start - collapsing.face_count, start - target)
+        if not (yield from round_):
+            return
+
+
+def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
+    """One round, in which at most `excess` faces go; whether there was anything to try."""
+    faces = collapsing.face_count
+    yield from collapsing.cut_handles_steps()
+    excess += collapsing.face_count - faces
+    if not (yield from collapsing.can_collapse_steps()):
+        return last and (yield from collapsing.remove_components_steps(excess, stuck=True))
+    faces = collapsing.face_count
+    yield from collapsing.remove_components_steps(excess)
+    excess -= faces - collapsing.face_count
+    if excess > 0:
+        yield from collapsing.collapse_round_steps(-(-excess // 2))
+    return True
+
+
+def memory_needed(face_count: int, max_error: float | None) -> int:
+    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumors and bone, rounded up."""
+    return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
+
+
+def require_finite(mesh: TriangleMesh, numbers: NDArray[np.int64] | None = None) -> None:
+    """Raise a `MeshError` where a vertex is not finite; it is called by its number, which is its place by default."""
+    finite = np.isfinite(mesh.vertices).all(axis=1)
+    if not finite.all():
+        vertex = int(np.argmin(finite))
+        x, y, z = mesh.vertices[vertex].tolist()
+        vertex = vertex if numbers is None else int(numbers[vertex])
+        raise MeshError(f"vertex {vertex} is at ({x:g}, {y:g}, {z:g}), which is not finite; move or delete it first")

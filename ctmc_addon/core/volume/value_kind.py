@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The kinds of values that a volume may hold."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class ValueKind(StrEnum):
+    """What the values of a volume mean.
+
+    Examples
+    --------
+    >>> ValueKind("gray value") is ValueKind("grey value") is ValueKind.GRAY
+    True
+    """
+
+    HU = "HU"
+    GRAY = "gray value"
+    LABEL = "label"
+
+    @classmethod
+    def _missing_(cls, value: object) -> ValueKind | None:
+        """Accept the spelling of version 0.2."""
+        return cls.GRAY if value == "grey value" else None

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A DICOM file by what it holds: an image of a series, a segmentation or a structure set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...core import Steps
+from ..result import VolumeSource
+from . import series
+from .header import is_multi_frame
+from .labels import segmentation, structures
+from .labels.classes import SEGMENTATION, STRUCTURES, label_class
+
+
+def open_steps(path: Path) -> Steps[VolumeSource]:
+    """Open the labels of a file, or the series that it is an image of."""
+    kind = label_class(path)
+    if kind == SEGMENTATION:
+        return (yield from segmentation.open_steps(path))
+    if kind == STRUCTURES:
+        return (yield from structures.open_steps(path))
+    return (yield from series.open_steps(path))
+
+
+def is_alone(path: Path) -> bool:
+    """Whether a file is a volume by itself, and not a slice of its folder."""
+    return bool(label_class(path)) or is_multi_frame(path)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How a path is read: what its files do not say, or what is asked for in their place.
+
+`read_volume`, the command line's flags, a manifest's columns, the sidebar's properties and the table `[reading]` of a
+settings file are made from these fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..core import Described, SettingsError, setting
+
+
+def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
+    """`spacing` as (x, y, z) mm, or a `SettingsError`; one number stands for all three.
+
+    Examples
+    --------
+    >>> checked_spacing(0.5)
+    (0.5, 0.5, 0.5)
+    """
+    if spacing is None:
+        return None
+    try:
+        sides = (spacing,) * 3 if isinstance(spacing, (int, float)) else tuple(spacing)
+        numbers = tuple(float(value) for value in sides)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"spacing is three numbers x, y, z in mm, not {spacing!r}") from error
+    if len(numbers) != 3:
+        raise SettingsError(f"spacing is three numbers x, y, z in mm, not {len(numbers)}: {spacing}")
+    for axis, value in zip("xyz", numbers, strict=True):
+        if not (math.isfinite(value) and value > 0):
+            raise SettingsError(f"spacing along {axis} must be above 0 mm, not {value:g}; measure it or leave it out")
+    return (numbers[0], numbers[1], numbers[2])
+
+
+def checked_flip(flip: str | None) -> str:
+    """The axes to mirror, each once and in the order x, y, z, or a `SettingsError`.
+
+    Examples
+    --------
+    >>> checked_flip("ZX")
+    'xz'
+    """
+    letters = (flip or "").lower().replace(",", "").replace(" ", "")
+    if set(letters) - set("xyz") or len(set(letters)) != len(letters):
+        raise SettingsError(f"flip takes the axes x, y and z, each at most once, such as 'xz', not {flip!r}")
+    return "".join(sorted(letters))
+
+
+def checked_series(series: str | int) -> str | None:
+    """A series' UID or number as a word; None for an empty one.
+
+    Examples
+    --------
+    >>> checked_series(2), checked_series(" ")
+    ('2', None)
+    """
+    return str(series).strip() or None
+
+
+def checked_name(name: str) -> str:
+    """A name that can be shown on one line, or a `SettingsError`: an empty one would show the file's own."""
+    if not name.strip() or not name.isprintable():
+        raise SettingsError(f"name must be of letters that can be shown, not {name!r}")
+    return name.strip()
+
+
+@dataclass(frozen=True)
+class ReadingOptions(Described):
+    """How a path is read. Frozen, hashable and picklable.
+
+    Raises
+    ------
+    SettingsError
+        If spacing, flip or time are not what they can be.
+
+    Examples
+    --------
+    >>> ReadingOptions(spacing=0.5, flip="ZX").spacing
+    (0.5, 0.5, 0.5)
+    """
+
+    spacing: tuple[float, float, float] | None = setting(
+        None,
+        "Distance between samples along x, y and z",
+        label="Spacing",
+        unit="mm",
+        size=3,
+        low=0.0,
+        low_open=True,
+        start=(1.0, 1.0, 1.0),
+        without="as the files say, else 1 mm",
+        check=checked_spacing,
+    )
+    flip: str = setting(
+        "",
+        "Axes that lie the other way round than the files say or was assumed, such as z or xz",
+        label="Flip",
+        type=str,
+        check=checked_flip,
+    )
+    series: str | None = setting(
+        None,
+        "UID or number of the DICOM series",
+        label="Series",
+        note="see info; of an OME-Zarr the number of the channel",
+        type=str,
+        start="2",
+        without="the one with the most slices",
+        check=checked_series,
+    )
+    time: int | None = setting(
+        None,
+        "Which of several times of the CT to read, from 1 on: time points, phases or acquisitions",
+        label="Time",
+        note="see info",
+        type=int,
+        low=1,
+        start=2,
+        without="the first that is whole",
+    )
+    level: int | None = setting(
+        None,
+        "Which of several resolutions of an OME-Zarr to read, 0 the full one",
+        label="Level",
+        note="see info",
+        type=int,
+        low=0,
+        start=1,
+        without="the full one",
+    )
+    strict: bool = setting(
+        False,
+        "Refuse uneven gaps between DICOM slices instead of resampling them",
+        label="Strict",
+        type=bool,
+    )
+    allow_outside: bool = setting(
+        False,
+        "Read data files that an .nhdr or .mhd names outside its own folder; only for headers you trust",
+        label="Allow Outside",
+        type=bool,
+        kept=False,
+    )
+    name: str | None = setting(
+        None,
+        "What the volume, its surfaces and the report are called",
+        label="Name",
+        type=str,
+        kept=False,
+        without="as the file or folder",
+        check=checked_name,
+    )
+
+
+def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:
+    """The options, by default all at their defaults, with some fields in place of theirs.
+
+    Raises
+    ------
+    SettingsError
+        If a field does not exist or is not what it can be.
+    """
+    known = [field.name for field in dataclasses.fields(ReadingOptions)]
+    unknown = sorted(set(fields) - set(known))
+    if unknown:
+        raise SettingsError(f"unknown reading option {unknown[0]!r}; the options are {', '.join(known)}")
+    return dataclasses.replace(options or ReadingOptions(), **fields)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every format that is read: its name, what tells it, and the module that opens it.
+
+A new format is a line of `FORMATS` and a module of this package. The module has `open_steps(path)`, steps that return a
+`VolumeSource`; that of a format whose files may be slices also has `is_alone(path)`, whether this file is a volume by
+itself. Modules are imported when they are first needed, so that they may ask this table too.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core import Steps
+
+VOLUME, FOLDER, SLICE, PAGES, SERIES = "volume", "folder", "slice", "pages", "series"
+
+
+@dataclass(frozen=True)
+class Format:
+    """What tells a format.
+
+    Parameters
+    ----------
+    module : str
+        The module of this package that opens it.
+    suffixes : tuple of str
+        In small letters, with their dot; one may have two.
+    marks : tuple of (int, bytes)
+        Bytes and where they stand in a file, one of which tells the format where the suffix does not.
+    holds : {"volume", "folder", "slice", "pages", "series"}
+        What a file of it is: a volume; a part of the folder that is one; a slice of the stack in its folder; a slice,
+        or of several pages a volume; an image of one of the series in its folder.
+    names : tuple of str
+        Names of files that tell the format; one of them lies in each folder of a folder format.
+    may_be_mask : bool
+        Whether a folder of such files may be a folder of masks: they say where their voxels lie.
+    """
+
+    module: str
+    suffixes: tuple[str, ...]
+    marks: tuple[tuple[int, bytes], ...] = ()
+    holds: str = VOLUME
+    names: tuple[str, ...] = ()
+    may_be_mask: bool = False
+
+
+def at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
+    """Marks that stand at the start of a file."""
+    return tuple((0, mark) for mark in marks)
+
+
+JPEG_2000, JPEG_2000_MARKS = (".jp2", ".j2k", ".jpx", ".j2c"), at_start(b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")
+TIFF_MARKS = at_start(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+ZARR = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
+
+# By the name that users see. DICOM's mark is asked before TIFF's, as a DICOM file may begin like a TIFF (PS3.10, 7.1).
+FORMATS = {
+    "DICOM": Format("dicom.opening", (".dcm", ".dicom", ".ima"), ((128, b"DICM"),), SERIES, ("DICOMDIR",)),
+    "PNG": Format("images.folder", (".png",), at_start(b"\x89PNG"), SLICE),
+    "JPEG": Format("images.folder", (".jpg", ".jpeg"), at_start(b"\xff\xd8\xff"), SLICE),
+    "BMP": Format("images.folder", (".bmp",), (), SLICE),
+    "TIFF": Format("images.folder", (".tif", ".tiff"), TIFF_MARKS, PAGES),
+    "JPEG 2000": Format("images.folder", JPEG_2000, JPEG_2000_MARKS, SLICE),
+    "NIfTI": Format("volumes.nifti", (".nii", ".nii.gz"), ((344, b"n+1\0"), (4, b"n+2\0")), may_be_mask=True),
+    "NRRD": Format("volumes.nrrd", (".nrrd", ".nhdr"), at_start(b"NRRD"), may_be_mask=True),
+    "NumPy": Format("volumes.npy", (".npy",), at_start(b"\x93NUMPY")),
+    "MetaImage": Format("volumes.metaimage", (".mha", ".mhd"), at_start(b"ObjectType ="), may_be_mask=True),
+    "MGH": Format("volumes.mgh", (".mgh", ".mgz"), may_be_mask=True),
+    "Analyze": Format("volumes.analyze", (".hdr",)),
+    "OME-Zarr": Format("volumes.ome_zarr", (".ome.zarr", ".zarr"), (), FOLDER, ZARR),
+}
+
+
+def suffixes_of(*holds: str) -> tuple[str, ...]:
+    """The suffixes of all formats, or of those whose files hold this.
+
+    Examples
+    --------
+    >>> suffixes_of("pages")
+    ('.tif', '.tiff')
+    """
+    return tuple(end for about in FORMATS.values() if not holds or about.holds in holds for end in about.suffixes)
+
+
+IMAGE_SUFFIXES = suffixes_of(SLICE, PAGES)
+PAGE_SUFFIXES = suffixes_of(PAGES)
+VOLUME_SUFFIXES = suffixes_of(VOLUME)
+FOLDER_SUFFIXES = suffixes_of(FOLDER)
+KNOWN_SUFFIXES = suffixes_of()
+MASK_SUFFIXES = tuple(end for about in FORMATS.values() if about.may_be_mask for end in about.suffixes)
+BY_SUFFIX = {end: name for name, about in FORMATS.items() for end in about.suffixes}
+BY_FILE_NAME = {word: name for name, about in FORMATS.items() for word in about.names}
+HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # bytes that hold every mark
+
+
+def marked(head: bytes) -> str:
+    r"""The format whose mark is among a file's first `HEAD` bytes, or ''.
+
+    Examples
+    --------
+    >>> marked(b"NRRD0004"), marked(b"II*\0" + bytes(124) + b"DICM"), marked(b"words")
+    ('NRRD', 'DICOM', '')
+    """
+    marks = ((name, at, mark) for name, about in FORMATS.items() for at, mark in about.marks)
+    return next((name for name, at, mark in marks if head[at : at + len(mark)] == mark), "")
+
+
+def folder_format(folder: Path, names: Collection[str] | None = None) -> str:
+    """The format whose volume a folder is, by the `names` of its files, or ''."""
+    for word, name in BY_FILE_NAME.items():
+        if FORMATS[name].holds == FOLDER and (word in names if names is not None else (folder / word).is_file()):
+            return name
+    return ""
+
+
+def open_steps(name: str, path: Path) -> Steps[Any]:
+    """Open a file or folder of the format `name`: steps that return its `VolumeSource`."""
+    return (yield from _module(name).open_steps(path))
+
+
+def is_alone(name: str, path: Path) -> bool:
+    """Whether a file of the format `name` is a volume by itself, and not a slice of its folder."""
+    return FORMATS[name].holds in (VOLUME, FOLDER) or bool(_module(name).is_alone(path))
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f".{FORMATS[name].module}", __package__)

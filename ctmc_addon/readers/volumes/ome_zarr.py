@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""OME-Zarr 0.4 and 0.5, a folder: an image or its labels in several resolutions, each an array of Zarr.
+
+ngff.openmicroscopy.org/0.5 is the format's description. It has spacing and position, and no orientation of a patient:
+taken as axial, as slices and npy are. Of several channels one is read, chosen as a series; labels are in `labels/`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import ReadError, Steps, require_memory
+from ...core.volume import ValueKind
+from ..file_formats import natural_key
+from ..labels.colors import RGB
+from ..labels.label_map import clean_name
+from ..optional_imports import imported_steps
+from ..result import RawValues, ReadOptions, Series, VolumeSource, taken_as_axial
+from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
+
+REMEDY = "install it by `pip install ctmc-addon[zarr]`"
+VERSIONS = ("0.4", "0.5")
+MOST_LEVELS, MOST_CHANNELS = 64, 1000
+MOST_NAMED = 5  # in one message
+TO_MM = {
+    **{"angstrom": 1e-7, "nanometer": 1e-6, "micrometer": 1e-3, "millimeter": 1.0, "centimeter": 10.0},
+    **{"decimeter": 100.0, "meter": 1000.0, "inch": 25.4, "foot": 304.8},
+    **{"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0},
+}
+NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # of a label's properties, which may have any
+
+
+class Multiscale(NamedTuple):
+    """The image of a group: its axes, and an array for each resolution."""
+
+    axes: list[dict[str, Any]]
+    levels: list[ArrayHeader]
+    transforms: list[list[Any]]  # of each level: its own, then those of all
+    labels: dict[str, Any] | None  # `image-label`; None where it is an image
+    notes: tuple[str, ...]
+
+    def axis(self, kind: str, name: str) -> int | None:
+        """The number of the axis of that type, or of that name where it has no type; None where there is none."""
+        for number, axis in enumerate(self.axes):
+            if axis.get("type", "") == kind or (not axis.get("type") and axis.get("name") == name):
+                return number
+        return None
+
+    @property
+    def space(self) -> tuple[int, int, int]:
+        """The numbers of the axes z, y and x: by their names, else the last three."""
+        names = [str(axis.get("name", "")).lower() for axis in self.axes]
+        last = len(self.axes)
+        if all(names.count(letter) == 1 for letter in "zyx"):
+            return (names.index("z"), names.index("y"), names.index("x"))
+        return (last - 3, last - 2, last - 1)
+
+
+class OmeZarr(VolumeSource):
+    """One image or label group."""
+
+    format = "OME-Zarr"
+    has_geometry = True
+
+    def __init__(self, path: Path, image: Multiscale, label_groups: Sequence[str], channels: Sequence[str]) -> None:
+        self.image, self.channels = image, list(channels)
+        full = image.levels[0]
+        z, y, x = image.space
+        time = image.axis("time", "t")
+        size, times = (full.shape[x], full.shape[y]), 1 if time is None else full.shape[time]
+        series = tuple(
+            Series(number, "", full.shape[z], size, "", full.dtype.name, times, description=name)
+            for number, name in enumerate(channels, 1)
+        )
+        super().__init__(path, series, ())
+        self.has_series = len(series) > 1
+        self.label_groups = tuple(label_groups)
+        self.levels = tuple((level.shape[x], level.shape[y], level.shape[z]) for level in image.levels)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All metadata and chunks, which are looked for when they are asked for."""
+        found = (Path(folder) / file for folder, _, files in os.walk(self.path) for file in files)
+        return tuple(sorted(found, key=natural_key))
+
+    def selected_series(self, series: str | int | None) -> Series | None:
+        """The channel that would be read; by default the first."""
+        word = "" if series is None else str(series).strip()
+        return next((line for line in self.series if word in ("", str(line.number))), None)
+
+    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+        """Read the values of one level, time and channel."""
+        channel = self.selected_series(options.series)
+        if channel is None:
+            raise ReadError(
+                f"there is no series '{options.series}', as {self.path.name} has {len(self.series)} channels; "
+                f"choose from 1 to {len(self.series)}"
+            )
+        header = self.image.levels[options.level]
+        at = {number: 0 for number in range(len(header.shape)) if number not in self.image.space}
+        for number, index in ((self.image.axis("time", "t"), options.time), (self._channel_axis, channel.number)):
+            if number is not None and index > header.shape[number]:
+                raise ReadError(f"{header.name} has fewer times or channels than level 0; export it again")
+            if number is not None:
+                at[number] = index - 1
+        sides = " x ".join(str(header.chunks[axis]) for axis in reversed(self.image.space))
+        what = f"reading one chunk of {header.name} ({sides})"
+        require_memory(header.chunk_bytes, what, "save it with smaller chunks", options.memory_limit)
+        reader = ZarrSlices(header, self.image.space, at)
+        affine, notes = self._placed(options.level)
+        notes += missing_note(header, reader.array.fill_value)
+        if len(self.series) > 1 and not options.series:
+            count = len(self.series)
+            notes.append(f"{count} channels found: channel 1 was read; give its number as the series, 1 to {count}")
+        names, colors = label_facts(self.image.labels or {})
+        kind = ValueKind.LABEL if self.image.labels is not None and header.dtype.kind in "bui" else None
+        return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors)
+        yield  # the values are read where they are wanted
+
+    @property
+    def _channel_axis(self) -> int | None:
+        return self.image.axis("channel", "c")
+
+    def _placed(self, level: int) -> tuple[NDArray[np.float64] | None, list[str]]:
+        """Affine to RAS+ mm and what was assumed; None without a scale."""
+        name = self.image.levels[level].name
+        lengths, shifts, is_scaled = scale_and_shift(self.image.transforms[level], len(self.image.axes), name)
+        if not is_scaled:
+            return None, []
+        affine, units = np.eye(4), set()
+        for row, axis in enumerate(reversed(self.image.space)):
+            unit = self.image.axes[axis].get("unit")
+            word = "" if unit is None else str(unit)
+            if word and word.lower() not in TO_MM:
+                raise ReadError(
+                    f"{self.path.name} has the unit '{word[:60]}'; write millimeter or micrometer into its metadata"
+                )
+            units.add(word.lower())
+            mm = TO_MM.get(word.lower(), 1.0)
+            mm *= -1.0 if row < 2 else 1.0  # columns to the left, rows to the back
+            affine[row, row], affine[row, 3] = lengths[axis] * mm, shifts[axis] * mm + 0.0
+        notes = [taken_as_axial(self.format)]
+        if "" in units:
+            notes.append("the file's axes have no unit: taken as mm; give the spacing in mm for another")
+        odd = sorted(unit for unit in units if TO_MM.get(unit, 1.0) != 1.0)
+        if odd:
+            notes.append(f"the file's positions are in {' and '.join(odd)} and were converted to mm")
+        return affine, notes
+
+
+def open_steps(path: Path) -> Steps[OmeZarr]:
+    """Read the metadata of an image or of labels, and of all its resolutions."""
+    if not path.is_dir():
+        raise ReadError(f"{path.name} is a file, and an OME-Zarr is a folder; unpack it, and choose the folder")
+    yield from imported_steps("zarr", "zarr", "OME-Zarr", REMEDY)
+    folder = image_folder(path)
+    about = ome_of(folder)
+    image = multiscale(folder, about, path.name)
+    channel_axis = image.axis("channel", "c")
+    count = 1 if channel_axis is None else image.levels[0].shape[channel_axis]
+    if count > MOST_CHANNELS:
+        raise ReadError(f"{path.name} has {count} channels, and at most {MOST_CHANNELS} are read; save one of them")
+    labels = [f"labels/{word}" for word in listed(ome_of(folder / "labels"), "labels") if is_inner(word)]
+    before = f"{folder.relative_to(path).as_posix()}/" if folder != path else ""
+    return OmeZarr(path, image, [before + word for word in labels], channel_names(about, count))
+
+
+def ome_of(folder: Path) -> dict[str, Any]:
+    """What the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
+    third = read_json(folder / "zarr.json", folder.name)
+    attributes = third.get("attributes") if third else read_json(folder / ".zattrs", folder.name)
+    if not isinstance(attributes, dict):
+        return {}
+    ome = attributes.get("ome", attributes)
+    return ome if isinstance(ome, dict) else {}
+
+
+def image_folder(path: Path) -> Path:
+    """The folder itself, or that of the one image in it, as bioformats2raw writes it; a `ReadError` for all else."""
+    about = ome_of(path)
+    if listed(about, "multiscales"):
+        return path
+    if is_array(path):
+        raise ReadError(
+            f"{path.name} is one array of a Zarr store, without what OME-Zarr says of it; choose the folder that holds "
+            f"it, {path.absolute().parent.name}, and the level"
+        )
+    inner = [f"labels/{word}" for word in listed(ome_of(path / "labels"), "labels") if is_inner(word)]
+    inner += [str(word) for word in listed(about, "labels") if is_inner(word)]
+    inner += sorted(entry.name for entry in path.iterdir() if entry.is_dir() and listed(ome_of(entry), "multiscales"))
+    if "plate" in about or "well" in about:
+        what = "a plate of many images"
+        inner = [str(image["path"]) for image in images_of(about) if is_inner(image.get("path"))] or inner
+    elif len(inner) == 1 and "labels" not in about:
+        return path / inner[0]
+    else:
+        what = "a Zarr store without an image of OME-Zarr (multiscales)"
+    words = [f"{path.name}/{word}" for word in dict.fromkeys(inner)][:MOST_NAMED]
+    hint = f"choose {' or '.join(words)}" if words else "choose an image"
+    raise ReadError(f"{path.name} is {what}; {hint}")
+
+
+def images_of(about: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The images of a well."""
+    well = about.get("well")
+    return [image for image in listed(well, "images") if isinstance(image, dict)] if isinstance(well, dict) else []
+
+
+def is_array(folder: Path) -> bool:
+    """Whether a folder is an array, and not a group of some."""
+    return (folder / ".zarray").is_file() or read_json(folder / "zarr.json", folder.name).get("node_type") == "array"
+
+
+def is_inner(word: Any) -> bool:
+    """Whether a path in metadata leads to a folder within their own."""
+    if not isinstance(word, str) or "\0" in word or "\\" in word or ":" in word:
+        return False
+    inner = PurePosixPath(word)
+    return bool(inner.parts) and not inner.is_absolute() and ".." not in inner.parts
+
+
+def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
+    """The first image that the metadata of a group tell of."""
+    found = about["multiscales"]
+    first = found[0] if isinstance(found[0], dict) else {}
+    version = str(about.get("version", first.get("version", VERSIONS[0])))
+    if not version.startswith(VERSIONS):
+        raise ReadError(
+            f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; convert it to one of them"
+        )
+    axes = listed(first, "axes")
+    datasets = listed(first, "datasets")
+    if not axes or not all(isinstance(axis, dict) for axis in axes) or not 1 <= len(datasets) <= MOST_LEVELS:
+        raise ReadError(
+            f"{name} has {len(axes)} axes and {len(datasets)} resolutions that can be read; export it again"
+        )
+    levels, transforms = [], []
+    for number, dataset in enumerate(datasets):
+        inner = dataset.get("path") if isinstance(dataset, dict) else None
+        if inner is None or not is_inner(inner):
+            raise ReadError(
+                f"{name} has no array of its own for level {number}, but '{str(inner)[:60]}'; export it again"
+            )
+        if not (folder / inner).resolve().is_relative_to(folder.resolve()):
+            raise ReadError(f"level {number} of {name} is a link out of its folder; copy the array into the store")
+        header = array_header(folder / inner, f"level {number} of {name}")
+        if len(header.shape) != len(axes):
+            raise ReadError(
+                f"{header.name} has {len(header.shape)} axes, and its metadata name {len(axes)}; export it again"
+            )
+        levels.append(header)
+        transforms.append([*listed(dataset, "coordinateTransformations"), *listed(first, "coordinateTransformations")])
+    labels = about.get("image-label")
+    labels = labels if isinstance(labels, dict) else {} if folder.parent.name == "labels" else None
+    notes = (f"{len(found) - 1} further images of the group left out",) if len(found) > 1 else ()
+    image = Multiscale(axes, levels, transforms, labels, notes)
+    check_axes(image, name)
+    return image
+
+
+def check_axes(image: Multiscale, name: str) -> None:
+    """Refuse what is not a volume at times and of channels."""
+    space = set(image.space)
+    known = space | {image.axis("time", "t"), image.axis("channel", "c")}
+    words = " ".join(str(axis.get("name", "?"))[:20] for axis in image.axes)
+    is_flat = len(image.axes) < 3 or any(image.axes[axis].get("type") in ("time", "channel") for axis in space)
+    for header in image.levels:
+        if is_flat or header.shape[image.space[0]] < 2:
+            raise ReadError(f"{header.name} holds one slice only (axes {words}); a surface needs at least 2 slices")
+        for number, side in enumerate(header.shape):
+            if side > 1 and number not in known:
+                raise ReadError(
+                    f"{header.name} has {side} volumes along an axis of its own (axes {words}); save one of them"
+                )
+
+
+def scale_and_shift(
+    transforms: Sequence[Any], axes: int, name: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """Length of a sample and position of the first along each axis, (axes,), and whether a scale is there."""
+    lengths, shifts, is_scaled = np.ones(axes), np.zeros(axes), False
+    for transform in transforms:
+        about = transform if isinstance(transform, dict) else {}
+        kind = about.get("type")
+        if kind == "identity":
+            continue
+        numbers = about.get(str(kind))
+        is_list = isinstance(numbers, list) and len(numbers) == axes
+        if kind not in ("scale", "translation") or not is_list or not all(map(is_number, numbers or ())):
+            raise ReadError(
+                f"{name} has the transformation {str(transform)[:80]}, which is not a scale or a translation of {axes} "
+                "numbers; export it again"
+            )
+        values = np.array(numbers, np.float64)
+        if kind == "scale":
+            lengths, shifts, is_scaled = lengths * values, shifts * values, True
+        else:
+            shifts = shifts + values
+    return lengths, shifts, is_scaled
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of the metadata is a number of a size that occurs."""
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e30 and not math.isnan(value)
+    )
+
+
+def channel_names(about: Mapping[str, Any], count: int) -> list[str]:
+    """The channels' labels of `omero`, empty where there are none."""
+    omero = about.get("omero")
+    channels = listed(omero, "channels") if isinstance(omero, dict) else []
+    words = [channel.get("label", "") if isinstance(channel, dict) else "" for channel in channels]
+    names = [clean_name(word, "") if isinstance(word, str) else "" for word in words]
+    return names if len(names) == count else [""] * count
+
+
+def label_facts(about: Mapping[str, Any]) -> tuple[dict[int, str], dict[int, RGB]]:
+    """Names and colors of labels in `image-label`; names are a comfort, so what is broken is passed over.
+
+    Examples
+    --------
+    >>> about = {"colors": [{"label-value": 1, "rgba": [255, 0, 9, 255]}]}
+    >>> label_facts(about | {"properties": [{"label-value": 1, "name": "liver"}]})
+    ({1: 'liver'}, {1: (255, 0, 9)})
+    """
+    names: dict[int, str] = {}
+    colors: dict[int, RGB] = {}
+    for entry in [*listed(about, "colors"), *listed(about, "properties")]:
+        label = entry.get("label-value") if isinstance(entry, dict) else None
+        if type(label) is not int or not label:
+            continue
+        rgba = entry.get("rgba")
+        if isinstance(rgba, list) and len(rgba) == 4 and all(type(part) is int and 0 <= part <= 255 for part in rgba):
+            colors[label] = (rgba[0], rgba[1], rgba[2])
+        word = next((entry[key] for key in NAME_KEYS if isinstance(entry.get(key), str)), "")
+        if word.strip():
+            names[label] = clean_name(word, f"label {label}")
+    return names, colors

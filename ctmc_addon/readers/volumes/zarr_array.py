@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One array of a Zarr store, version 2 or 3: what its metadata say, and its values by zarr, some chunks at a time.
+
+zarr-specs.readthedocs.io describes both versions. The metadata are read here before zarr is asked: sizes that are none
+are refused, and so is every codec that is not in `CODECS`, as one of zarr's unpickles what it reads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import lzma
+import math
+import os
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import NO_THREAD, ReadError, Step, Steps, require_memory
+from ...core.volume import SliceReader, as_slice
+from ..optional_imports import needed, quiet, reason
+from .zarr_chunks import unpacks_beyond
+
+MOST_JSON = 1 << 24  # bytes of one file of metadata
+MOST_AXES = 8
+LONGEST = 1 << 40  # samples along an axis
+MOST_COUNTED = 100_000  # chunks that are counted in the file system
+WIDEST = 16  # bytes that a filter may make of a value
+BLOCK = 1 << 24  # bytes that are decoded at once, where a chunk has fewer
+RUN = 1 << 26  # bytes that are looked at at once
+MOST_KEPT = 1 << 28  # bytes of a layer of chunks that are kept for the next call
+TYPES = {"bool": "?"} | {
+    f"{kind}{bits}": f"{kind[0]}{bits // 8}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)
+}
+TYPES |= {"float32": "f4", "float64": "f8"}
+# Of numcodecs (version 2) and of zarr (version 3), where those of numcodecs are called 'numcodecs.zlib'.
+CODECS = {
+    *("blosc", "zlib", "gzip", "zstd", "lz4", "bz2", "lzma", "shuffle", "bitround", "delta", "fixedscaleoffset"),
+    *("quantize", "packbits", "astype", "crc32", "crc32c", "adler32", "fletcher32", "jenkins_lookup3"),
+    *("bytes", "endian", "transpose", "sharding_indexed"),
+}
+# What zarr and its codecs were seen to raise on damaged metadata and chunks, around calls of zarr alone.
+ZARR_ERRORS = (ValueError, TypeError, LookupError, AttributeError, RuntimeError, EOFError, ArithmeticError)
+DAMAGE = (*ZARR_ERRORS, AssertionError, zlib.error, lzma.LZMAError)
+
+
+class ArrayHeader(NamedTuple):
+    """The description of an array in its metadata."""
+
+    folder: Path
+    version: int  # of Zarr, 2 or 3
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]  # that are decoded at once
+    grid: int  # number of files that hold all values: chunks, or shards of several
+    dtype: np.dtype[Any]  # in the machine's byte order
+    codec: str  # that packed the files; empty for none, or for shards
+    name: str  # for messages
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Bytes of a decoded chunk."""
+        return math.prod(self.chunks) * self.dtype.itemsize
+
+
+def read_json(path: Path, name: str) -> dict[str, Any]:
+    """An object in a file of metadata; empty where there is no such file.
+
+    Raises
+    ------
+    ReadError
+        If the file is too long or not an object in JSON; `name` is what it says of the store.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_JSON else None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise ReadError(f"{path.name} of {name} is not readable metadata of Zarr; export or copy it again")
+    return found
+
+
+def array_header(folder: Path, name: str) -> ArrayHeader:
+    """Return the description of the array in a folder, from its metadata.
+
+    Raises
+    ------
+    ReadError
+        If there is no array, or its sizes, type or codecs are not those of a readable one.
+    """
+    third = read_json(folder / "zarr.json", name)
+    about = third or read_json(folder / ".zarray", name)
+    if not about or third.get("node_type", "array") != "array":
+        raise ReadError(f"{name} is missing: there is no array in {folder.name}; copy the whole store again")
+    ids = codec_ids([about.get(key) for key in ("codecs", "compressor", "filters")])
+    unknown = next((word for word in ids if word.removeprefix("numcodecs.") not in CODECS), None)
+    if unknown is not None:
+        raise ReadError(
+            f"{name} is packed by the codec '{unknown[:60]}', which is not read; save it with Blosc or Zstandard"
+        )
+    dtype = stored_type(about.get("data_type") if third else about.get("dtype"), bool(third), name)
+    shape = sizes(about.get("shape"), "shape", name)
+    grid = about.get("chunk_grid")
+    configuration = grid.get("configuration") if isinstance(grid, dict) else None
+    outer = configuration.get("chunk_shape") if isinstance(configuration, dict) else about.get("chunks")
+    files = sizes(outer, "chunk shape", name)
+    chunks = files
+    for codec in listed(about, "codecs"):
+        if isinstance(codec, dict) and codec.get("name") == "sharding_indexed":
+            inner = codec.get("configuration")
+            chunks = sizes(inner.get("chunk_shape") if isinstance(inner, dict) else None, "chunk shape", name)
+    if not len(shape) == len(files) == len(chunks):
+        raise ReadError(f"{name} has {len(shape)} axes and chunks of {len(chunks)}; export it again")
+    count = math.prod(-(-size // side) for size, side in zip(shape, files, strict=True))
+    codec = "" if chunks != files else outermost(about)
+    return ArrayHeader(folder, 3 if third else 2, shape, chunks, count, dtype, codec, name)
+
+
+def outermost(about: Mapping[str, Any]) -> str:
+    """The codec that was the last to pack, check sums left out."""
+    codecs = [about.get("compressor"), *listed(about, "codecs")]
+    words = [str(codec.get("id", codec.get("name"))) for codec in codecs if isinstance(codec, dict)]
+    packing = [word.removeprefix("numcodecs.") for word in words if "crc32" not in word]
+    return packing[-1] if packing else ""
+
+
+def listed(about: Mapping[str, Any], key: str) -> list[Any]:
+    """The list of that name; empty where there is none."""
+    found = about.get(key)
+    return found if isinstance(found, list) else []
+
+
+def codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
+    """Yield the names of all codecs, at any depth of their configurations."""
+    if isinstance(codecs, dict):
+        for key, found in codecs.items():
+            if key in ("id", "name"):
+                yield str(found)
+            elif isinstance(found, dict | list):
+                yield from codec_ids(found, depth + 1) if depth < MOST_AXES else ["nested too deep"]
+    elif isinstance(codecs, list):
+        for codec in codecs:
+            yield from (
+                [codec]
+                if isinstance(codec, str)
+                else codec_ids(codec, depth + 1)
+                if depth < MOST_AXES
+                else ["nested too deep"]
+            )
+
+
+def sizes(found: Any, what: str, name: str) -> tuple[int, ...]:
+    """Lengths along the axes: whole numbers from 1 on."""
+    is_list = isinstance(found, list) and 0 < len(found) <= MOST_AXES
+    if not is_list or not all(type(side) is int and 1 <= side < LONGEST for side in found):
+        raise ReadError(f"{name} has the {what} {str(found)[:60]}, and a volume has 3 axes or more; export it again")
+    return tuple(found)
+
+
+def stored_type(word: Any, third: bool, name: str) -> np.dtype[Any]:
+    """The type of the values, in the machine's byte order."""
+    code = TYPES.get(str(word)) if third else str(word)[1:] if str(word)[:1] in "<>|=" else None
+    kind = str(word) if isinstance(word, str) else "of several numbers"
+    if code in ("b1", "?"):
+        return np.dtype(bool)
+    if code not in TYPES.values():
+        raise ReadError(f"{name} holds values of type {kind[:60]}; convert them to int16 or float32")
+    return np.dtype(code)
+
+
+def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
+    """What is said where files of chunks are not there: a store leaves out those of the fill value.
+
+    Raises
+    ------
+    ReadError
+        If none is there.
+    """
+    if header.grid > MOST_COUNTED and any(chunk_files(header.folder)):
+        return []
+    count = sum(1 for _ in chunk_files(header.folder))
+    if not count:
+        raise ReadError(f"{header.name} has none of its {header.grid} chunks; copy the whole store again")
+    if count >= header.grid:
+        return []
+    missing = f"{header.grid - count} of {header.grid} chunks are not in the store"
+    return [f"{missing}: they have its fill value {float(fill or 0):g}, as Zarr means it"]
+
+
+def chunk_files(folder: Path) -> Iterator[str]:
+    """The files below an array's folder that are not metadata."""
+    for _, _, files in os.walk(folder):
+        yield from (file for file in files if not file.startswith(".") and file != "zarr.json")
+
+
+class ZarrSlices(SliceReader):
+    """A volume in an array: three of its axes, at one index of each of the others.
+
+    Parameters
+    ----------
+    header : ArrayHeader
+    axes : (z, y, x)
+        Which axes of the array are those of the volume.
+    at : mapping of int to int
+        The index along every other axis.
+    """
+
+    def __init__(self, header: ArrayHeader, axes: tuple[int, int, int], at: dict[int, int]) -> None:
+        self.header, self.axes, self.at = header, axes, at
+        z, y, x = axes
+        self.shape = (header.shape[z], header.shape[y], header.shape[x])
+        self.dtype = header.dtype
+        self.chunk_slices = min(header.chunks[z], self.shape[0])
+        self.array = opened(header)
+        self._kept: tuple[range, range, range, NDArray[Any]] | None = None
+
+    @property
+    def at_once(self) -> int:
+        """A layer of chunks, or so many of its slices that they are not much."""
+        return min(self.chunk_slices, max(1, RUN // (self.shape[1] * self.shape[2] * self.dtype.itemsize)))
+
+    def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Decode the chunks; the rest of a layer that is left off in its midst is kept for the next call."""
+        for first, own, stop in self._layers(slices):
+            target = out[first : first + len(own)]
+            ahead = range(own.start, stop, own.step)
+            size = len(ahead) * len(rows) * len(columns) * self.dtype.itemsize
+            if self._is_kept(own, rows, columns):
+                pass
+            elif len(ahead) == len(own) or size > MOST_KEPT:
+                self._decode(target, own, rows, columns)
+                continue
+            else:
+                self._kept = None  # before the next layer takes memory
+                values = np.empty((len(ahead), len(rows), len(columns)), self.dtype)
+                self._decode(values, ahead, rows, columns)
+                self._kept = (ahead, rows, columns, values)
+            assert self._kept is not None, "it was kept before or is so now"
+            kept, _, _, values = self._kept
+            target[...] = values[kept.index(own[0]) :][:: own.step // kept.step][: len(own)]
+
+    def runs_steps(self, visit: Callable[[NDArray[Any]], bool]) -> Steps[None]:
+        """Hand all values to `visit`, if so many slices fit: a store need not hold what it tells of."""
+        sides = f"{self.shape[2]} x {self.shape[1]} x {self.at_once}"
+        size = self.at_once * self.shape[1] * self.shape[2] * self.dtype.itemsize
+        require_memory(size, f"looking at {self.header.name} ({sides})", "choose another level")
+        yield from super().runs_steps(visit)
+
+    def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
+        """`read` as steps, a layer of chunks at a time, straight into place."""
+        out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
+        for first, own, _ in self._layers(slices):
+            yield Step(first / len(slices), "Reading slices")
+            self._decode(out[first : first + len(own)], own, rows, columns)
+        return out
+
+    def _is_kept(self, slices: range, rows: range, columns: range) -> bool:
+        """Whether values of one layer are among those that were kept."""
+        if self._kept is None or self._kept[1:3] != (rows, columns) or slices.step % self._kept[0].step:
+            return False
+        return slices[0] in self._kept[0] and slices[-1] in self._kept[0]
+
+    def _layers(self, slices: range) -> Iterator[tuple[int, range, int]]:
+        """The slices of each layer of chunks: the number of the first, they themselves, and where the layer stops."""
+        side, first = self.header.chunks[self.axes[0]], 0
+        while first < len(slices):
+            stop = min((slices[first] // side + 1) * side, self.shape[0])
+            own = slices[first : first + len(range(slices[first], min(stop, slices.stop), slices.step))]
+            yield first, own, stop
+            first += len(own)
+
+    def _decode(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
+        """Read slices of one layer, some chunks at a time."""
+        _, y, x = (self.header.chunks[axis] for axis in self.axes)
+        chunks = max(1, BLOCK // self.header.chunk_bytes)
+        across = columns[-1] // x - columns[0] // x + 1
+        for row, own_rows in parts(rows, y * max(1, chunks // across)):
+            for column, own_columns in parts(columns, x * min(chunks, across)):
+                block = self._selected(slices, own_rows, own_columns)
+                out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
+
+    def _selected(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
+        """Values (slices, rows, columns) by zarr."""
+        index: dict[int, int | slice] = dict(self.at)
+        index |= dict(zip(self.axes, map(as_slice, (slices, rows, columns)), strict=True))
+        if self.header.codec:
+            self._check_unpacked(slices, rows, columns)
+        try:
+            with quiet():
+                values = np.asarray(self.array[tuple(index[axis] for axis in range(len(index)))])
+        except DAMAGE as error:
+            raise damaged(self.header, error) from error
+        except OSError as error:  # of gzip and bz2, which have no number
+            if error.errno is not None:
+                raise
+            raise damaged(self.header, error) from error
+        return values.transpose(np.argsort(np.argsort(self.axes)))
+
+    def _check_unpacked(self, slices: range, rows: range, columns: range) -> None:
+        """Refuse chunks that unpack to far more than their values."""
+        numbers = {axis: [at // self.header.chunks[axis]] for axis, at in self.at.items()}
+        for axis, own in zip(self.axes, (slices, rows, columns), strict=True):
+            side = self.header.chunks[axis]
+            numbers[axis] = list(range(own[0] // side, own[-1] // side + 1))
+        most = WIDEST * math.prod(self.header.chunks) + BLOCK
+        for chunk in itertools.product(*(numbers[axis] for axis in range(len(numbers)))):
+            key = self.array.metadata.encode_chunk_key(chunk)
+            if unpacks_beyond(self.header.folder / key, self.header.codec, most):
+                raise ReadError(
+                    f"chunk {key} of {self.header.name} unpacks to far more than its size tells of; export it again"
+                )
+
+
+def parts(numbers: range, side: int) -> Iterator[tuple[int, range]]:
+    """The numbers in each stretch of `side`, counted from 0, and the first one's place among all.
+
+    Examples
+    --------
+    >>> list(parts(range(3, 10, 2), 4))
+    [(0, range(3, 5, 2)), (1, range(5, 9, 2)), (3, range(9, 11, 2))]
+    """
+    first = 0
+    while first < len(numbers):
+        stop = (numbers[first] // side + 1) * side
+        own = numbers[first : first + len(range(numbers[first], min(stop, numbers.stop), numbers.step))]
+        yield first, own
+        first += len(own)
+
+
+def opened(header: ArrayHeader) -> Any:
+    """Open the array with zarr."""
+    zarr = needed("zarr", "zarr", "OME-Zarr")
+    try:
+        with quiet():
+            array = zarr.open_array(str(header.folder), mode="r", zarr_format=header.version)
+    except DAMAGE as error:
+        raise damaged(header, error) from error
+    if tuple(array.shape) != header.shape or tuple(array.chunks) != header.chunks:
+        raise ReadError(f"{header.name} has metadata that do not agree with each other; export it again")
+    return array
+
+
+def damaged(header: ArrayHeader, error: Exception) -> Exception:
+    """Return the error for metadata or chunks that zarr cannot read."""
+    if isinstance(error, RuntimeError) and str(error) == NO_THREAD:
+        return MemoryError(NO_THREAD)
+    return ReadError(f"{header.name} is truncated or damaged ({reason(error)}); copy it again")

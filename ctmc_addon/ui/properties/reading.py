@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The reading options as Blender properties, of a scene and of the dialog that loads a CT.
+
+0, an empty text and no ticked axis stand for an option that is not given. A scene has a switch for each axis to flip
+and keeps the name as `volume_name`. As in settings.py, this module must not hold `bpy` itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...core import defaults, descriptions
+from ...readers import ReadingOptions
+from .described import as_typed, property_of, tooltip
+from .kinds import boolean, booleans
+
+SHOWN = ("spacing", "flip", "series", "time", "strict")
+"""The options that say what is read; `allow_outside` and `level` (zarr is not bundled) are for the command line."""
+SIDES = {"x": "Left - Right", "y": "Front - Back", "z": "Head - Feet"}
+LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMERA"}}
+"""How Blender shows an option, beside what its description says."""
+
+
+def scene_properties() -> dict[str, Any]:
+    """What a scene keeps of how its CT is read and called."""
+    about = descriptions(ReadingOptions)
+    properties = {name: option(name) for name in SHOWN if name != "flip"}
+    properties |= {f"flip_{axis}": option("flip", axis) for axis in SIDES}
+    return properties | {"volume_name": property_of(about["name"], None)}
+
+
+def dialog_properties() -> dict[str, Any]:
+    """What the dialog asks, and what buttons and scripts hand to it."""
+    hidden = {"flip", "series", "time"}
+    properties = {
+        name: option(name, options={"SKIP_SAVE", "HIDDEN"} if name in hidden else {"SKIP_SAVE"}) for name in SHOWN
+    }
+    about = descriptions(ReadingOptions)["flip"]
+    return properties | {"flip_axes": booleans(about.label, tooltip(about), size=3, options={"SKIP_SAVE"})}
+
+
+def option(name: str, axis: str = "", **options: Any) -> Any:
+    """The property of one option; of `flip` the switch of one axis, if it is given."""
+    about = descriptions(ReadingOptions)[name]
+    if axis:
+        return boolean(SIDES[axis], tooltip(about), **options)
+    return property_of(about, defaults(ReadingOptions)[name], **LOOKS.get(name, {}), **options)
+
+
+def options_of_scene(stored: Any) -> ReadingOptions:
+    """How the panel wants the scene's CT to be read."""
+    return chosen(stored, "".join(axis for axis in SIDES if getattr(stored, f"flip_{axis}")))
+
+
+def options_of_dialog(operator: Any) -> ReadingOptions:
+    """How the dialog, a button or a script wants a CT to be read."""
+    ticked = "".join(axis for axis, is_ticked in zip(SIDES, operator.flip_axes, strict=True) if is_ticked)
+    return chosen(operator, operator.flip or ticked)
+
+
+def chosen(properties: Any, flip: str) -> ReadingOptions:
+    """The options in the properties of a scene or a dialog."""
+    values: dict[str, Any] = {}
+    for name in SHOWN:
+        if name != "flip":
+            value = as_typed(getattr(properties, name), descriptions(ReadingOptions)[name])
+            values[name] = value if any(value if isinstance(value, tuple) else (value,)) else None
+    return ReadingOptions(**values | {"flip": flip, "strict": properties.strict})
+
+
+def show_options(stored: Any, options: ReadingOptions) -> None:
+    """Keep in a scene how its CT was read."""
+    for name in SHOWN:
+        value = getattr(options, name)
+        if name == "flip":
+            for axis in SIDES:
+                setattr(stored, f"flip_{axis}", axis in value)
+        elif value is None:
+            stored.property_unset(name)
+        else:
+            setattr(stored, name, value)
