@@ -44,6 +44,9 @@ from .files import (
 
 COMMAND = "batch-case"
 THUMBNAIL = (160, 120)
+PATIENCE = 5.0  # seconds for removing what is not finished
+# Held while folders are made and outputs put in their places, so that the end of the batch leaves neither halfway.
+CHANGING_FOLDERS = threading.Lock()
 NO_MEMORY = "there is not enough memory; choose a region, a larger stride or fewer jobs"
 
 
@@ -79,13 +82,16 @@ def first_line() -> bytes:
 
 
 def leave_with_the_batch(unfinished: Path) -> None:
-    """Wait for the end of standard input, then go at once."""
+    """Wait for the end of standard input, then go as soon as no output is being put in its place."""
     while os.read(0, 1 << 16):
         pass
-    shutil.rmtree(unfinished, ignore_errors=True)
-    with suppress(OSError):  # not empty while other cases of the run work there
-        unfinished.parent.rmdir()
-    os._exit(1)
+    with CHANGING_FOLDERS:  # never released: no folder comes again
+        end = time.monotonic() + PATIENCE
+        while unfinished.exists() and time.monotonic() < end:  # a file may come while the others are removed
+            shutil.rmtree(unfinished, ignore_errors=True)
+        with suppress(OSError):  # not empty while other cases of the run work there
+            unfinished.parent.rmdir()
+        os._exit(1)
 
 
 def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
@@ -100,7 +106,8 @@ def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
         except (CtmcError, MemoryError) as error:
             sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
             record = failed_record(task, output, sentence, since(start))
-            write_json(record_path(Path(task["folder"]), output["name"]), record)
+            with CHANGING_FOLDERS:
+                write_json(record_path(Path(task["folder"]), output["name"]), record)
 
 
 def since(start: float) -> float:
@@ -147,14 +154,16 @@ class Case:
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
         }
-        put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
+        with CHANGING_FOLDERS:
+            put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
 
     def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
         name, suffix = output["name"], self.task["format"]
-        own = made_folder(self.unfinished)
-        if output["labels"] and suffix in SUFFIXES:
-            return {"folder": made_folder(own / name), "suffix": suffix}
+        with CHANGING_FOLDERS:
+            own = made_folder(self.unfinished)
+            if output["labels"] and suffix in SUFFIXES:
+                return {"folder": made_folder(own / name), "suffix": suffix}
         return {"surfaces": (own / f"{name}{suffix}",)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
