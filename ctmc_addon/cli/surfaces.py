@@ -80,8 +80,20 @@ class Surfaces:
             "name": self.name,
             "version": VERSION,
             "surfaces": surfaces,
+            "interfaces": self.interfaces,
             "notes": self.notes,
         }
+
+    @property
+    def interfaces(self) -> list[dict[str, Any]]:
+        """Plain data of every pair of labels that share triangles: once, the lower label first."""
+        return [
+            {"labels": [label, neighbor.label], "triangles": neighbor.triangles, "area_mm2": neighbor.area_mm2}
+            for result in self.results
+            if (label := result.settings.label) is not None
+            for neighbor in result.neighbors
+            if label < neighbor.label
+        ]
 
 
 def surfaces_steps(

@@ -46,6 +46,7 @@ from .reconstruct import (
 )
 from .reconstruction import Reconstruction, Stage
 from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
+from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
 from .version import VERSION
@@ -79,6 +80,7 @@ __all__ = [
     "ReconstructionSettings",
     "Setting",
     "SettingsError",
+    "SharedSurfaces",
     "Sink",
     "SlabResult",
     "SlabTask",
@@ -123,6 +125,7 @@ __all__ = [
     "require_memory",
     "result_and_full_steps",
     "setting",
+    "shared_surfaces_steps",
     "shown_stride",
     "side_by_side_steps",
     "simplified_steps",

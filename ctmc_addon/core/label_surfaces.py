@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces of several labels of one volume: one look for all their boxes, then each in its own box, side by side.
 
-A label that is more than its share of the work goes first and alone, with all threads; the others follow from the
-largest to the smallest, one thread each. Every surface has the bytes of `reconstruct` with that label alone.
+Labels that share their interfaces are made together (shared_surfaces.py). Else a label that is more than its share of
+the work goes first and alone, with all threads; the others follow from the largest to the smallest, one thread each,
+and every surface has the bytes of `reconstruct` with that label alone.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from .progress import Stages, Steps, finish
 from .reconstruct import reconstruct_steps
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
+from .shared_surfaces import shared_surfaces_steps
 from .sinks import HOLD, Sink
 from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from .volume.region import region_box
@@ -59,7 +61,8 @@ def reconstruct_labels(
     volume : Volume
         Of a file that threads cannot share, values are fetched for one label after the other.
     settings : ReconstructionSettings
-        Of every surface; their own label does not count.
+        Of every surface; their own label does not count. With `interfaces` "shared" neighbors have the same triangles
+        where they touch, and a number of triangles is that of all surfaces.
     labels : sequence of int, optional
         By default all but 0; then those that have no surface are left out and said.
     budget : Budget, optional
@@ -104,12 +107,10 @@ def reconstruct_labels_steps(
     for run in runs:
         if run.label not in extents:  # raises, with the labels that there are
             yield from reconstruct_steps(volume, run, budget)
-
-    def work_steps(at: int, budget: Budget) -> Steps[Reconstruction]:
-        return (yield from reconstruct_steps(volume, runs[at], budget, sink_of(chosen[at])))
-
-    work = each_label_steps(volume, runs, work_steps, budget, sink_of(chosen[0]))
-    results = yield from stages.run(making, work)
+    if settings.interfaces == "shared" and len(chosen) > 1:
+        results = yield from stages.run(making, _shared_steps(volume, settings, chosen, budget, sink_of))
+    else:
+        results = yield from stages.run(making, _separate_steps(volume, runs, budget, sink_of))
     surfaces, left_out = [], []
     for label, result in zip(chosen, results, strict=True):
         if isinstance(result, Reconstruction):
@@ -121,6 +122,40 @@ def reconstruct_labels_steps(
     if not surfaces:
         raise LabelError(f"no label of {volume.name} has a surface; {left_out[0]}")
     return LabelSurfaces(surfaces, left_out)
+
+
+def _separate_steps(
+    volume: Volume, runs: Sequence[ReconstructionSettings], budget: Budget, sink_of: Callable[[int], Sink]
+) -> Steps[list[Reconstruction | CtmcError]]:
+    """Make each label by itself."""
+
+    def work_steps(at: int, budget: Budget) -> Steps[Reconstruction]:
+        return (yield from reconstruct_steps(volume, runs[at], budget, sinks[at]))
+
+    sinks = [sink_of(run.label) for run in runs if run.label is not None]
+    return (yield from each_label_steps(volume, runs, work_steps, budget, sinks[0]))
+
+
+def _shared_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int],
+    budget: Budget,
+    sink_of: Callable[[int], Sink],
+) -> Steps[list[Reconstruction | CtmcError]]:
+    """Make all labels together, then hand each to its sink."""
+    made = yield from shared_surfaces_steps(volume, settings, labels, budget)
+    results: list[Reconstruction | CtmcError] = []
+    for label in labels:
+        if label not in made.results:
+            results.append(made.errors[label])
+            continue
+        result, sink = made.results[label], sink_of(label)
+        if not sink.holds:
+            taken = yield from sink.mesh_steps(result.mesh)
+            result = replace(result, mesh=taken.mesh, surface=None, measured=taken.measured, beyond=None)
+        results.append(result)
+    return results
 
 
 def label_title(volume: Volume, label: int) -> str:

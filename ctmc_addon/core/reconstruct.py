@@ -351,7 +351,7 @@ class _Making:
             settings=settings,
             threshold=field.threshold,
             full_faces=full_faces,
-            voxels_visited=_voxels_visited(region_box(volume, settings), settings.stride, field.slice_steps),
+            voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, field.slice_steps),
             stages=tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds),
             spacing_mm=volume.spacing,
             notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample),
@@ -364,7 +364,8 @@ class _Making:
         )
 
 
-def _voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:
+def voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:
+    """Return the cells of the strided grid in a region, refined between slices, skipped or not."""
     gaps = [stop - 1 - start for start, stop in region]
     gaps[2] *= slice_steps
     return math.prod(-(-gap // side) for gap, side in zip(gaps, stride, strict=True))

@@ -6,6 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .mesh.label_complex import Neighbor
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
@@ -58,6 +62,10 @@ class Reconstruction:
         sRGB from 0 to 255, where the volume has one for the label.
     measured : Measures or None
         Measures of a surface that was written piece by piece, whose mesh is empty.
+    beyond : (F,) int32 or None
+        The label in front of each triangle of the mesh, 0 for none, where neighbors share their interfaces.
+    neighbors : tuple of Neighbor
+        The labels that the surface borders on, with triangles and area.
     """
 
     mesh: TriangleMesh
@@ -76,6 +84,8 @@ class Reconstruction:
     label_name: str = ""
     label_color: tuple[int, int, int] | None = None
     measured: Measures | None = None
+    beyond: NDArray[np.int32] | None = None
+    neighbors: tuple[Neighbor, ...] = ()
 
     @property
     def measures(self) -> Measures:
@@ -105,6 +115,7 @@ class Reconstruction:
             "smoothing": self.settings.smoothing_method,
             "slice_steps": self.slice_steps,
             "wrong_side": self.wrong_side,
+            "neighbors": [neighbor._asdict() for neighbor in self.neighbors],
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),

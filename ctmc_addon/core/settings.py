@@ -117,6 +117,14 @@ class ReconstructionSettings(Described):
         high=8,
         type=int,
     )
+    interfaces: str = setting(
+        "shared",
+        "How several labels of a volume meet where they touch. shared = along one surface, without gap or overlap; "
+        "separate = each label is made by itself, and neighbors may overlap",
+        label="Interfaces",
+        choices=("shared", "separate"),
+        type=str,
+    )
     close_border: bool = setting(
         False,
         "Close the surface where it meets the border of the volume or region with a cap half a pixel outside it",

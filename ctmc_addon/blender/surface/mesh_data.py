@@ -87,6 +87,12 @@ def write_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32]) ->
     mesh.attributes[name].data.foreach_set("value", np.ascontiguousarray(values, np.int32).ravel())
 
 
+def add_face_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32]) -> None:
+    """Add an attribute with a whole number for every face, (F,) int32."""
+    attribute = mesh.attributes.new(name, "INT", "FACE")
+    attribute.data.foreach_set("value", np.ascontiguousarray(values, np.int32))
+
+
 def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
     """The edges of (F, 3) faces for `new_mesh`."""
     columns = np.ascontiguousarray(faces.T)

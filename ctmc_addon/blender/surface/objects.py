@@ -27,6 +27,8 @@ from .readback import evaluated_alpha, keep_positions_mm, placement_of, position
 DECIMATE = "CTMC Decimate"
 NAMED = "ctmc_name"
 """The object's custom property with the name that we gave it."""
+NEIGHBOR = "neighbor_label"
+"""The attribute of a label's triangles with the label in front of each, 0 for none."""
 NAME_BYTES = 63  # Blender 4 cuts longer names
 
 
@@ -224,6 +226,8 @@ def surface_mesh_steps(
         edges = yield from meshes.edges_steps(faces, len(vertices))
     mesh = yield from meshes.new_mesh_steps(name, placement.to_local(vertices), faces, edges)
     keep_positions_mm(mesh, vertices, surface)
+    if result.beyond is not None:
+        meshes.add_face_numbers(mesh, NEIGHBOR, result.beyond)
     return mesh
 
 

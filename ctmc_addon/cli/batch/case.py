@@ -14,16 +14,27 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, Budget, CtmcError, ReconstructionSettings, Stage, Volume, finish
+from ...core import (
+    VERSION,
+    Budget,
+    CtmcError,
+    ReconstructionSettings,
+    SharedSurfaces,
+    Stage,
+    Volume,
+    finish,
+    shared_surfaces_steps,
+)
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import SUFFIXES
+from ...core.volume import label_extents_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -124,6 +135,7 @@ class Case:
         self.source: Path | None = None
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
+        self.together: SharedSurfaces | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
         """Make one output, and put it in the place of an older one."""
@@ -135,8 +147,12 @@ class Case:
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
-            making = surfaces_steps(volume, settings, output["labels"], Budget(task["threads"]), writer, written_bytes)
-            surfaces, _ = finish(written_steps(finish(making), outputs))
+            surfaces = self.shared(volume, settings, output["beside"])
+            if surfaces is None:
+                budget = Budget(task["threads"])
+                making = surfaces_steps(volume, settings, output["labels"], budget, writer, written_bytes)
+                surfaces = finish(making)
+            surfaces, _ = finish(written_steps(surfaces, outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         report = report_of(surfaces)
@@ -156,6 +172,25 @@ class Case:
         }
         with CHANGING_FOLDERS:
             put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
+
+    def shared(self, volume: Volume, settings: ReconstructionSettings, labels: Sequence[int]) -> Surfaces | None:
+        """Return the surface of a label that shares interfaces with others of `labels`; None where there are none.
+
+        All are made with the first, and kept for the outputs to come.
+        """
+        if labels and self.together is None:
+            budget = Budget(self.task["threads"])
+            extents = finish(label_extents_steps(volume, region_box(volume, settings), budget.threads))
+            existing = [label for label in labels if label in extents]
+            if len(existing) > 1:
+                self.together = finish(shared_surfaces_steps(volume, settings, existing, budget))
+        label = settings.label
+        if self.together is None or label is None:
+            return None
+        if label in self.together.errors:
+            raise self.together.errors[label]
+        result = self.together.results.get(label)
+        return None if result is None else Surfaces(volume.name, (result,))
 
     def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""

@@ -31,13 +31,14 @@ class Output:
     name: str
     settings: ReconstructionSettings
     labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
+    beside: tuple[int, ...] = ()  # all labels that share interfaces with the one of the settings, it among them
 
     def plain(self) -> dict[str, Any]:
         """The same as plain data."""
         settings = self.settings.to_dict()
         if self.labels:
             settings.pop("label", None)
-        return {"name": self.name, "settings": settings, "labels": list(self.labels)}
+        return {"name": self.name, "settings": settings, "labels": list(self.labels), "beside": list(self.beside)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +152,9 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpti
             outputs: tuple[Output, ...] = (Output(source.name, several, choices),)
         else:
             names = [f"{source.name}-label-{label}" for label in numbers] if len(numbers) > 1 else [source.name]
-            outputs = tuple(
-                Output(name, ReconstructionSettings(**values | {"label": label}))
-                for name, label in zip(names, numbers or (None,), strict=True)
-            )
+            every = [ReconstructionSettings(**values | {"label": label}) for label in numbers or (None,)]
+            beside = tuple(numbers) if len(numbers) > 1 and every[0].interfaces == "shared" else ()
+            outputs = tuple(Output(name, settings, beside=beside) for name, settings in zip(names, every, strict=True))
     except SettingsError as error:
         if not source.where:
             raise UsageError(str(error)) from error

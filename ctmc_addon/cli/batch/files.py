@@ -133,6 +133,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "version": VERSION,
         "settings": output["settings"],
         "labels": output["labels"],
+        "beside": output["beside"],
         "reading": {name: getattr(reading, name) for name, about in descriptions(ReadingOptions).items() if about.kept},
         "format": task["format"],
         "space": task["space"],

@@ -76,18 +76,21 @@ class KeptPieces:
         """
         if self.largest == 0 and self.min_volume <= 0:
             return (yield from self.one_pass(normals))
+        keep, _ = yield from self.decision_steps()
+        if keep.all():
+            return (yield from self._pass_steps(KEEPING, normals))
+        return (yield from self._kept_steps(keep, normals))
+
+    def decision_steps(self) -> Steps[tuple[NDArray[np.bool_], NDArray[np.float64]]]:
+        """Return which components stay, (components,), and their signed volumes where those were needed, else none."""
         yield from self._link_steps()
         if not self.count or (self.min_volume <= 0 and self.count <= self.largest):
-            return (yield from self._pass_steps(KEEPING, normals))
+            return np.ones(self.count, bool), np.empty(0)
         points, middles = yield from self._middles_steps()
         volumes = yield from self._volumes_steps(middles)
         del middles
         owner = yield from self._owners_steps(points, volumes)
-        del points
-        keep = kept_components(volumes, owner, self.largest, self.min_volume)
-        if keep.all():
-            return (yield from self._pass_steps(KEEPING, normals))
-        return (yield from self._kept_steps(keep, normals))
+        return kept_components(volumes, owner, self.largest, self.min_volume), volumes
 
     def _pass_steps(self, number: int, normals: bool = False) -> Pieces:
         """One pass over the pieces, as part `number` of the work."""
@@ -237,6 +240,18 @@ def keep_components_steps(surface: Surface, alpha: float, largest: int, min_volu
         else:
             surface = item
     return surface
+
+
+def kept_faces_steps(
+    surface: Surface, alpha: float, largest: int, min_volume: float
+) -> Steps[tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.float64]]]:
+    """Return the component of every triangle, (F,), which components stay, and their signed volumes in mm3.
+
+    Parameters and errors are those of `KeptPieces`; there are no volumes where nothing had to be measured.
+    """
+    kept = KeptPieces(lambda _: replayed_steps([surface]), alpha, largest, min_volume, replays=True)
+    keep, volumes = yield from kept.decision_steps()
+    return (yield from component_numbers_steps(surface.faces, len(surface.linear))), keep, volumes
 
 
 def kept_components(

@@ -8,11 +8,46 @@ A label's own surface is every triangle that borders it, turned outward. Neighbo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .face_normals import face_vectors
 from .triangle_mesh import Surface, TriangleMesh, blend
+
+
+class Neighbor(NamedTuple):
+    """What a label's surface borders on: another label, or 0 for what has no label."""
+
+    label: int
+    triangles: int
+    area_mm2: float
+
+
+def neighbors_of(mesh: TriangleMesh, beyond: NDArray[np.int32]) -> tuple[Neighbor, ...]:
+    """Return how much of a label's surface borders on each other label, 0 left out, in the order of their numbers.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        In mm.
+    beyond : (F,) int32
+        The label in front of each triangle.
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0]], np.float32)
+    >>> square = TriangleMesh(corners, np.array([[0, 1, 2], [1, 3, 2]], np.int32))
+    >>> neighbors_of(square, np.array([0, 7], np.int32))
+    (Neighbor(label=7, triangles=1, area_mm2=2.0),)
+    """
+    shared = np.flatnonzero(beyond)
+    vectors = face_vectors(mesh.vertices, mesh.faces[shared])
+    areas = np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2) / 2
+    labels, at, counts = np.unique(beyond[shared], return_inverse=True, return_counts=True)
+    sums = np.bincount(at.ravel(), areas, len(labels))
+    return tuple(Neighbor(*row) for row in zip(labels.tolist(), counts.tolist(), sums.tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,24 +62,21 @@ class ComplexMesh:
         Vertex numbers; the normal (counter-clockwise) points out of ``sides[:, 0]`` into ``sides[:, 1]``.
     sides : (F, 2) int32
         The label behind a triangle and the one in front of it, never equal; 0 is what has no label.
-    normals : (V, 3) float32 or None
-        Unit length; those of a vertex's first triangle where several walls meet.
     """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     sides: NDArray[np.int32]
-    normals: NDArray[np.float32] | None = None
 
     @property
     def labels(self) -> tuple[int, ...]:
         """Every label that has a triangle, rising, without 0."""
         return tuple(int(label) for label in np.unique(self.sides) if label)
 
-    def of_label(self, label: int) -> TriangleMesh:
-        """Return the closed surface of one label: its own triangles, turned outward, and the vertices in use."""
-        faces, _, used = bordering(self.faces, self.sides, label, len(self.vertices))
-        return TriangleMesh(self.vertices[used], faces, None if self.normals is None else self.normals[used])
+    def of_label(self, label: int) -> tuple[TriangleMesh, NDArray[np.int32]]:
+        """Return a label's closed surface, turned outward, and the label in front of each triangle, (f,) int32."""
+        faces, beyond, used = bordering(self.faces, self.sides, label, len(self.vertices))
+        return TriangleMesh(self.vertices[used], faces), beyond
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,6 +89,8 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         return
     rows = min(6, max(3, len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
+    if sum(item.chosen for item in settings.labels) > 1:
+        draw_setting(layout, settings, "interfaces")
 
 
 class CTMC_UL_labels(bpy.types.UIList):

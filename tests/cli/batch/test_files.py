@@ -21,7 +21,7 @@ from ctmc_addon.readers import open_volume
 
 @pytest.fixture
 def task(tmp_path):
-    output = {"name": "a", "settings": {"label": 2, "stride": [1, 1, 1]}, "labels": []}
+    output = {"name": "a", "settings": {"label": 2, "stride": [1, 1, 1]}, "labels": [], "beside": []}
     return {
         "case": "a", "input": str(tmp_path / "in" / "a.nii"), "folder": str(tmp_path), "outputs": [output],
         "reading": {"spacing": None, "flip": "", "series": None, "strict": False}, "format": ".stl", "space": "ras",

@@ -22,7 +22,9 @@ from ....core import (
     Volume,
     advised_steps,
     each_label_steps,
+    equal_part,
     result_and_full_steps,
+    shared_surfaces_steps,
     simplified_steps,
     without_small_steps,
 )
@@ -134,8 +136,10 @@ def surfaces_steps(
 
 
 def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
-    """Make the surfaces of several labels, side by side."""
+    """Make the surfaces of several labels: together where they share their interfaces, else side by side."""
     runs = [request.settings for request in requests]
+    if runs[0].interfaces == "shared":
+        return (yield from shared_steps(volume, requests))
 
     def work_steps(number: int, budget: Budget) -> Steps[FinishedSurface]:
         return (yield from surface_steps(volume, requests[number], None, budget))
@@ -146,6 +150,25 @@ def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[li
         if isinstance(result, CtmcError):
             raise result
         finished.append(result)
+    return finished
+
+
+def shared_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
+    """Make surfaces of labels that share their interfaces, and measure each."""
+    stages = Stages(SURFACE_STAGES)
+    reconstructing, measuring = SURFACE_STAGES
+    labels = [request.settings.label for request in requests if request.settings.label is not None]
+    making = shared_surfaces_steps(volume, requests[0].settings, labels, machine().budget)
+    made = yield from stages.run(reconstructing, making)
+    finished = []
+    for number, (label, request) in enumerate(zip(labels, requests, strict=True)):
+        if label in made.errors:
+            raise made.errors[label]
+        result, full = made.results[label], made.full[label]
+        before = stages.seconds.get(measuring, 0.0)
+        measurement = measurement_steps(result.mesh, full.mesh)
+        measured = yield from stages.run(measuring, equal_part(measurement, number, len(labels)))
+        finished.append(FinishedSurface(request, full, result, measured, stages.seconds[measuring] - before))
     return finished
 
 

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drop the small components of every label of a complex; what they filled becomes a part of no label.
+
+A neighbor keeps its wall where a component beside it goes: that wall then borders on what has no label.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MeshError
+from ..progress import Steps
+from .kept_pieces import kept_faces_steps
+from .label_complex import ComplexSurface
+
+
+def keep_complex_components_steps(
+    surface: ComplexSurface, labels: Sequence[int], alpha: float, largest: int, min_volume: float
+) -> Steps[tuple[ComplexSurface, dict[int, MeshError]]]:
+    """Return the complex without small components, and why a label has none left.
+
+    Parameters
+    ----------
+    surface : ComplexSurface
+    labels : sequence of int
+        Those whose components are looked at, each for itself.
+    alpha : float
+        At which to measure.
+    largest, min_volume : int and float
+        As of `KeptPieces`. A cavity that is filled by another label is not filled by its owner.
+
+    Returns
+    -------
+    surface : ComplexSurface
+        Triangles whose two sides have become the same are gone; vertices are numbered anew, in their order.
+    errors : dict of int to MeshError
+        For every label of which nothing is left.
+    """
+    sides, errors = surface.sides.copy(), {}
+    for label in labels:
+        own = np.flatnonzero((surface.sides == label).any(axis=1))
+        alone, beyond = surface.of_label(label)
+        try:
+            component, keep, volumes = yield from kept_faces_steps(alone, alpha, largest, min_volume)
+        except MeshError as error:
+            errors[label] = error
+            sides[sides == label] = 0
+            continue
+        if keep.all():
+            continue
+        # A small cavity is filled where it holds nothing but what has no label.
+        filled = (volumes < 0) & ~keep
+        filled[component[beyond != 0]] = False
+        gone = own[~keep[component] & ~filled[component]]
+        sides[gone] = np.where(surface.sides[gone] == label, 0, sides[gone])
+        within = own[filled[component]]
+        sides[within] = label
+    return _between_different(surface, sides), errors
+
+
+def _between_different(surface: ComplexSurface, sides: NDArray[np.int32]) -> ComplexSurface:
+    """Return the triangles whose sides differ, with the vertices that they use."""
+    stay = np.flatnonzero(sides[:, 0] != sides[:, 1])
+    if len(stay) == len(sides):
+        return ComplexSurface(surface.midpoints, surface.linear, surface.faces, sides)
+    faces, used = surface.faces[stay], np.zeros(len(surface.linear), bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return ComplexSurface(surface.midpoints[used], surface.linear[used], number[faces], sides[stay])
