@@ -25,7 +25,7 @@ from ..errors import LabelError, MeshError, SettingsError
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
-from .labels import existing_labels_steps, label_extent_steps, require_labels
+from .labels import existing_labels_steps, label_extent_steps, layer_of_label_steps, require_labels
 from .region import box_slices, grown_box, region_box, relative_box
 from .smoothing import (
     REACH,
@@ -194,6 +194,9 @@ def field_steps(
         raise SettingsError(
             f"a label smoothed as {settings.smoothing_method} cannot be extracted by several machines; choose gaussian"
         )
+    if settings.label is not None and volume.layers:
+        region = region_box(volume, settings)
+        volume = yield from layer_of_label_steps(volume, settings.label, region, budget.threads)
     looking = VALUES_STAGE if settings.label is None else LABEL_STAGE
     stages = Stages({looking: 1} | ({SMOOTHING: smoothing.weight} if smoothing.weight else {}))
     if window is None:
