@@ -175,7 +175,7 @@ class Case:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(source, options.allow_outside))
             self.input_key = input_key(opened, self.task["verify"])
-            volume = finish(needed_steps(opened, path, options, settings, several, threads=self.task["threads"]))
+            volume = finish(needed_steps(opened, path, options, settings, several, budget=Budget(self.task["threads"])))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError
+from ...core import Budget, ReadError
 from ...core.files.file_names import printable
 from ..value_kind import require_volume_memory
 from .colors import RGB
@@ -38,8 +38,8 @@ class LabelMap:
         Highest label there may be, where some have no name.
     ranks : mapping of int to float, optional
         By default the label itself: the higher number keeps the voxel.
-    memory_limit : int, optional
-        Bytes that the values may take; by default what is available.
+    budget : Budget, optional
+        The memory that the values may take; by default what is available.
 
     Attributes
     ----------
@@ -54,13 +54,13 @@ class LabelMap:
         what: str,
         highest: int = 0,
         ranks: Mapping[int, float] | None = None,
-        memory_limit: int | None = None,
+        budget: Budget | None = None,
     ) -> None:
         most = max(highest, *names) if names else max(highest, 1)
         if most > MOST_LABELS:
             raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; number them anew")
         dtype: Any = np.uint8 if most < 256 else np.uint16
-        require_volume_memory(shape, np.dtype(dtype).itemsize, what, memory_limit)
+        require_volume_memory(shape, np.dtype(dtype).itemsize, what, budget or Budget())
         self.values: NDArray[Any] = np.zeros(shape, dtype)
         self.names = {label: name for label, name in names.items() if label}
         self.colors = {label: color for label, color in colors.items() if label in self.names}

@@ -17,7 +17,7 @@ from ....core import ReadError, Stages, Step, Steps
 from ....core.volume import ValueKind
 from ...labels.label_map import LabelMap
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadOptions, Series, VolumeSource
+from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from ..pixels import check_codec
 from ..stored import StoredPixels
@@ -64,10 +64,10 @@ class SegmentationSource(VolumeSource):
             raise ReadError(f"the frames of {image.path.name} do not lie on one grid; export it again")
         return grid, places, [*notes, *own]
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Put every frame in its place; the label of the higher number keeps a voxel that several have."""
         header = self.header
-        grid, places, notes = self._grid(options.strict)
+        grid, places, notes = self._grid(request.strict)
         check_single(places, header.frames.segments, self.path.name)
         plain = plain_frames(header.image)
         if plain is None:
@@ -75,9 +75,7 @@ class SegmentationSource(VolumeSource):
         highest = 0
         if header.kind == "LABELMAP":
             highest = 2 ** header.image.pixels.options["bits_allocated"] - 1
-        label_map = LabelMap(
-            grid.shape, header.names, header.colors, self.path.name, highest, memory_limit=options.memory_limit
-        )
+        label_map = LabelMap(grid.shape, header.names, header.colors, self.path.name, highest, budget=request.budget)
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
         size = (header.image.rows, header.image.columns)
         slices = [Slice(header.image, number) for number in range(len(places))]

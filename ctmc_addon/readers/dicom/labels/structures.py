@@ -21,7 +21,7 @@ from ...labels.colors import RGB, rgb_of_bytes
 from ...labels.contours import Edges, edges_of, filled_steps
 from ...labels.label_map import LabelMap, clean_name
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadOptions, Series, VolumeSource
+from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from .elements import PLACE, VALUE, Damaged, Elements, Found, Place
 from .label_file import decimals, opened, reference_of, texts, uid, whole
@@ -81,16 +81,16 @@ class StructureSource(VolumeSource):
         dtype = "uint8" if len(header.regions) < 256 else "uint16"
         super().__init__(path, (Series(1, header.series, count, (columns, rows), "RTSTRUCT", dtype),), [path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Fill every region; the smaller keeps a voxel that several have."""
         stages = Stages({"Reading contours": 1, "Filling contours": 2})
-        grid, notes = grid_of(self.slices, self.path, options.strict)
+        grid, notes = grid_of(self.slices, self.path, request.strict)
         regions, left_out = yield from stages.run("Reading contours", planes_steps(self.path, self.header, grid))
         numbered = list(enumerate(self.header.regions, 1))
         ranks = {label: -area(planes) for (label, _), planes in zip(numbered, regions, strict=True)}
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
-        label_map = LabelMap(grid.shape, names, colors, self.path.name, 0, ranks, memory_limit=options.memory_limit)
+        label_map = LabelMap(grid.shape, names, colors, self.path.name, 0, ranks, budget=request.budget)
         notes += yield from stages.run("Filling contours", fill_steps(label_map, regions, grid, self.path.name))
         notes += [f"{text}: {count} left out" for text, count in sorted(left_out.items())]
         notes += label_map.overlap_note("regions", "the one with the smaller area of contours")
