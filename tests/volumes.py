@@ -110,3 +110,8 @@ def concatenated(pieces):
         faces.astype(np.int32),
         normals,
     )
+
+
+def label_mask(volume, label):
+    """Where a label is, (slices, rows, columns) bool, whichever layer it lies in."""
+    return np.logical_or.reduce([layer.values == label for layer in volume.each_layer])

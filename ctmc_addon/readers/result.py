@@ -138,6 +138,8 @@ class RawValues:
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
         Millimeters, of a file that has spacing and no orientation.
+    layers : tuple of (slices, rows, columns) array
+        Further labels on the same grid, where labels overlap.
     """
 
     values: NDArray[Any] | SliceReader
@@ -148,6 +150,7 @@ class RawValues:
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
+    layers: tuple[NDArray[Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -351,7 +354,9 @@ class VolumeSource(ABC):
             notes += found
         names = {value: one_line(name) for value, name in names.items()}
         lines = tuple(one_line(note) for note in notes)
-        return Volume(reader, affine, lines, request.name or one_line(self.name), kind, names, colors)
+        layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
+        name = request.name or one_line(self.name)
+        return Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
 
 
 def taken_as_axial(what: str) -> str:

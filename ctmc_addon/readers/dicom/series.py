@@ -98,7 +98,7 @@ class DicomSource(VolumeSource):
         reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
         mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
         notes += [*([] if mask else meaning(ordered)), *stack.notes, *padding_notes]
-        names = {mask: "mask"} if mask else {}
+        names = {mask: self.name} if mask else {}
         return RawValues(
             values, stack.affine, tuple(notes), ValueKind.LABEL if mask else kind, names, own_spacing=own_spacing
         )

@@ -49,7 +49,7 @@ class MaskFolder(VolumeSource):
         super().__init__(path, (Series(1, "", first.slices, first.size, "", dtype),), files)
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """One label volume; the mask that comes later keeps a voxel that several have."""
+        """Return labels in layers, each mask whole."""
         names = dict(enumerate(self.masks, 1))
         if len(names) > MOST_LABELS:
             raise ReadError(f"the folder {self.path.name} has {len(names)} masks, and at most {MOST_LABELS} are read")
@@ -76,9 +76,10 @@ class MaskFolder(VolumeSource):
                 ) from error
             notes += [note for note in raw.notes if note not in notes]
         assert label_map is not None, "there are masks"
-        notes += label_map.overlap_note("masks", "the one that comes later by name")
+        notes += label_map.overlap_note("masks")
         notes += label_map.empty_note("masks")
-        return RawValues(label_map.values, affine, tuple(notes), ValueKind.LABEL, label_map.names)
+        first, *further = label_map.layers()
+        return RawValues(first, affine, tuple(notes), ValueKind.LABEL, label_map.names, layers=tuple(further))
 
 
 def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
@@ -103,9 +104,9 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
             elif waiting:
                 if before != outside:
                     for number in range(waiting):
-                        label_map.paint(label_map.values[number], np.ones(plane.shape, bool), label)
+                        label_map.paint(number, np.ones(plane.shape, bool), label)
                 waiting = 0
-            label_map.paint(label_map.values[done], plane != outside, label)
+            label_map.paint(done, plane != outside, label)
             done += 1
         return False
 

@@ -88,7 +88,9 @@ class NrrdFile(VolumeSource):
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
             made = yield from layered_steps(layers, self.segments, self.path.name)
-            return RawValues(made.values, affine, (*notes, *made.notes), ValueKind.LABEL, made.names, made.colors)
+            first, *further = made.layers
+            said = (*notes, *made.notes)
+            return RawValues(first, affine, said, ValueKind.LABEL, made.names, made.colors, layers=tuple(further))
         values = yield from self._time_steps(request.time - 1)
         segments = [segment for segment in self.segments if not segment.layer]
         names, colors = names_and_colors(segments, [segment.value for segment in segments])
