@@ -14,22 +14,33 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import VERSION, Budget, CtmcError, ReconstructionSettings, Stage, Volume, finish
+from ...core import (
+    VERSION,
+    AbsentLabelError,
+    Budget,
+    CtmcError,
+    ReconstructionSettings,
+    Stage,
+    Volume,
+    finish,
+)
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import SUFFIXES
+from ...core.volume import chosen_labels_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
 from ..outputs import Outputs, written_steps
 from ..surfaces import Surfaces, surfaces_steps
 from .files import (
+    ABSENT,
     failed_record,
     identity,
     input_key,
@@ -103,6 +114,9 @@ def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
             if task["version"] != VERSION:
                 raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
             case.make(output, start)
+        except AbsentLabelError as error:
+            with CHANGING_FOLDERS:
+                case.put_absent(output, with_flags(str(error)), since(start))
         except (CtmcError, MemoryError) as error:
             sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
             record = failed_record(task, output, sentence, since(start))
@@ -130,12 +144,13 @@ class Case:
         task, name = self.task, output["name"]
         settings = settings_of(output)
         volume = self.read(settings, bool(output["labels"]))
+        choices, absent = present_labels(volume, settings, output["labels"])
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
-            making = surfaces_steps(volume, settings, output["labels"], Budget(task["threads"]), writer, written_bytes)
+            making = surfaces_steps(volume, settings, choices, Budget(task["threads"]), writer, written_bytes)
             surfaces, _ = finish(written_steps(finish(making), outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -150,12 +165,18 @@ class Case:
             **identity(task, output),
             **self.input_key,
             "run": task["run"],
+            **({"absent_labels": absent} if absent else {}),
             "seconds": since(start),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
         }
         with CHANGING_FOLDERS:
             put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
+
+    def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
+        """Record that the case does not have the label of an output; what an older run made of it goes."""
+        record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
+        put_output(Path(self.task["folder"]), output["name"], self.unfinished, [], None, record)
 
     def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
@@ -179,6 +200,31 @@ class Case:
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume
+
+
+def present_labels(
+    volume: Volume, settings: ReconstructionSettings, choices: Sequence[int | str]
+) -> tuple[list[int | str], list[int | str]]:
+    """Return which of several labels the volume has, and which are absent.
+
+    Raises
+    ------
+    AbsentLabelError
+        If it has none of them.
+    """
+    present: list[int | str] = []
+    absent: list[int | str] = []
+    refusal: AbsentLabelError | None = None
+    for choice in choices:
+        try:
+            finish(chosen_labels_steps(volume, [choice], region_box(volume, settings)))
+            present.append(choice)
+        except AbsentLabelError as error:
+            refusal = error
+            absent.append(choice)
+    if refusal is not None and not present:
+        raise refusal
+    return present, absent
 
 
 def report_of(surfaces: Surfaces) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
-from ..errors import LabelError, MeshError, SettingsError
+from ..errors import AbsentLabelError, LabelError, MeshError, SettingsError
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
@@ -336,7 +336,7 @@ def _label_box_steps(
     extent = yield from label_extent_steps(volume, label, window, budget.threads)
     if extent is None:
         existing = yield from existing_labels_steps(volume, window, budget.threads)
-        raise LabelError(f"label {label} is empty {'in this region' if settings.region else 'here'}; {existing}")
+        raise AbsentLabelError(f"label {label} is empty {'in this region' if settings.region else 'here'}; {existing}")
     margin = [math.ceil(REACH * settings.gaussian_mm / side) + 1 for side in volume.spacing]
     box = []
     for axis, ((start, stop), (first, end)) in enumerate(zip(window, extent.box, strict=True)):

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LabelError
+from ..errors import AbsentLabelError, LabelError
 from ..parallel import map_steps, worker_count
 from ..progress import Steps, finish
 from .region import Region, converted_region, region_limits
@@ -129,8 +129,10 @@ def chosen_labels_steps(
 
     Raises
     ------
-    LabelError
+    AbsentLabelError
         If no label has a name, or "all" finds none.
+    LabelError
+        If the labels have no names at all.
     """
     values: list[int] = []
     for choice in choices:
@@ -138,7 +140,9 @@ def chosen_labels_steps(
         if choice == ALL:
             extents = yield from label_extents_steps(volume, box, threads)
             if not extents:
-                raise LabelError(f"{volume.name} has no label {'in this region' if box else 'here'}: all voxels are 0")
+                raise AbsentLabelError(
+                    f"{volume.name} has no label {'in this region' if box else 'here'}: all voxels are 0"
+                )
             values += extents
         elif isinstance(choice, str):
             values += _labels_called(volume, choice)
@@ -167,7 +171,7 @@ def _labels_called(volume: Volume, name: str) -> list[int]:
     close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
     listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
     more = "close to it are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
-    raise LabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
+    raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
 
 
 def _plain(name: str) -> str:
