@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ctmc_addon.core import TriangleMesh, distances
+from ctmc_addon.core import TriangleMesh, distances, finish
+from ctmc_addon.core.mesh.cavities import crossings_steps, points_within, smallest_around
 from ctmc_addon.core.mesh.face_normals import face_vectors
+from ctmc_addon.core.mesh.topology import component_numbers_steps, edge_counts_steps
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 
 
@@ -111,6 +113,43 @@ def layered_pieces(mesh, cuts):
         yield SurfacePiece(mesh.vertices[own], faces, None if mesh.normals is None else mesh.normals[own])
 
 
+def edges(mesh):
+    """Every undirected edge once, (E, 2) with the lower vertex first, and its number of triangles, (E,)."""
+    ends, count, _ = finish(edge_counts_steps(mesh.faces, len(mesh.vertices)))
+    return ends.T, count
+
+
+def boundary_edges(mesh):
+    """Edges with one triangle, (n, 2)."""
+    ends, count = edges(mesh)
+    return ends[count == 1]
+
+
+def non_manifold_edges(mesh):
+    """Edges with three triangles or more, (n, 2)."""
+    ends, count = edges(mesh)
+    return ends[count > 2]
+
+
+def component_of_face(mesh):
+    """The number of the component that every face is in, (F,), in the order of their first face."""
+    return finish(component_numbers_steps(mesh.faces, len(mesh.vertices)))
+
+
+def cavity_owners(mesh, component, volumes):
+    """The component that every component belongs to, (components,): itself, or for a cavity the smallest around it.
+
+    Volumes are signed, below zero for cavities; the whole mesh is searched at once.
+    """
+    cavities = np.flatnonzero(volumes < 0)
+    if len(cavities) in (0, len(volumes)):
+        return np.arange(len(volumes))
+    first_face = np.unique(component, return_index=True)[1]
+    points = points_within(mesh.vertices[mesh.faces[first_face[cavities]]])
+    ray, face, leaves = finish(crossings_steps(mesh, points))
+    return smallest_around(cavities, volumes, ray, component[face], leaves)
+
+
 def assert_sound(mesh):
     """Every vertex used, no face with a vertex twice, no face twice, no edge with three faces."""
     assert mesh.vertices.dtype == np.float32
@@ -121,7 +160,7 @@ def assert_sound(mesh):
     rows = np.sort(mesh.faces, axis=1)
     assert (np.diff(rows, axis=1) > 0).all()
     assert len(np.unique(rows, axis=0)) == len(rows)
-    assert not len(mesh.non_manifold_edges)
+    assert not len(non_manifold_edges(mesh))
 
 
 def spread(mesh, count, seed):

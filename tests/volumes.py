@@ -6,6 +6,7 @@ import numpy as np
 from ctmc_addon.core import CtmcError, Volume, reconstruct
 from ctmc_addon.core.progress import Step
 from ctmc_addon.core.volume import SliceReader
+from ctmc_addon.core.volume.smoothing.gaussian import convolved, weights
 
 AFFINE = np.array([[-0.7, 0.1, 0, 5], [0, 0.8, 0.2, -9], [0.1, 0, 1.5, 30], [0, 0, 0, 1]], float)
 FACTS = (
@@ -57,6 +58,14 @@ def waves(shape=(23, 21, 70), dtype=np.int16):
     return (400 * np.sin(x / 5) * np.sin(y / 4) * np.cos(z / 3) + noise).astype(dtype)
 
 
+def gaussian_smoothed(values, spacing, sigma_mm):
+    """Values (slices, rows, columns) smoothed as a whole, axis by axis, the border repeated."""
+    smoothed = values.astype(np.float32)
+    for axis, gap in ((1, spacing[1]), (2, spacing[0]), (0, spacing[2])):
+        smoothed = convolved(smoothed, weights(sigma_mm / gap), axis)
+    return smoothed
+
+
 def bytes_of(array):
     return None if array is None else (array.dtype, array.shape, array.tobytes())
 
@@ -101,3 +110,8 @@ def concatenated(pieces):
         faces.astype(np.int32),
         normals,
     )
+
+
+def label_mask(volume, label):
+    """Where a label is, (slices, rows, columns) bool, whichever layer it lies in."""
+    return np.logical_or.reduce([layer.values == label for layer in volume.each_layer])

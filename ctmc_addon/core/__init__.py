@@ -5,6 +5,7 @@ from .budget import Budget, SlabWorkers
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .described import Described, Setting, checked, defaults, descriptions, setting
 from .errors import (
+    AbsentLabelError,
     CtmcError,
     LabelError,
     MemoryLimitError,
@@ -62,6 +63,7 @@ __all__ = [
     "PAUSE",
     "SETTINGS",
     "VERSION",
+    "AbsentLabelError",
     "Budget",
     "CostEstimate",
     "CtmcError",

@@ -44,6 +44,10 @@ class LabelError(CtmcError):
     """A label that the volume does not contain."""
 
 
+class AbsentLabelError(LabelError):
+    """A label that this volume does not have and another of its kind may have, as a patient may have no tumor."""
+
+
 class MeshError(CtmcError):
     """A mesh that cannot be simplified or written as asked, or that came out empty."""
 

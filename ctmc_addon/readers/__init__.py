@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core import CtmcError, ReadError, Stages, Step, Steps, defaults, finish, worker_count
+from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom import series as dicom_series
 from .dicom.header import may_be_dicom
@@ -33,7 +33,7 @@ from .registry import (
     is_alone,
     open_steps,
 )
-from .result import Series, VolumeSource, checked_stride, out_of_memory, unreadable
+from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
 from .volumes.nrrd import outside_allowed_steps
 
 __all__ = [
@@ -114,7 +114,7 @@ def read_volume(
     series: str | int | None = None,
     strict: bool = False,
     flip: str = "",
-    threads: int | None = None,
+    budget: Budget | None = None,
     time: int | None = None,
     region: Sequence[float] | None = None,
     region_unit: str = "voxel",
@@ -135,8 +135,8 @@ def read_volume(
         A lone slice stands for its folder.
     spacing, series, strict, flip, time, level, allow_outside, name
         As in `ReadingOptions`, which describes them.
-    threads : int, optional
-        Threads that decode PNG, JPEG, BMP and TIFF slices; by default one for each processor, at most 8.
+    budget : Budget, optional
+        The threads that decode PNG, JPEG, BMP and TIFF slices, and the memory that the values may take.
     region : lowest x, y, z, highest x, y, z, optional
         The part to read; nothing else is kept, and of uncompressed files nothing else is read.
     region_unit : {"voxel", "mm"}
@@ -157,7 +157,7 @@ def read_volume(
     ReadError
         If there is no readable volume at `path`.
     SettingsError
-        If a reading option, threads, region or stride are outside their limits.
+        If a reading option, the budget's threads, region or stride are outside their limits.
     MemoryLimitError
         If the volume would not fit; said before it is read.
     """
@@ -165,7 +165,7 @@ def read_volume(
     fields |= {"allow_outside": allow_outside, "name": name}
     given = {field: value for field, value in fields.items() if value is not defaults(ReadingOptions)[field]}
     options = options_of(options, given)
-    steps = read_volume_steps(path, options, threads=threads, region=region, region_unit=region_unit, stride=stride)
+    steps = read_volume_steps(path, options, budget=budget, region=region, region_unit=region_unit, stride=stride)
     return finish(steps)
 
 
@@ -173,7 +173,7 @@ def read_volume_steps(
     path: PathLike,
     options: ReadingOptions | None = None,
     *,
-    threads: int | None = None,
+    budget: Budget | None = None,
     stride: Sequence[int] = (1, 1, 1),
     region: Sequence[float] | None = None,
     region_unit: str = "voxel",
@@ -183,12 +183,13 @@ def read_volume_steps(
 
     Between steps there is a thread only while a library is imported for the first time.
     """
-    options = options_of(options, fields)  # refused before a file is opened
-    worker_count(threads)
+    # Settings are refused before a file is opened.
+    options = options_of(options, fields)
+    budget = checked_budget(budget)
     checked_stride(stride)
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     source = yield from stages.run("Reading headers", open_volume_steps(path, options.allow_outside))
-    values = source.read_steps(options, threads=threads, region=region, region_unit=region_unit, stride=stride)
+    values = source.read_steps(options, budget=budget, region=region, region_unit=region_unit, stride=stride)
     return (yield from stages.run("Reading values", values))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import (
+    Budget,
     MemoryLimitError,
     ReadError,
     SettingsError,
@@ -25,7 +26,6 @@ from ..core import (
     descriptions,
     finish,
     one_line,
-    worker_count,
 )
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, box_of, spacing_of
@@ -138,6 +138,8 @@ class RawValues:
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
         Millimeters, of a file that has spacing and no orientation.
+    layers : tuple of (slices, rows, columns) array
+        Further labels on the same grid, where labels overlap.
     """
 
     values: NDArray[Any] | SliceReader
@@ -148,11 +150,12 @@ class RawValues:
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
+    layers: tuple[NDArray[Any], ...] = ()
 
 
 @dataclass(frozen=True)
-class ReadOptions(ReadingOptions):
-    """What a format's reader is asked for beside its file: the reading options, and how the work is to be done.
+class ReadRequest(ReadingOptions):
+    """What a format's reader is asked for: the reading options, and how the work is to be done.
 
     Parameters
     ----------
@@ -160,18 +163,16 @@ class ReadOptions(ReadingOptions):
         Which of the series' volumes, from 1 to its number of times.
     level : int
         Which of the resolutions, 0 the full one.
-    threads : int
     whole : bool
-        Whether all values will be wanted, at once.
-    memory_limit : int or None
-        Bytes that they may take; None for what is available.
+        Whether all values are needed at once.
+    budget : Budget
+        The threads that decode, and the memory that the values may take.
     """
 
     time: int = 1
     level: int = 0
-    threads: int = 1
     whole: bool = True
-    memory_limit: int | None = None
+    budget: Budget = Budget(threads=1)  # noqa: RUF009  (frozen)
 
 
 class VolumeSource(ABC):
@@ -221,7 +222,7 @@ class VolumeSource(ABC):
         return self._files
 
     @abstractmethod
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values."""
 
     def selected_series(self, series: str | int | None) -> Series | None:
@@ -233,35 +234,34 @@ class VolumeSource(ABC):
         self,
         options: ReadingOptions | None = None,
         *,
-        threads: int | None = None,
+        budget: Budget | None = None,
         region: Sequence[float] | None = None,
         region_unit: str = "voxel",
         stride: Sequence[int] = (1, 1, 1),
-        memory_limit: int | None = None,
         **fields: Any,
     ) -> Steps[Volume]:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
-        sides = checked_stride(stride)
+        budget, sides = checked_budget(budget), checked_stride(stride)
         whole = region is None and sides == (1, 1, 1)
         stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
-        opened = self._opened_steps(options_of(options, fields), threads, whole, memory_limit)
+        opened = self._opened_steps(options_of(options, fields), budget, whole)
         slabs = yield from stages.run("Looking at the values", opened)
         x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
         slabs = slabs.part((x, y, z))
         if not whole:
             shape = [-(-size // side) for size, side in zip(slabs.size, sides, strict=True)]
-            require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name, memory_limit)
+            require_volume_memory(shape[::-1], slabs.dtype.itemsize, self.path.name, budget)
         return (yield from stages.run("Reading values", self._named_errors_steps(slabs.in_memory_steps(sides))))
 
     def slabs_steps(
-        self, options: ReadingOptions | None = None, *, threads: int | None = None, **fields: Any
+        self, options: ReadingOptions | None = None, *, budget: Budget | None = None, **fields: Any
     ) -> Steps[Volume]:
         """Return the volume to be read slab by slab: values and all else are those of `read_steps`, bit for bit.
 
         What a value means, and the type of scaled values, can hang on all values: where headers do not settle it, they
         are looked at here, and none is kept.
         """
-        return (yield from self._opened_steps(options_of(options, fields), threads, whole=False))
+        return (yield from self._opened_steps(options_of(options, fields), checked_budget(budget), whole=False))
 
     def _named_errors_steps(self, steps: Steps[Result]) -> Steps[Result]:
         """The same steps; a file that cannot be opened is a `ReadError`."""
@@ -272,16 +272,14 @@ class VolumeSource(ABC):
         except MemoryError as error:
             raise out_of_memory(self.path) from error
 
-    def _opened_steps(
-        self, options: ReadingOptions, threads: int | None, whole: bool, memory_limit: int | None = None
-    ) -> Steps[Volume]:
+    def _opened_steps(self, options: ReadingOptions, budget: Budget, whole: bool) -> Steps[Volume]:
         """The volume, its values in memory if all are wanted at once."""
         if options.series and not self.has_series:
             raise ReadError(f"{self.path.name} has no series to choose from; leave out the series '{options.series}'")
         level, notes = self.selected_level(options.level)
         time, time_notes = self.selected_time(options.series, options.time)
         given = {name: getattr(options, name) for name in descriptions(ReadingOptions)} | {"time": time, "level": level}
-        request = ReadOptions(**given, threads=worker_count(threads), whole=whole, memory_limit=memory_limit)
+        request = ReadRequest(**given, whole=whole, budget=budget)
         return (yield from self._named_errors_steps(self._slabs_steps(request, [*notes, *time_notes])))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
@@ -315,17 +313,17 @@ class VolumeSource(ABC):
         """Do what `read_steps` does, without steps."""
         return finish(self.read_steps(options, **fields))
 
-    def _slabs_steps(self, options: ReadOptions, said: Sequence[str]) -> Steps[Volume]:
+    def _slabs_steps(self, request: ReadRequest, said: Sequence[str]) -> Steps[Volume]:
         """Return the volume with the requested spacing and mirrored axes, and notes about them."""
         stages = Stages({"Reading values": 9, "Looking at the values": 1})
-        raw = yield from stages.run("Reading values", self.read_raw_steps(options))
+        raw = yield from stages.run("Reading values", self.read_raw_steps(request))
         reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
-        if options.whole:
+        if request.whole:
             if reader.own_bytes:
-                require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name, options.memory_limit)
+                require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name, request.budget)
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
             reader = ValuesInMemory(values)
-        spacing = options.spacing
+        spacing = request.spacing
         notes = [*said, *raw.notes]
         affine = raw.affine
         if affine is None:
@@ -343,9 +341,9 @@ class VolumeSource(ABC):
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
             notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
-        if options.flip:
-            affine = flipped(affine, reader.shape[::-1], options.flip)
-            notes.append(f"mirrored along {', '.join(options.flip)} as asked, the volume staying in its place")
+        if request.flip:
+            affine = flipped(affine, reader.shape[::-1], request.flip)
+            notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
         kind = raw.kind
         if kind is None:
             looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
@@ -356,7 +354,9 @@ class VolumeSource(ABC):
             notes += found
         names = {value: one_line(name) for value, name in names.items()}
         lines = tuple(one_line(note) for note in notes)
-        return Volume(reader, affine, lines, options.name or one_line(self.name), kind, names, colors)
+        layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
+        name = request.name or one_line(self.name)
+        return Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
 
 
 def taken_as_axial(what: str) -> str:
@@ -376,6 +376,12 @@ def unreadable(path: Path, error: OSError) -> ReadError:
 def out_of_memory(path: Path) -> MemoryLimitError:
     """Return the error for a file whose unpacking takes more memory than is left."""
     return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
+
+
+def checked_budget(budget: Budget | None) -> Budget:
+    """Return `budget`, by default what the machine has, or raise a `SettingsError` where it has no thread."""
+    budget = budget or Budget()
+    return replace(budget, threads=budget.thread_count)
 
 
 def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:

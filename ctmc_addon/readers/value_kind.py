@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Step, Steps, amount, require_memory
+from ..core import Budget, Step, Steps, amount, require_memory
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, fitting_stride
 
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
@@ -20,7 +20,7 @@ MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up t
 AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 
 
-def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, limit_bytes: int | None = None) -> None:
+def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, budget: Budget) -> None:
     """Say before anything is read that a volume (slices, rows, columns) would not fit in memory, and what would."""
     shape = [int(side) for side in shape]
 
@@ -33,7 +33,7 @@ def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, lim
         return f"read with a stride of {sides} it takes {amount(samples * voxel_bytes)} and fits"
 
     sides = " x ".join(map(str, reversed(shape)))
-    require_memory(math.prod(shape) * voxel_bytes, f"reading {what} ({sides})", remedy, limit_bytes)
+    budget.require(math.prod(shape) * voxel_bytes, f"reading {what} ({sides})", remedy)
 
 
 def require_text_memory(shape: Sequence[int], voxel_bytes: int, name: str) -> None:
@@ -44,7 +44,7 @@ def require_text_memory(shape: Sequence[int], voxel_bytes: int, name: str) -> No
 
 
 def scaled_steps(
-    stored: SliceReader, slope: float, intercept: float, whole: bool, what: str, limit_bytes: int | None = None
+    stored: SliceReader, slope: float, intercept: float, whole: bool, what: str, budget: Budget
 ) -> Steps[SliceReader]:
     """Values `stored * slope + intercept`: int16, int32 or float32, the first that holds all, else float32.
 
@@ -59,7 +59,7 @@ def scaled_steps(
     if scaled_integer(limits.min, limits.max, slope, intercept) == np.int16:
         return ScaledSlices(stored, slope, intercept, np.dtype(np.int16))
     if whole:
-        require_volume_memory(stored.shape, stored.dtype.itemsize, what, limit_bytes)
+        require_volume_memory(stored.shape, stored.dtype.itemsize, what, budget)
         stored = ValuesInMemory((yield from stored.values_steps(*stored.everything)))
     low, high = yield from range_steps(stored)
     return ScaledSlices(stored, slope, intercept, scaled_integer(low, high, slope, intercept))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from unicodedata import east_asian_width
 
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
@@ -42,21 +42,6 @@ def duration(seconds: float) -> str:
     if seconds >= 120:
         return f"{seconds / 60:.1f} min"
     return f"{seconds:.0f} s" if seconds >= 10 else f"{max(seconds, 0.1):.1f} s"
-
-
-def voxel_sides(stride: Sequence[int], spacing: Sequence[float]) -> str:
-    """Return the sides of a voxel in pixels and millimeters, equal ones once.
-
-    Examples
-    --------
-    >>> voxel_sides((2, 2, 1), (0.745, 0.745, 2.0))
-    'x y 2 px = 1.49 mm, z 1 px = 2 mm'
-    """
-    axes_of: dict[str, str] = {}
-    for axis, step, side in zip("xyz", stride, spacing, strict=True):
-        text = f"{step} px = {step * side:.3g} mm"
-        axes_of[text] = f"{axes_of[text]} {axis}" if text in axes_of else axis
-    return ", ".join(f"{axes} {text}" for text, axes in axes_of.items())
 
 
 def directions(orientation: str) -> tuple[str, str, str]:

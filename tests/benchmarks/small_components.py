@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from meshes import non_manifold_edges
 
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
@@ -42,7 +43,7 @@ def measure(session: Session) -> None:
             for peer, (peer_error, peer_seconds, other) in known.items():
                 note = (
                     f"{len(small.faces)} against {len(other.faces)} triangles, {small.components} against "
-                    f"{other.components} components, {len(other.non_manifold_edges)} non-manifold edges of the peer"
+                    f"{other.components} components, {len(non_manifold_edges(other))} non-manifold edges of the peer"
                 )
                 limit = target if peer == VTK else None
                 session.add(Row(session.part, f"{work}: mean error", peer, error, peer_error, limit, "mm", note))

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from meshes import non_manifold_edges
 from numpy.typing import NDArray
 from oracles.trilinear import grid_topology, voxel_topology
 
@@ -73,7 +74,7 @@ def judged(
                 wrong[topology] += truth not in (None, (0, 0))
                 continue
             wrong[topology] += truth is not None and (mesh.euler, mesh.components) != truth
-            torn[topology] += closed and not (mesh.closed and not len(mesh.non_manifold_edges))
+            torn[topology] += closed and not (mesh.closed and not len(non_manifold_edges(mesh)))
         if number % STRIPE == STRIPE - 1:
             print(f"{number + 1}: wrong {wrong}", flush=True)
     return wrong, undecided, torn

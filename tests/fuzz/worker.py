@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import Budget, CtmcError
 from ctmc_addon.readers import read_volume
 
 from .peers import disagreement
@@ -116,7 +116,7 @@ def _read_and_leave(paths: Sequence[Path], out: int) -> None:
 def what_comes_of(path: Path) -> tuple[str, str]:
     """The verdict on a path and its text, as of `Look`."""
     try:
-        volume = read_volume(path, threads=1)
+        volume = read_volume(path, budget=Budget(1))
         found = disagreement(path, volume)
         if found:
             return ("not compared", found[1:]) if found.startswith("?") else ("differs", found)

@@ -15,7 +15,7 @@ import tifffile
 from PIL import Image
 from pydicom import uid
 
-from ctmc_addon.core import CtmcError, finish
+from ctmc_addon.core import Budget, CtmcError, finish
 from ctmc_addon.readers import open_volume, read_volume
 
 SHAPE = (9, 40, 33)
@@ -204,14 +204,14 @@ def test_a_stride_longer_than_the_volume_and_one_of_no_samples_are_refused(tmp_p
 def test_a_refusal_names_a_stride_that_fits_and_that_reads(tmp_path):
     np.save(tmp_path / "ct.npy", np.zeros((40, 50, 60), np.int16))
     source = open_volume(tmp_path / "ct.npy")
-    limit = 100_000
+    budget = Budget(bytes=100_000)
     with pytest.raises(
         CtmcError, match=r"60 x 50 x 40\) needs about 0.229 MiB .* read with a stride of 2 2 2 it takes"
     ):
-        source.read(memory_limit=limit)
-    assert source.read(memory_limit=limit, stride=(2, 2, 2)).values.nbytes <= limit
+        source.read(budget=budget)
+    assert source.read(budget=budget, stride=(2, 2, 2)).values.nbytes <= 100_000
     with pytest.raises(CtmcError, match="stride of 2 2 2"):
-        source.read(memory_limit=limit, region=(0, 0, 0, 55, 49, 39))
+        source.read(budget=budget, region=(0, 0, 0, 55, 49, 39))
 
 
 def test_readers_say_whether_threads_may_share_them(tmp_path):

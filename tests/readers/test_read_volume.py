@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 from ctmc_addon import readers
-from ctmc_addon.core import CtmcError, Volume, finish
+from ctmc_addon.core import Budget, CtmcError, Volume, finish
 from ctmc_addon.core.volume.affine import determinant, transform_points
 from ctmc_addon.readers import open_volume, read_volume, read_volume_steps
 
@@ -77,7 +77,7 @@ def test_a_series_is_refused_where_there_is_none_to_choose(oblique):
 
 def test_threads_below_one_are_refused_in_every_format(oblique):
     with pytest.raises(CtmcError, match="threads must be 1 or more, not 0"):
-        read_volume(oblique, threads=0)
+        read_volume(oblique, budget=Budget(0))
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_steps_rise_from_0_to_1_and_return_the_volume(long_stack):
 def test_no_thread_is_left_between_steps_and_closing_cancels(long_stack):
     before = set(threading.enumerate())
     for stop in (1, 2, 4, 7, 30):
-        steps = read_volume_steps(long_stack, threads=3)
+        steps = read_volume_steps(long_stack, budget=Budget(3))
         for _, _ in zip(range(stop), steps, strict=False):
             assert set(threading.enumerate()) == before
         steps.close()
@@ -236,7 +236,7 @@ def test_no_thread_is_left_between_steps_and_closing_cancels(long_stack):
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_any_number_of_threads_reads_the_same_bytes(long_stack, threads):
-    one, many = read_volume(long_stack, threads=1), read_volume(long_stack, threads=threads)
+    one, many = read_volume(long_stack, budget=Budget(1)), read_volume(long_stack, budget=Budget(threads))
     assert one.values.tobytes() == many.values.tobytes()
     assert one.affine.tobytes() == many.affine.tobytes()
     assert one.notes == many.notes

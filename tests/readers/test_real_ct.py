@@ -8,6 +8,7 @@ import numpy as np
 import pydicom
 import pytest
 import tifffile
+from meshes import non_manifold_edges
 
 from ctmc_addon.core import CtmcError, ReconstructionSettings, reconstruct
 from ctmc_addon.readers import open_volume, read_volume
@@ -49,7 +50,7 @@ def test_lung_between_two_limits_is_closed_and_manifold_in_real_ct(real, topolog
     mesh = reconstruct(read_volume(real("lidc0314_abdomen30")), settings).mesh
     assert len(mesh.faces) > 100_000
     assert mesh.closed
-    assert len(mesh.non_manifold_edges) == 0
+    assert len(non_manifold_edges(mesh)) == 0
     assert mesh.volume > 0
 
 

@@ -34,7 +34,8 @@ def evaluated_object(
 def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:
     """Whether an object is in a view layer, once both are up to date."""
     layer.update()
-    return bool(layer.objects.get(obj.name) == obj)
+    # Not by name: one linked from a file may be called as another of the scene.
+    return any(other == obj for other in layer.objects)
 
 
 def evaluated_copy(

@@ -23,6 +23,7 @@ from typing import Any
 from ... import readers
 from ...core import (
     VERSION,
+    AbsentLabelError,
     Budget,
     CtmcError,
     ReconstructionSettings,
@@ -34,13 +35,14 @@ from ...core import (
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import SUFFIXES
-from ...core.volume import label_extents_steps, region_box
+from ...core.volume import chosen_labels_steps, label_extents_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
 from ..outputs import Outputs, written_steps
 from ..surfaces import Surfaces, surfaces_steps
 from .files import (
+    ABSENT,
     failed_record,
     identity,
     input_key,
@@ -114,6 +116,9 @@ def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
             if task["version"] != VERSION:
                 raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
             case.make(output, start)
+        except AbsentLabelError as error:
+            with CHANGING_FOLDERS:
+                case.put_absent(output, with_flags(str(error)), since(start))
         except (CtmcError, MemoryError) as error:
             sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
             record = failed_record(task, output, sentence, since(start))
@@ -142,6 +147,7 @@ class Case:
         task, name = self.task, output["name"]
         settings = settings_of(output)
         volume = self.read(settings, bool(output["labels"]))
+        choices, absent = present_labels(volume, settings, output["labels"])
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
@@ -150,8 +156,7 @@ class Case:
             surfaces = self.shared(volume, settings, output["beside"])
             if surfaces is None:
                 budget = Budget(task["threads"])
-                making = surfaces_steps(volume, settings, output["labels"], budget, writer, written_bytes)
-                surfaces = finish(making)
+                surfaces = finish(surfaces_steps(volume, settings, choices, budget, writer, written_bytes))
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = list(outputs.surfaces_in(surfaces))
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -166,6 +171,7 @@ class Case:
             **identity(task, output),
             **self.input_key,
             "run": task["run"],
+            **({"absent_labels": absent} if absent else {}),
             "seconds": since(start),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -192,6 +198,11 @@ class Case:
         result = self.together.results.get(label)
         return None if result is None else Surfaces(volume.name, (result,))
 
+    def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
+        """Record that the case does not have the label of an output; what an older run made of it goes."""
+        record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
+        put_output(Path(self.task["folder"]), output["name"], self.unfinished, [], None, record)
+
     def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
         name, suffix = output["name"], self.task["format"]
@@ -210,10 +221,35 @@ class Case:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(source, options.allow_outside))
             self.input_key = input_key(opened, self.task["verify"])
-            volume = finish(needed_steps(opened, path, options, settings, several, threads=self.task["threads"]))
+            volume = finish(needed_steps(opened, path, options, settings, several, budget=Budget(self.task["threads"])))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume
+
+
+def present_labels(
+    volume: Volume, settings: ReconstructionSettings, choices: Sequence[int | str]
+) -> tuple[list[int | str], list[int | str]]:
+    """Return which of several labels the volume has, and which are absent.
+
+    Raises
+    ------
+    AbsentLabelError
+        If it has none of them.
+    """
+    present: list[int | str] = []
+    absent: list[int | str] = []
+    refusal: AbsentLabelError | None = None
+    for choice in choices:
+        try:
+            finish(chosen_labels_steps(volume, [choice], region_box(volume, settings)))
+            present.append(choice)
+        except AbsentLabelError as error:
+            refusal = error
+            absent.append(choice)
+    if refusal is not None and not present:
+        raise refusal
+    return present, absent
 
 
 def report_of(surfaces: Surfaces) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -22,6 +23,8 @@ from ..outputs import Outputs
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect, voxels_of
 from .files import (
+    ABSENT,
+    DONE,
     is_same_input,
     key_or_empty,
     options_of,
@@ -50,6 +53,7 @@ if TYPE_CHECKING:
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
 GIB = 1 << 30
+MOST_ABSENT = 3  # named in the table
 
 
 def add_parser(commands: Any) -> None:
@@ -58,7 +62,8 @@ def add_parser(commands: Any) -> None:
         "batch",
         help="make surfaces from many volumes",
         description="Make a surface for each of many cases, one process a case, and a summary of them all. "
-        "Of LiTS, volume-N is a case and segmentation-N beside it has its labels.",
+        "Of LiTS, volume-N is a case and segmentation-N beside it has its labels. A case that does not have a label is "
+        "absent, which is a failure with --strict alone.",
     )
     parser.add_argument(
         "inputs",
@@ -116,7 +121,8 @@ def run(args: argparse.Namespace) -> None:
         if cluster is not None:
             cluster.close()
     print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html", flush=True)
-    failed = [row.case for row in rows if row.status != "done"]
+    passed = (DONE,) if reading_of(args).strict else (DONE, ABSENT)
+    failed = [row.case for row in rows if row.status not in passed]
     if failed:
         raise CtmcError(f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}")
 
@@ -170,6 +176,7 @@ def batch_steps(
                 if event is not None:
                     over += event.status == "ended"
                     update_rows(event, rows, folder)
+                    print_ended(event, rows)
                     write_summary(folder, list(rows.values()), over == len(tasks))
                 yield Step(over / total, counts(list(rows.values())))
     finally:
@@ -256,6 +263,15 @@ def started(
     return events
 
 
+def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
+    """Print a line for each output of a case that has ended, where output goes to a file and no bar is drawn."""
+    if event.status == "ended" and not sys.stdout.isatty():
+        for output in event.task["outputs"]:
+            row = rows[output["name"]]
+            facts = [fact for fact in numbers(row) if fact]
+            print("  ".join([row.status, row.case, *(facts if row.status == DONE else [row.error or ""])]), flush=True)
+
+
 def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
@@ -270,5 +286,8 @@ def table_of(rows: Sequence[SummaryRow]) -> str:
     """The summary for a terminal, errors below."""
     lines = [["case", "status", "triangles", "ml", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
-    errors = [(row.case, row.error) for row in rows if row.error]
+    absent = [row.case for row in rows if row.status == ABSENT]
+    errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]
+    if absent:
+        errors.append(("absent", f"{len(absent)} without the label, such as {', '.join(absent[:MOST_ABSENT])}"))
     return table(lines) + (f"\n\n{listing(errors)}" if errors else "")

@@ -24,6 +24,7 @@ from ...core.files.temporary_names import may_be_in_use, remove_leftovers, tempo
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume
 from ..arguments import label_for_checks
 
+DONE, ABSENT, FAILED = "done", "absent", "failed"  # absent: the case has no such label
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
@@ -81,10 +82,13 @@ def put_output(
 
 
 def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> None:
-    """Remove the files of an output's folder that an older run wrote and this one does not."""
-    for file in older if isinstance(older, list) else []:
-        path = folder / name / str(file).rpartition("/")[2]
-        if str(file) == f"{name}/{path.name}" and path not in kept:
+    """Remove the files of an output that an older run wrote and this one does not."""
+    for file in map(str, older if isinstance(older, list) else []):
+        path = folder / name / file.rpartition("/")[2]
+        if file == f"{name}/{path.name}" and path not in kept:
+            path.unlink(missing_ok=True)
+        path = folder / file
+        if file == f"{name}{path.suffix}" and path not in kept:
             path.unlink(missing_ok=True)
 
 
@@ -145,7 +149,7 @@ def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mappi
     expected: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
     sizes = record.get("file_bytes")
     return (
-        record.get("status") == "done"
+        record.get("status") in (DONE, ABSENT)
         and all(record.get(key) == value for key, value in expected.items())
         and isinstance(sizes, dict)
         and all(size_of(Path(task["folder"], name)) == size for name, size in sizes.items())
@@ -174,18 +178,20 @@ def options_of(task: Mapping[str, Any]) -> ReadingOptions:
 
 
 def failed_record(
-    task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None
+    task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None, status: str = FAILED
 ) -> dict[str, Any]:
-    """The JSON of an output that did not come about."""
+    """Return the JSON of an output that did not come about."""
     return {
         "case": output["name"],
-        "status": "failed",
+        "status": status,
         "error": without_folders(error, task),
         "faces": None,
         "volume_mm3": None,
         "seconds": seconds,
         **identity(task, output),
         "run": task["run"],
+        "files": [],
+        "file_bytes": {},
     }
 
 

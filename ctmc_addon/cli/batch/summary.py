@@ -22,13 +22,13 @@ STYLE = (
     "body{font:15px system-ui,sans-serif;margin:2em;color:#222}table{border-collapse:collapse}"
     "th,td{padding:.3em .8em;border-bottom:1px solid #ddd;text-align:right}"
     "th:nth-child(2),td:nth-child(2),th:last-child,td:last-child{text-align:left}"
-    "img{display:block;width:120px;height:90px}.failed{color:#b00020}"
+    "img{display:block;width:120px;height:90px}.failed{color:#b00020}.absent{color:#777}"
 )
 
 
 @dataclass
 class SummaryRow:
-    """One output; `status` is waiting, running, done or failed, and what is not known is None."""
+    """One output; `status` is waiting, running, done, absent or failed, and what is not known is None."""
 
     case: str
     status: str = "waiting"
@@ -146,9 +146,13 @@ def numbers(row: SummaryRow) -> list[str]:
 
 
 def counts(rows: Sequence[SummaryRow]) -> str:
-    """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
+    """Return how many are in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
     states = [row.status for row in rows]
-    parts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
+    parts = [
+        f"{states.count(state)} {state}"
+        for state in ("done", "absent", "failed", "running", "waiting")
+        if state in states
+    ]
     return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(parts)}"
 
 

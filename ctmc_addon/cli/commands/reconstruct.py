@@ -141,6 +141,7 @@ def run_times(
 ) -> None:
     """Read and reconstruct every time, write, and print what came out."""
     path, reading = Path(args.input), reading_of(args)
+    budget = Budget(args.threads)
     stages = Stages({"Reading headers": 1, "Reading and reconstructing": 18, "Writing": 2})
     with (
         own_folder(outputs.folder or Path(args.output).parent),
@@ -151,10 +152,10 @@ def run_times(
         source = progress.finish(stages.run("Reading headers", opening))
 
         def read_steps(time: int) -> Steps[Volume]:
-            return (yield from needed_steps(source, path, replace(reading, time=time), settings))
+            return (yield from needed_steps(source, path, replace(reading, time=time), settings, budget=budget))
 
         count = number_of_times(source, reading.series)
-        making = times_steps(read_steps, count, settings, choices, Budget(args.threads), writer)
+        making = times_steps(read_steps, count, settings, choices, budget, writer)
         surfaces, volume = progress.finish(stages.run("Reading and reconstructing", making))
         surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
     print(summary_of_several(surfaces, volume, files, stages.seconds))
@@ -176,7 +177,7 @@ def fetched_steps(
     stages = Stages({"Reading headers": 1, "Reading values": 4})
     opening = readers.open_volume_steps(source_of(path, settings.label), reading.allow_outside)
     source = yield from stages.run("Reading headers", opening)
-    needed = needed_steps(source, path, reading, settings, several, by_workers)
+    needed = needed_steps(source, path, reading, settings, several, by_workers, Budget(args.threads))
     return (yield from stages.run("Reading values", needed))
 
 
@@ -187,7 +188,7 @@ def needed_steps(
     settings: ReconstructionSettings,
     several: bool = False,
     by_workers: bool = False,
-    threads: int | None = None,
+    budget: Budget | None = None,
 ) -> Steps[Volume]:
     """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later.
 
@@ -195,8 +196,8 @@ def needed_steps(
     """
     whole = not by_workers and reads_whole(source, reading, settings, several)
     if whole:
-        return checked((yield from source.read_steps(reading, threads=threads)), source, path, settings.label)
-    return checked((yield from source.slabs_steps(reading, threads=threads)), source, path, settings.label)
+        return checked((yield from source.read_steps(reading, budget=budget)), source, path, settings.label)
+    return checked((yield from source.slabs_steps(reading, budget=budget)), source, path, settings.label)
 
 
 def reads_whole(

@@ -22,30 +22,6 @@ WEIGHTS = (0.4142135, 0.3178372, 0.2679493)
 PAIRS_PER_STEP = 1 << 19  # of a ray and a triangle
 
 
-def owners_steps(
-    mesh: TriangleMesh, component: NDArray[np.int32], volumes: NDArray[np.float64]
-) -> Steps[NDArray[np.intp]]:
-    """Which component every component belongs to, (components,): itself, or for a cavity the one around it.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    component : (F,) int32
-        `mesh.component_of_face`.
-    volumes : (components,) float64
-        Signed, below zero for cavities. A cavity with nothing around it, as where the surface is open,
-        stays its own.
-    """
-    cavities = np.flatnonzero(volumes < 0)
-    if len(cavities) in (0, len(volumes)):
-        return np.arange(len(volumes))
-    first = np.flatnonzero(np.diff(np.maximum.accumulate(component), prepend=-1))  # face of every component
-    yield PAUSE
-    points = points_within(mesh.vertices[mesh.faces[first[cavities]]])
-    ray, face, leaves = yield from crossings_steps(mesh, points)
-    return smallest_around(cavities, volumes, ray, component[face], leaves)
-
-
 def points_within(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     """A point within each triangle, (n, 3), from its corners, (n, 3, 3)."""
     a, b, c = corners.astype(np.float64).transpose(1, 0, 2)  # (n, 3) each
@@ -59,13 +35,16 @@ def smallest_around(
     component: NDArray[Any],
     leaves: NDArray[Any],
 ) -> NDArray[np.intp]:
-    """The owners that `owners_steps` returns, from what the rays of the cavities meet.
+    """Return which component every component belongs to, (components,): itself, or for a cavity the one around it.
+
+    A cavity with nothing around it, as where the surface is open, stays its own.
 
     Parameters
     ----------
     cavities : (rays,) intp
         Components.
     volumes : (components,) float64
+        Signed, below zero for cavities.
     ray, component, leaves : (n,)
         How many times more each ray leaves a component than it enters it; repeated pairs are added up.
     """

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ..files import mesh_files
 from ..progress import Step, WithResult, finish
 from .measures import Measures, measures_steps
-from .topology import component_numbers_steps, edge_counts_steps
 
 T = TypeVar("T")
 
@@ -77,29 +76,6 @@ class TriangleMesh:
     def components(self) -> int:
         """Number of connected components."""
         return self.measures.components
-
-    @cached_property
-    def component_of_face(self) -> NDArray[np.int32]:
-        """Number of the component that every face is in, (F,) int32; in the order of their first face."""
-        return finish(component_numbers_steps(self.faces, len(self.vertices)))
-
-    @cached_property
-    def edges(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Every undirected edge once, (E, 2) with the lower vertex first, and its number of triangles, (E,)."""
-        edges, count, _ = finish(edge_counts_steps(self.faces, len(self.vertices)))
-        return edges.T, count
-
-    @property
-    def boundary_edges(self) -> NDArray[np.int32]:
-        """Edges with one triangle, (n, 2)."""
-        edges, count = self.edges
-        return edges[count == 1]
-
-    @property
-    def non_manifold_edges(self) -> NDArray[np.int32]:
-        """Edges with three triangles or more, (n, 2)."""
-        edges, count = self.edges
-        return edges[count > 2]
 
     def in_space(self, space: str) -> TriangleMesh:
         """A surface in RAS+ mm in the axes of `space`, "ras" or "lps"; half a turn, so the winding stays."""

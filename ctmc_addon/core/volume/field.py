@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
-from ..errors import LabelError, MeshError, SettingsError
+from ..errors import AbsentLabelError, LabelError, MeshError, SettingsError
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
-from .labels import existing_labels_steps, label_extent_steps, require_labels
+from .labels import existing_labels_steps, label_extent_steps, layer_of_label_steps, require_labels
 from .region import box_slices, grown_box, region_box, relative_box
 from .smoothing import (
     REACH,
@@ -194,6 +194,9 @@ def field_steps(
         raise SettingsError(
             f"a label smoothed as {settings.smoothing_method} cannot be extracted by several machines; choose gaussian"
         )
+    if settings.label is not None and volume.layers:
+        region = region_box(volume, settings)
+        volume = yield from layer_of_label_steps(volume, settings.label, region, budget.threads)
     looking = VALUES_STAGE if settings.label is None else LABEL_STAGE
     stages = Stages({looking: 1} | ({SMOOTHING: smoothing.weight} if smoothing.weight else {}))
     if window is None:
@@ -333,7 +336,7 @@ def _label_box_steps(
     extent = yield from label_extent_steps(volume, label, window, budget.threads)
     if extent is None:
         existing = yield from existing_labels_steps(volume, window, budget.threads)
-        raise LabelError(f"label {label} is empty {'in this region' if settings.region else 'here'}; {existing}")
+        raise AbsentLabelError(f"label {label} is empty {'in this region' if settings.region else 'here'}; {existing}")
     margin = [math.ceil(REACH * settings.gaussian_mm / side) + 1 for side in volume.spacing]
     box = []
     for axis, ((start, stop), (first, end)) in enumerate(zip(window, extent.box, strict=True)):

@@ -161,7 +161,7 @@ class HeldValues:
 
 
 class GaussianValues:
-    """Other values, smoothed by a Gaussian, the border repeated: the sums of `gaussian_smooth_steps` for the whole box.
+    """Other values, smoothed by a Gaussian, the border repeated; the sums are those of the whole box.
 
     Parameters
     ----------

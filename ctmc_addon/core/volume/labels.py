@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LabelError
+from ..errors import AbsentLabelError, LabelError
 from ..parallel import map_steps, worker_count
 from ..progress import Steps, finish
 from .region import Region, converted_region, region_limits
@@ -70,7 +70,10 @@ def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | N
     box = box or ((0, x), (0, y), (0, z))
     of_box = _extents.setdefault(volume, {})
     if box not in of_box:
-        of_box[box] = yield from _scan_steps(volume, box, None, threads)
+        found: Extents = {}
+        for layer in volume.each_layer:
+            found |= yield from _scan_steps(layer, box, None, threads)
+        of_box[box] = dict(sorted(found.items()))
     return of_box[box]
 
 
@@ -79,7 +82,33 @@ def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None
     known = _extents.get(volume, {})
     if box in known:
         return known[box].get(label)
-    return (yield from _scan_steps(volume, box, label, threads)).get(label)
+    for layer in volume.each_layer:
+        extent = (yield from _scan_steps(layer, box, label, threads)).get(label)
+        if extent is not None:
+            return extent
+    return None
+
+
+def layer_of_label_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[Volume]:
+    """Return the layer of a volume that has a label in a box; the volume itself where none has it."""
+    if volume.layers:
+        for layer in volume.each_layer:
+            if (yield from label_extent_steps(layer, label, box, threads)) is not None:
+                return layer
+    return volume
+
+
+def labels_by_layer_steps(
+    volume: Volume, labels: Sequence[int], box: Box, threads: int | None = None
+) -> Steps[list[tuple[Volume, list[int]]]]:
+    """Return every layer that has some of the labels in a box, and these, in their order."""
+    out = []
+    for layer in volume.each_layer:
+        extents = yield from label_extents_steps(layer, box, threads)
+        own = [label for label in labels if label in extents]
+        if own:
+            out.append((layer, own))
+    return out
 
 
 def require_labels(volume: Volume, label: int | str) -> None:
@@ -100,8 +129,10 @@ def chosen_labels_steps(
 
     Raises
     ------
-    LabelError
+    AbsentLabelError
         If no label has a name, or "all" finds none.
+    LabelError
+        If the labels have no names at all.
     """
     values: list[int] = []
     for choice in choices:
@@ -109,7 +140,9 @@ def chosen_labels_steps(
         if choice == ALL:
             extents = yield from label_extents_steps(volume, box, threads)
             if not extents:
-                raise LabelError(f"{volume.name} has no label {'in this region' if box else 'here'}: all voxels are 0")
+                raise AbsentLabelError(
+                    f"{volume.name} has no label {'in this region' if box else 'here'}: all voxels are 0"
+                )
             values += extents
         elif isinstance(choice, str):
             values += _labels_called(volume, choice)
@@ -138,7 +171,7 @@ def _labels_called(volume: Volume, name: str) -> list[int]:
     close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
     listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
     more = "close to it are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
-    raise LabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
+    raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
 
 
 def _plain(name: str) -> str:

@@ -217,11 +217,12 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
         if volume.kind == ValueKind.LABEL:
             extents = yield from stages.run("Counting the labels", label_extents_steps(volume))
             labels = tuple((label, extent.voxels) for label, extent in extents.items())
-    return VolumeStatistics(low, high, histogram, non_finite, labels, fingerprint(volume, histogram))
+    overlapping = labels if volume.layers else ()
+    return VolumeStatistics(low, high, histogram, non_finite, labels, fingerprint(volume, histogram, overlapping))
 
 
-def fingerprint(volume: Volume, histogram: Histogram | None) -> str:
-    """Return twelve letters made from a volume's size, affine and histogram."""
+def fingerprint(volume: Volume, histogram: Histogram | None, labels: tuple[tuple[int, int], ...] = ()) -> str:
+    """Return twelve letters made from a volume's size, affine and histogram, and from labels that overlap."""
     # Surfaces in files of version 0.2 name their CT by this text, which has the older spelling.
     kind = "grey value" if volume.kind == ValueKind.GRAY else str(volume.kind)
     digest = hashlib.sha256(repr((volume.size, kind)).encode())
@@ -230,6 +231,8 @@ def fingerprint(volume: Volume, histogram: Histogram | None) -> str:
     if histogram is not None:
         digest.update(np.ascontiguousarray(histogram[0], "<i8").tobytes())
         digest.update(np.array(histogram[1:], "<f8").tobytes())
+    if labels:
+        digest.update(np.array(labels, "<i8").tobytes())
     return digest.hexdigest()[:12]
 
 

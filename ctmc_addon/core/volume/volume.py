@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,6 +88,8 @@ class Volume(Placed):
         sRGB colors of label values, 0 to 255, where the file has them.
     box : ((x, stop), (y, stop), (z, stop)), optional
         The part of what the reader has that is this volume; by default all of it.
+    layers : tuple of SliceReader
+        Further labels on the same grid, where labels overlap: each label is in the values or in one of these.
 
     Raises
     ------
@@ -103,6 +106,7 @@ class Volume(Placed):
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     box: Box | None = None
+    layers: tuple[SliceReader, ...] = ()
 
     if TYPE_CHECKING:
 
@@ -116,6 +120,7 @@ class Volume(Placed):
             label_names: Mapping[int, str] = ...,
             label_colors: Mapping[int, tuple[int, int, int]] = ...,
             box: Box | None = None,
+            layers: tuple[SliceReader, ...] = (),
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -134,6 +139,13 @@ class Volume(Placed):
             raise VolumeError(f"kind is one of {', '.join(ValueKind)}, not {self.kind!r}") from None
         object.__setattr__(self, "affine", checked_affine(self.affine))
         object.__setattr__(self, "notes", tuple(self.notes))
+
+    @cached_property
+    def each_layer(self) -> tuple[Volume, ...]:
+        """The volume as one of each layer, of which none has labels that overlap; itself where it is one."""
+        if not self.layers:
+            return (self,)
+        return tuple(replace(self, reader=reader, layers=()) for reader in (self.reader, *self.layers))
 
     @property
     def size(self) -> tuple[int, int, int]:
@@ -201,11 +213,13 @@ class Volume(Placed):
             range(y, y + rows, stride[1]),
             range(x, x + columns, stride[0]),
         )
+        read = []
         with self._readable():
-            values = yield from self.reader.values_steps(*chosen)
+            for reader in (self.reader, *self.layers):
+                read.append(ValuesInMemory((yield from reader.values_steps(*chosen))))
         affine = self.affine.copy()
         affine[:3, :3] *= stride
-        return replace(self, reader=ValuesInMemory(values), affine=affine, box=None)
+        return replace(self, reader=read[0], affine=affine, box=None, layers=tuple(read[1:]))
 
     def cropped(self, low: tuple[int, int, int], high: tuple[int, int, int]) -> Volume:
         """Return the samples `low` to `high` (x, y, z), `high` left out, at their position; nothing is read."""
@@ -229,7 +243,8 @@ class Volume(Placed):
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
-        return (Volume, (self.values, self.affine, *words))
+        layers = tuple(ValuesInMemory(layer.values) for layer in self.each_layer[1:])
+        return (Volume, (self.values, self.affine, *words, None, layers))
 
 
 def _moved(numbers: range, by: int) -> range:

@@ -19,7 +19,7 @@ from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..registry import FORMATS
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
 from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed
@@ -72,13 +72,13 @@ class DicomSource(VolumeSource):
         """Whether slices of a series have positions; pictures without them make no volume."""
         return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Read the series with the most slices, or the one that `options` name."""
-        uid, notes = self._selected(options.series or "")
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
+        """Read the series with the most slices, or the one that `request` names."""
+        uid, notes = self._selected(request.series or "")
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
         check_whole(self.content, uid)
-        slices = times_of(slices)[options.time - 1]
+        slices = times_of(slices)[request.time - 1]
         color = sum(image.series == uid for image in self.content.color)
         if color:
             notes.append(f"{color} color image{'s' * (color > 1)} of the series left out")
@@ -89,16 +89,16 @@ class DicomSource(VolumeSource):
         for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
                 check_codec(image)
-        stack, own_spacing = stack_and_spacing_note(slices, options)
+        stack, own_spacing = stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
         stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
-        decoding = values_steps(ordered, stack, options.whole, options.memory_limit)
+        decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
         kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
         reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
         mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
         notes += [*([] if mask else meaning(ordered)), *stack.notes, *padding_notes]
-        names = {mask: "mask"} if mask else {}
+        names = {mask: self.name} if mask else {}
         return RawValues(
             values, stack.affine, tuple(notes), ValueKind.LABEL if mask else kind, names, own_spacing=own_spacing
         )
@@ -124,18 +124,18 @@ class DicomSource(VolumeSource):
         return line.uid, [f"{count} series found: series {line.number}, with the most slices, was read"]
 
 
-def stack_and_spacing_note(slices: Sequence[Slice], options: ReadOptions) -> tuple[Stack, str]:
+def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
     """How the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or min(pixel_spacing) <= 0:
         unusable = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
-        if options.spacing is None:
+        if request.spacing is None:
             raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
-        pixel_spacing = (options.spacing[1], options.spacing[0])
+        pixel_spacing = (request.spacing[1], request.spacing[0])
     positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
-    stack = stack_up(positions, orientation, pixel_spacing, [ct_slice.name for ct_slice in slices], options.strict)
+    stack = stack_up(positions, orientation, pixel_spacing, [ct_slice.name for ct_slice in slices], request.strict)
     gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
     return stack, f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
 

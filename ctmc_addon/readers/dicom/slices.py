@@ -15,7 +15,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps, finish
+from ...core import Budget, ReadError, Step, Steps, finish
 from ...core.volume import SliceReader, as_slice
 from ..value_kind import require_volume_memory
 from .header import Slice
@@ -90,7 +90,7 @@ class DicomSlices(SliceReader):
 
 
 def values_steps(
-    slices: Sequence[Slice], stack: Stack, whole: bool, memory_limit: int | None = None
+    slices: Sequence[Slice], stack: Stack, whole: bool, budget: Budget
 ) -> Steps[tuple[NDArray[Any] | SliceReader, list[str]]]:
     """The ordered slices in the smallest type that holds them, in memory if all are wanted, and notes of padding."""
     types = output_types([one.geometry for one in slices], any(one.image.pixels.floating for one in slices))
@@ -99,7 +99,7 @@ def values_steps(
         return DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)
     for dtype in types:
         reader = DicomSlices(slices, stack, dtype)
-        require_volume_memory(reader.shape, reader.dtype.itemsize, "this series", memory_limit)
+        require_volume_memory(reader.shape, reader.dtype.itemsize, "this series", budget)
         values = np.empty(reader.shape, dtype)
         try:
             seen = yield from reader.filled_steps(values, *reader.everything)

@@ -16,7 +16,7 @@ from ...core import ReadError, Stages, Steps
 from ..file_formats import format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
 from .tiff import opened_stack, page_count, tiff_picture, tiff_slice
@@ -35,7 +35,7 @@ class ImageFolder(VolumeSource):
         series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
         super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
         first = self.headers[0]
@@ -51,7 +51,7 @@ class ImageFolder(VolumeSource):
                 )
             return pixels
 
-        reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, options.threads)
+        reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, request.budget.thread_count)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
         return RawValues(reader, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
 

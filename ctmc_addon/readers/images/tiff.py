@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
 from ..optional_imports import needed, reason
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices, TimeSlices
 from .decoded import DecodedSlices
 from .pillow import JPEG_NOISE, Picture, gray
@@ -72,7 +72,7 @@ class TiffStack(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", stack.dtype.name, stack.layout.times)
         super().__init__(path, (series,), [path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read page by page; values in one piece row by row."""
         yield PAUSE
         tiff = open_tiff(self.path)
@@ -83,7 +83,7 @@ class TiffStack(VolumeSource):
             on_error.pop_all()
         notes = (*stack.notes, *notes)
         slices, pages = stack.shape[0], stack.layout
-        first = pages.first(options.time)
+        first = pages.first(request.time)
         if stack.start is not None:
             tiff.close()
             plain: SliceReader = RawSlices(self.path, stack.start, (stack.total, *stack.shape[1:]), stack.dtype)
@@ -104,7 +104,7 @@ class TiffStack(VolumeSource):
                 raise ReadError(f"page {number + 1} of {self.path.name} has {depths}; save it again")
             return page_slice(tiff, page, layout, self.path, lock)
 
-        reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="), options.threads)
+        reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="), request.budget.thread_count)
         finalize(reader, tiff.close)
         return RawValues(reader, None, notes, spacing=spacing)
 

@@ -29,7 +29,6 @@ LZW, PACKBITS, LZMA, GROUP_4, DEFLATE = 5, 32773, 34925, 4, (8, 32946)  # values
 UNPACKED_HERE = (UNCOMPRESSED, LZW, PACKBITS, LZMA, GROUP_4, *DEFLATE, JPEG)
 NO_PREDICTOR, DIFFERENCES, OF_FLOATS = 1, 2, 3  # values of Predictor
 MOST_PADDING = 1 << 16  # bytes behind the pixels of a strip
-READ_AT_ONCE = 1 << 20  # bytes unpacked at once behind the pixels
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 END_OF_GROUP_4 = "000000000001" * 2
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One label volume from several masks, with what overlapped and what stayed empty said.
+"""Masks as labels of a volume, in as few layers as keep every mask whole; what overlaps and what is empty is said.
 
-Masks may overlap, and a label volume has one number a voxel: the label of the highest rank keeps it, in whichever order
-they are painted.
+A layer has one number a voxel, so labels that overlap lie in different ones, as in 3D Slicer's segmentations. Where
+none overlap there is one layer. The layers do not depend on the order in which masks are painted.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError
+from ...core import Budget, ReadError
 from ...core.files.file_names import printable
 from ..value_kind import require_volume_memory
 from .colors import RGB
@@ -36,14 +36,9 @@ class LabelMap:
         The file or folder, for the error when memory does not suffice.
     highest : int
         Highest label there may be, where some have no name.
-    ranks : mapping of int to float, optional
-        By default the label itself: the higher number keeps the voxel.
-    memory_limit : int, optional
-        Bytes that the values may take; by default what is available.
+    budget : Budget, optional
+        The memory that the values may take; by default what is available.
 
-    Attributes
-    ----------
-    values : (slices, rows, columns) uint8 or uint16
     """
 
     def __init__(
@@ -53,55 +48,88 @@ class LabelMap:
         colors: Mapping[int, RGB],
         what: str,
         highest: int = 0,
-        ranks: Mapping[int, float] | None = None,
-        memory_limit: int | None = None,
+        budget: Budget | None = None,
     ) -> None:
         most = max(highest, *names) if names else max(highest, 1)
         if most > MOST_LABELS:
             raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; number them anew")
-        dtype: Any = np.uint8 if most < 256 else np.uint16
-        require_volume_memory(shape, np.dtype(dtype).itemsize, what, memory_limit)
-        self.values: NDArray[Any] = np.zeros(shape, dtype)
+        self.shape, self.what, self.budget = shape, what, budget or Budget()
+        self.dtype: Any = np.uint8 if most < 256 else np.uint16
         self.names = {label: name for label, name in names.items() if label}
         self.colors = {label: color for label, color in colors.items() if label in self.names}
-        self.rank = np.arange(most + 1, dtype=np.float64)
-        for label, rank in (ranks or {}).items():
-            self.rank[label] = rank
-        self.lost = np.zeros(most + 1, np.int64)  # voxels that a label left to others
         self.painted = np.zeros(most + 1, bool)
+        self.overlaps: dict[tuple[int, int], int] = {}  # voxels that two labels share, the lower label first
+        self._layers: list[NDArray[Any]] = []  # a mask lies in the first where it covers no other, a window at a time
+        self._add_layer()
 
-    def paint(self, window: NDArray[Any], mask: NDArray[np.bool_], label: int) -> None:
-        """Give `label` to the pixels of `mask` in `window`, a part of a slice, that no label of higher rank has."""
+    def _add_layer(self) -> None:
+        require_volume_memory(self.shape, np.dtype(self.dtype).itemsize, self.what, self.budget)
+        self._layers.append(np.zeros(self.shape, self.dtype))
+
+    def paint(self, slice_: int, mask: NDArray[np.bool_], label: int, top: int = 0, left: int = 0) -> None:
+        """Give `label` to the pixels of `mask`, (rows, columns), in a slice, from a row and a column on."""
         rows = np.flatnonzero(mask.any(axis=1))
         if not rows.size:
             return
-        columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-        box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))  # few voxels are the mask's
-        window, mask = window[box], mask[box]
-        before = window[mask]
+        low, high = rows[0], rows[-1] + 1  # few voxels are the mask's
+        columns = np.flatnonzero(mask[low:high].any(axis=0))
+        first, last = columns[0], columns[-1] + 1
+        mask = mask[low:high, first:last]
+        window = np.s_[slice_, top + low : top + high, left + first : left + last]
         self.painted[label] = True
-        taken = before[(before != 0) & (before != label)]
-        if not taken.size:
-            window[mask] = label
-            return
-        stays = self.rank[before] > self.rank[label]
-        stays &= before != 0
-        self.lost[label] += int(stays.sum())
-        self.lost += np.bincount(taken[self.rank[taken] <= self.rank[label]], minlength=len(self.lost))
-        window[mask] = np.where(stays, before, label)
+        free = None
+        for layer in self._layers:
+            before = layer[window][mask]
+            others = before[(before != 0) & (before != label)]
+            if not others.size:
+                free = layer if free is None else free
+                continue
+            for other, count in enumerate(np.bincount(others).tolist()):
+                if count:
+                    pair = (min(label, other), max(label, other))
+                    self.overlaps[pair] = self.overlaps.get(pair, 0) + count
+        if free is None:
+            self._add_layer()
+            free = self._layers[-1]
+        free[window][mask] = label
 
-    def paint_labels(self, window: NDArray[Any], labels: NDArray[Any]) -> None:
-        """Put a slice of labels, of which none overlap, where `window` has none."""
+    def paint_labels(self, slice_: int, labels: NDArray[Any], top: int = 0, left: int = 0) -> None:
+        """Put labels, (rows, columns), of which none overlap, into a slice where it has none."""
+        rows, columns = labels.shape
+        window = self._layers[0][slice_, top : top + rows, left : left + columns]
         self.painted[np.unique(labels)] = True
         np.maximum(window, labels, out=window, casting="unsafe")
 
-    def overlap_note(self, unit: str, kept: str) -> list[str]:
-        """What overlapped: `unit` is such as 'segments', `kept` says which of two keeps a voxel."""
-        losers = np.flatnonzero(self.lost).tolist()
-        if not losers:
+    def layers(self) -> list[NDArray[Any]]:
+        """Return the layers, (slices, rows, columns) uint8 or uint16 each; the first has what overlaps nothing.
+
+        By their numbers, each label is in the first layer that has none which it overlaps.
+        """
+        if len(self._layers) == 1:
+            return self._layers
+        layer_of = np.zeros(len(self.painted), np.intp)
+        for label in sorted({label for pair in self.overlaps for label in pair}):
+            lower = {layer_of[first] for first, second in self.overlaps if second == label}
+            layer_of[label] = next(at for at in range(len(lower) + 1) if at not in lower)
+        count = int(layer_of.max()) + 1
+        labels = np.arange(len(self.painted)).astype(self.dtype)
+        own = [np.where(layer_of == at, labels, 0).astype(self.dtype) for at in range(count)]
+        while len(self._layers) < count:
+            self._add_layer()
+        for slice_ in range(self.shape[0]):
+            painted = [layer[slice_].copy() for layer in self._layers]
+            for layer, numbers in zip(self._layers, own, strict=False):
+                layer[slice_] = np.maximum.reduce([numbers[window] for window in painted])
+        del self._layers[count:]
+        return self._layers
+
+    def overlap_note(self, unit: str) -> list[str]:
+        """Return the note on what overlaps and by how much, the most first; `unit` is such as 'segments'."""
+        if not self.overlaps:
             return []
-        lost = [f"{self.name(label)} {self.lost[label]}" for label in losers]
-        return [f"{unit} overlap, and {kept} keeps the voxel: lost to others are {limited(lost, ' voxels')}"]
+        pairs = sorted(self.overlaps.items(), key=lambda item: (-item[1], item[0]))
+        shared = (f"{self.name(first)} and {self.name(second)} {count}" for (first, second), count in pairs)
+        return [f"{unit} overlap and each is kept whole; they share {limited(shared, ' voxels')}"]
 
     def empty_note(self, unit: str) -> list[str]:
         """Which labels have no voxel at all."""

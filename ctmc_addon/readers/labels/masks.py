@@ -21,7 +21,7 @@ from ..dicom.series import DicomSource, FolderContent
 from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
 from ..registry import MASK_SUFFIXES
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
@@ -48,8 +48,8 @@ class MaskFolder(VolumeSource):
         files = [file for source in self.masks.values() for file in source.files]
         super().__init__(path, (Series(1, "", first.slices, first.size, "", dtype),), files)
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """One label volume; the mask that comes later keeps a voxel that several have."""
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
+        """Return labels in layers, each mask whole."""
         names = dict(enumerate(self.masks, 1))
         if len(names) > MOST_LABELS:
             raise ReadError(f"the folder {self.path.name} has {len(names)} masks, and at most {MOST_LABELS} are read")
@@ -59,11 +59,11 @@ class MaskFolder(VolumeSource):
         notes: list[str] = []
         for label, (name, source) in enumerate(self.masks.items(), 1):
             raw = yield from stages.run(
-                f"Opening {name}", source.read_raw_steps(replace(options, series=None, whole=False))
+                f"Opening {name}", source.read_raw_steps(replace(request, series=None, whole=False))
             )
             reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
             if label_map is None:
-                label_map = LabelMap(reader.shape, names, {}, self.path.name, memory_limit=options.memory_limit)
+                label_map = LabelMap(reader.shape, names, {}, self.path.name, budget=request.budget)
                 affine, first_name, first_shape = raw.affine, name, reader.shape
             elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
                 raise other_grid(self.path, first_name, name)
@@ -76,9 +76,10 @@ class MaskFolder(VolumeSource):
                 ) from error
             notes += [note for note in raw.notes if note not in notes]
         assert label_map is not None, "there are masks"
-        notes += label_map.overlap_note("masks", "the one that comes later by name")
+        notes += label_map.overlap_note("masks")
         notes += label_map.empty_note("masks")
-        return RawValues(label_map.values, affine, tuple(notes), ValueKind.LABEL, label_map.names)
+        first, *further = label_map.layers()
+        return RawValues(first, affine, tuple(notes), ValueKind.LABEL, label_map.names, layers=tuple(further))
 
 
 def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
@@ -103,9 +104,9 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
             elif waiting:
                 if before != outside:
                     for number in range(waiting):
-                        label_map.paint(label_map.values[number], np.ones(plane.shape, bool), label)
+                        label_map.paint(number, np.ones(plane.shape, bool), label)
                 waiting = 0
-            label_map.paint(label_map.values[done], plane != outside, label)
+            label_map.paint(done, plane != outside, label)
             done += 1
         return False
 
@@ -160,7 +161,7 @@ def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
     dtype = source.series[0].dtype
     if dtype in ("uint8", "int8", "bool"):
         return True
-    raw = yield from source.read_raw_steps(ReadOptions(whole=False))
+    raw = yield from source.read_raw_steps(ReadRequest(whole=False))
     if raw.label_names:
         return False
     reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)

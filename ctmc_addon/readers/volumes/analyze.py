@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 from .nifti import NiftiFile, checked_dtype, checked_size, header_errors, scaling
@@ -42,7 +42,7 @@ class AnalyzeFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path, data_path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
         offset = float(self.header["vox_offset"])
         if not (math.isfinite(offset) and 0 <= offset <= MOST_OFFSET):
@@ -55,9 +55,9 @@ class AnalyzeFile(VolumeSource):
             f"front, slices towards the head{matrix}; flip x, y or z changes it"
         )
         stored = grid_slices(
-            self.data_path, int(offset), self.size[::-1], self.dtype, options.time, self.series[0].times
+            self.data_path, int(offset), self.size[::-1], self.dtype, request.time, self.series[0].times
         )
-        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name)
+        values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
         return RawValues(values, affine, (note,))
 
 

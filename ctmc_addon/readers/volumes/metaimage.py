@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..value_kind import require_text_memory
 from ..zlib_stream import ZlibFile
@@ -52,7 +52,7 @@ class MetaImageFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path, *self.data_files])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
         affine, notes = self.place
         columns, rows, slices = self.size
@@ -66,7 +66,7 @@ class MetaImageFile(VolumeSource):
             parts.append((yield from equal_part(part, number, len(files))))
         stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
         if times > 1:
-            stored = TimeSlices(stored, (options.time - 1) * slices, slices)
+            stored = TimeSlices(stored, (request.time - 1) * slices, slices)
         return RawValues(stored, affine, notes)
 
     def _stored_steps(self, file: Path, shape: tuple[int, int, int]) -> Steps[SliceReader]:

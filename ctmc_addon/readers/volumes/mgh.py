@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 
@@ -43,7 +43,7 @@ class MghFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
         line = self.series[0]
         with quiet():  # of numbers that overflow
@@ -56,7 +56,7 @@ class MghFile(VolumeSource):
                 "the file has no orientation: taken as FreeSurfer does, columns towards the patient's left, "
                 "rows towards the feet, slices towards the front; flip x, y or z changes it"
             )
-        values = grid_slices(self.path, HEADER, line.shape, self.dtype, options.time, line.times)
+        values = grid_slices(self.path, HEADER, line.shape, self.dtype, request.time, line.times)
         return RawValues(values, affine, tuple(notes))
         yield  # the values are read where they are wanted
 

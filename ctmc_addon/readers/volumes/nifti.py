@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ..labels.colors import RGB, rgb_of_shares
 from ..optional_imports import imported_steps, needed, quiet, reason
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
@@ -52,12 +52,12 @@ class NiftiFile(VolumeSource):
         files = [path] if data_path is None else [path, data_path]
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name, times),), files)
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         affine, notes = placed(self.header, self.path.name)
         start = int(self.header["vox_offset"])
-        stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, options.time, self.series[0].times)
-        values = yield from scaled_steps(stored, *self.scaling, options.whole, self.path.name, options.memory_limit)
+        stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
+        values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
         return RawValues(values, affine, notes, None, *label_table(self.extensions))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core import PAUSE, ReadError, Steps
 from ..optional_imports import quiet
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.
@@ -31,9 +31,9 @@ class NpyFile(VolumeSource):
         slices, rows, columns = self.shape
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values."""
-        del options
+        del request
         yield PAUSE
         if not self.fortran:
             return RawValues(RawSlices(self.path, self.start, self.shape, self.dtype), None)

@@ -22,7 +22,7 @@ from ...core import ReadError, Step, Steps, equal_part
 from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
-from ..result import RawValues, ReadOptions, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams import skip_steps, unpacked
 from ..value_kind import require_text_memory
@@ -80,7 +80,7 @@ class NrrdFile(VolumeSource):
         self.data_files = data_files(self.header, path, slices * self.times)
         super().__init__(path, (series,), [path, *self.data_files])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time, or all layers of a segmentation."""
         affine, notes = placed(self.header, self.kept_axes)
         if self.segments and self.times > 1:
@@ -88,8 +88,10 @@ class NrrdFile(VolumeSource):
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
             made = yield from layered_steps(layers, self.segments, self.path.name)
-            return RawValues(made.values, affine, (*notes, *made.notes), ValueKind.LABEL, made.names, made.colors)
-        values = yield from self._time_steps(options.time - 1)
+            first, *further = made.layers
+            said = (*notes, *made.notes)
+            return RawValues(first, affine, said, ValueKind.LABEL, made.names, made.colors, layers=tuple(further))
+        values = yield from self._time_steps(request.time - 1)
         segments = [segment for segment in self.segments if not segment.layer]
         names, colors = names_and_colors(segments, [segment.value for segment in segments])
         return RawValues(values, affine, notes, None, names, colors)

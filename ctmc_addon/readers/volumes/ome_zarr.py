@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Steps, require_memory
+from ...core import ReadError, Steps
 from ...core.volume import ValueKind
 from ..file_formats import natural_key
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..optional_imports import imported_steps
-from ..result import RawValues, ReadOptions, Series, VolumeSource, taken_as_axial
+from ..result import RawValues, ReadRequest, Series, VolumeSource, taken_as_axial
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"
@@ -95,28 +95,28 @@ class OmeZarr(VolumeSource):
         word = "" if series is None else str(series).strip()
         return next((line for line in self.series if word in ("", str(line.number))), None)
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one level, time and channel."""
-        channel = self.selected_series(options.series)
+        channel = self.selected_series(request.series)
         if channel is None:
             raise ReadError(
-                f"there is no series '{options.series}', as {self.path.name} has {len(self.series)} channels; "
+                f"there is no series '{request.series}', as {self.path.name} has {len(self.series)} channels; "
                 f"choose from 1 to {len(self.series)}"
             )
-        header = self.image.levels[options.level]
+        header = self.image.levels[request.level]
         at = {number: 0 for number in range(len(header.shape)) if number not in self.image.space}
-        for number, index in ((self.image.axis("time", "t"), options.time), (self._channel_axis, channel.number)):
+        for number, index in ((self.image.axis("time", "t"), request.time), (self._channel_axis, channel.number)):
             if number is not None and index > header.shape[number]:
                 raise ReadError(f"{header.name} has fewer times or channels than level 0; export it again")
             if number is not None:
                 at[number] = index - 1
         sides = " x ".join(str(header.chunks[axis]) for axis in reversed(self.image.space))
         what = f"reading one chunk of {header.name} ({sides})"
-        require_memory(header.chunk_bytes, what, "save it with smaller chunks", options.memory_limit)
+        request.budget.require(header.chunk_bytes, what, "save it with smaller chunks")
         reader = ZarrSlices(header, self.image.space, at)
-        affine, notes = self._placed(options.level)
+        affine, notes = self._placed(request.level)
         notes += missing_note(header, reader.array.fill_value)
-        if len(self.series) > 1 and not options.series:
+        if len(self.series) > 1 and not request.series:
             count = len(self.series)
             notes.append(f"{count} channels found: channel 1 was read; give its number as the series, 1 to {count}")
         names, colors = label_facts(self.image.labels or {})

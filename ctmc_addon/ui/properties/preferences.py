@@ -11,11 +11,18 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty
 
 from ...blender.surface import SCALE
 from ...core import Budget
+from ..state import change_events
 from ..translations import OURS, translate
 
 # As an extension this package lies in bl_ext.<repository>.ctmc, and that is what Blender calls the add-on.
 ADDON = __package__.rpartition(".ctmc_addon.")[0] or "ctmc_addon"
 GIB = 2**30
+
+
+def limits_changed(_preferences: bpy.types.AddonPreferences, _context: bpy.types.Context) -> None:
+    """Count again what was counted with other limits."""
+    for scene in bpy.data.scenes:
+        change_events.notify(scene.ctmc, "memory_gib")
 
 
 class CTMCPreferences(bpy.types.AddonPreferences):
@@ -52,6 +59,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
         min=0.0,
         max=1024.0,
         precision=1,
+        update=limits_changed,
     )
     show_mm: BoolProperty(
         name="Show Millimeters in New Files",

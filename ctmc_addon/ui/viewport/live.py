@@ -110,10 +110,10 @@ def tick() -> float | None:
 
 def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     """Follow with the preview; when nothing changes, count, then refine, a few steps at a time."""
-    if live.fields is None or live.fields.volume is not loaded.volume:
-        limits = machine()
+    budget = machine().budget
+    if live.fields is None or live.fields.volume is not loaded.volume or live.fields.budget != budget:
         preview.prepare(loaded)
-        live.fields = FieldCache(loaded.volume, limits.budget)
+        live.fields = FieldCache(loaded.volume, budget)
     if live.stale:
         live.stale = False
         preview.follow(scene)

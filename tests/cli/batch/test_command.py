@@ -206,13 +206,19 @@ def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done,
 
 
 @pytest.mark.usefixtures("scene")
-def test_several_labels_come_from_one_reading_and_fail_one_by_one(ctmc, phantom_folder, tmp_path):
-    words = ["-o", tmp_path, "--label", "1", "2", "9", "--close-border", "--output-format", "ply"]
-    outcome = ctmc("batch", phantom_folder, *words)
-    assert outcome.code == 1
-    assert outcome.errors == ["ctmc: 1 of 3 cases failed: volume-4-label-9"]
-    assert "label 9 is empty here; the labels are 1, 2" in outcome.out
+def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absent(ctmc, phantom_folder, tmp_path):
+    words = ["-o", tmp_path, "--label", "1", "2", "9", "--close-border", "--output-format", "ply", "--no-thumbnails"]
+    (tmp_path / "volume-4-label-9.ply").write_text("of an older run")
+    (tmp_path / "volume-4-label-9.json").write_text('{"files": ["volume-4-label-9.ply"]}')
+    outcome = ctmc("batch", phantom_folder, *words, "--overwrite")
+    assert outcome.code == 0
+    assert "absent  volume-4-label-9  label 9 is empty here; the labels are 1, 2" in outcome.out
+    assert "3 cases: 2 done, 1 absent; see summary.html" in outcome.out
+    again = ctmc("batch", phantom_folder, *words, "--resume", "--strict")
+    assert again.code == 1
+    assert again.errors == ["ctmc: 1 of 3 cases failed: volume-4-label-9"]
     liver, tumour, none = summary(tmp_path)
+    assert (none["status"], none["faces"]) == ("absent", None)
     assert [row["case"] for row in (liver, tumour, none)] == [f"volume-4-label-{label}" for label in (1, 2, 9)]
     assert liver["volume_mm3"] > tumour["volume_mm3"] > 0
     assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]

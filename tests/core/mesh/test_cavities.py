@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from meshes import cavity_owners, component_of_face
 
 from ctmc_addon.core import finish, marching_cubes
-from ctmc_addon.core.mesh.cavities import owners_steps
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 
 
@@ -16,11 +16,9 @@ def test_every_cavity_belongs_to_the_smallest_component_around_it(seed):
     values = np.pad(random.normal(size=(14, 15, 16)), 2, constant_values=-9)
     values[7:9] = -9
     mesh = marching_cubes(values, -1.5, normals=False)
-    component, volumes = (
-        mesh.component_of_face,
-        finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face)),
-    )
-    owner = finish(owners_steps(mesh, component, volumes))
+    component = component_of_face(mesh)
+    volumes = finish(component_volumes_steps(mesh.vertices, mesh.faces, component))
+    owner = cavity_owners(mesh, component, volumes)
     bodies, cavities = np.flatnonzero(volumes > 0), np.flatnonzero(volumes < 0)
     assert len(cavities) > 10
     assert len(bodies) > 1

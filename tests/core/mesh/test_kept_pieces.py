@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from meshes import cavity_owners, component_of_face
 from volumes import AFFINE, bytes_of, concatenated, in_file, items_of, outcome, waves
 
 from ctmc_addon.core import Budget, CtmcError, ReconstructionSettings, Volume, finish, reconstruct
@@ -13,7 +14,6 @@ from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.extraction import grid, scan
 from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.mesh import kept_pieces
-from ctmc_addon.core.mesh.cavities import owners_steps
 from ctmc_addon.core.mesh.kept_pieces import KeptPieces, keep_components_steps, kept_components
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.triangle_mesh import Surface
@@ -48,7 +48,7 @@ def cubes(*sides):
 
 
 def component_volumes(mesh):
-    return finish(component_volumes_steps(mesh.vertices, mesh.faces, mesh.component_of_face))
+    return finish(component_volumes_steps(mesh.vertices, mesh.faces, component_of_face(mesh)))
 
 
 def keep_components(surface, largest=0, min_volume=0.0):
@@ -160,9 +160,9 @@ def many_slabs(monkeypatch):
 def kept_at_once(surface, alpha, largest, min_volume):
     """The surface that is left, by the components, the volumes and the cavities of the whole mesh."""
     mesh = surface.at(alpha)
-    component = mesh.component_of_face
+    component = component_of_face(mesh)
     volumes = component_volumes(mesh)
-    owner = finish(owners_steps(mesh, component, volumes))
+    owner = cavity_owners(mesh, component, volumes)
     if not min_volume and largest >= len(volumes):
         return surface
     faces = surface.faces[kept_components(volumes, owner, largest, min_volume)[component]]
@@ -275,7 +275,7 @@ def test_of_equal_components_the_first_stay(many_slabs, monkeypatch, layers, kee
     volume, settings = Volume(values, np.eye(4)), ReconstructionSettings(threshold=0.5, keep_parts=keep)
     assert assert_same(monkeypatch, volume, settings, layers) == 8 * keep
     full, kept = reconstruct(volume, ReconstructionSettings(threshold=0.5)).mesh, reconstruct(volume, settings).mesh
-    first = full.faces[full.component_of_face < keep]
+    first = full.faces[component_of_face(full) < keep]
     assert np.array_equal(kept.vertices[kept.faces], full.vertices[first])
 
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from meshes import boundary_edges, component_of_face, non_manifold_edges
 
 from ctmc_addon.core import TriangleMesh
 
@@ -21,7 +22,7 @@ def test_a_tetrahedron_has_its_closed_form_measures():
     assert mesh.area == pytest.approx(1.5 + np.sqrt(3) / 2)
     assert mesh.volume == pytest.approx(1 / 6)
     assert (mesh.euler, mesh.components, mesh.closed) == (2, 1, True)
-    assert (len(mesh.boundary_edges), len(mesh.non_manifold_edges)) == (0, 0)
+    assert (len(boundary_edges(mesh)), len(non_manifold_edges(mesh))) == (0, 0)
 
 
 def test_turned_inside_out_the_volume_is_negative():
@@ -34,7 +35,7 @@ def test_a_missing_face_opens_three_edges():
     assert not mesh.closed
     assert np.isnan(mesh.volume)
     assert mesh.enclosed_volume is None
-    assert sorted(map(tuple, mesh.boundary_edges)) == [(1, 2), (1, 3), (2, 3)]
+    assert sorted(map(tuple, boundary_edges(mesh))) == [(1, 2), (1, 3), (2, 3)]
 
 
 def test_a_face_turned_over_is_not_closed():
@@ -46,7 +47,7 @@ def test_a_face_turned_over_is_not_closed():
 def test_three_triangles_at_an_edge_are_non_manifold():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], np.float32)
     faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]], np.int32)
-    assert TriangleMesh(vertices, faces).non_manifold_edges.tolist() == [[0, 1]]
+    assert non_manifold_edges(TriangleMesh(vertices, faces)).tolist() == [[0, 1]]
 
 
 def test_an_empty_mesh_measures_nothing():
@@ -59,4 +60,4 @@ def test_components_are_numbered_by_their_first_face():
     mesh = tetrahedra((0, 0, 0), (5, 0, 0), (9, 0, 0))
     shuffled = TriangleMesh(mesh.vertices, mesh.faces[[8, 0, 4, 9, 1, 5, 2, 3, 6, 7, 10, 11]])
     assert shuffled.components == 3
-    assert shuffled.component_of_face.tolist() == [0, 1, 2, 0, 1, 2, 1, 1, 2, 2, 0, 0]
+    assert component_of_face(shuffled).tolist() == [0, 1, 2, 0, 1, 2, 1, 1, 2, 2, 0, 0]

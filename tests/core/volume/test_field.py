@@ -3,12 +3,11 @@
 
 import numpy as np
 import pytest
-from volumes import in_file
+from volumes import gaussian_smoothed, in_file
 
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, marching_cubes, reconstruct
 from ctmc_addon.core.errors import VolumeError
 from ctmc_addon.core.volume.field import field_steps, held_steps
-from ctmc_addon.core.volume.smoothing.gaussian import gaussian_smooth_steps
 
 
 def ball(size=(40, 36, 30), radius=9.0, spacing=(1.0, 1.0, 1.0), where=0.5):
@@ -51,7 +50,7 @@ def test_a_smoothed_label_is_the_same_in_its_box_as_in_the_whole_volume():
     labels[:3, :3, :3] = 1
     settings = ReconstructionSettings(label=2, smoothing_mm=1.2, stride=(3, 2, 1), alpha=0.7)
     result = reconstruct(Volume(labels, np.eye(4), kind="label"), settings)
-    whole = finish(gaussian_smooth_steps(labels == 2, (1.0, 1.0, 1.0), 1.2))
+    whole = gaussian_smoothed(labels == 2, (1.0, 1.0, 1.0), 1.2)
     expected = marching_cubes(whole, 0.5, (3, 2, 1), 0.7)
     order, peer = np.lexsort(result.mesh.vertices.T), np.lexsort(expected.vertices.T)
     np.testing.assert_allclose(result.mesh.vertices[order], expected.vertices[peer], atol=1e-4)
@@ -139,7 +138,7 @@ def test_samples_on_the_wrong_side_are_counted_once_however_they_come():
     mask = np.where(ball() > 0, 2, 0).astype(np.uint8)
     mask[4:9, 4:9, 4:9] = 2  # a small cube, whose corners a Gaussian rounds off
     settings = ReconstructionSettings(label=2, smoothing="gaussian", smoothing_mm=1.2)
-    smooth = finish(gaussian_smooth_steps(mask == 2, (1.0, 1.0, 1.0), 1.2))
+    smooth = gaussian_smoothed(mask == 2, (1.0, 1.0, 1.0), 1.2)
     expected = int(((smooth >= 0.5) != (mask == 2)).sum())
     assert expected > 0
     for step in (1, 4, 100):

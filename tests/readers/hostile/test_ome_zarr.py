@@ -16,7 +16,7 @@ pytest.importorskip("zarr")
 
 from zarr_stores import multiscales, save_by_hand, save_store
 
-from ctmc_addon.core import CtmcError, MemoryLimitError, finish
+from ctmc_addon.core import Budget, CtmcError, MemoryLimitError, finish
 from ctmc_addon.readers import open_volume, read_volume
 
 VALUES = np.random.default_rng(1).integers(500, 9000, (9, 10, 11)).astype("u2")
@@ -134,7 +134,7 @@ def test_chunks_that_do_not_fit_are_refused_before_they_are_read(store):
     )
     small = save_by_hand(store.parent / "small.ome.zarr", VALUES, CHUNKS)
     with pytest.raises(MemoryLimitError, match=r"reading one chunk of level 0 of small.ome.zarr"):
-        finish(open_volume(small).read_steps(memory_limit=200))
+        finish(open_volume(small).read_steps(budget=Budget(bytes=200)))
 
 
 @pytest.mark.parametrize(

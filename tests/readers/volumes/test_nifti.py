@@ -271,7 +271,7 @@ def test_scaled_values_ask_for_the_memory_that_they_take(tmp_path, monkeypatch, 
     saved(path, np.arange(100, 220).reshape(4, 5, 6).astype(dtype))
     _raw_scale(path, slope, 100 * slope)
     asked = []
-    monkeypatch.setattr("ctmc_addon.readers.value_kind.require_memory", lambda size, *_: asked.append(size / 120))
+    monkeypatch.setattr("ctmc_addon.core.Budget.require", lambda _, size, *__: asked.append(size / 120))
     values = read_volume(path).values
     assert asked == bytes_asked
     np.testing.assert_array_equal(values.T, np.arange(100, 220).reshape(4, 5, 6) * slope + 100 * slope)

@@ -164,6 +164,18 @@ def test_what_does_not_fit_cannot_be_started(loaded, rested, monkeypatch):
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
 
 
+def test_a_limit_that_is_lifted_in_the_preferences_refuses_no_longer(loaded, rested, monkeypatch):
+    loaded.ctmc.threshold = 100.0
+    with monkeypatch.context() as limited:
+        limited.setattr(live, "machine", lambda: preferences.Machine(budget=Budget(bytes=100_000)))
+        rested()
+        assert not bpy.ops.ctmc.reconstruct.poll()
+    preferences.limits_changed(None, bpy.context)  # as Blender calls it when the limit gets a value
+    rested()
+    assert session.of(loaded).cost.refusal == ""
+    assert bpy.ops.ctmc.reconstruct.poll()
+
+
 def test_too_little_memory_is_said_and_the_next_change_is_followed(loaded, rested, monkeypatch):
     def no_memory_steps(*_):
         raise MemoryError

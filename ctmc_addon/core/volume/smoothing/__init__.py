@@ -7,7 +7,7 @@ order), `smooth_field` (what comes out).
 """
 
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
-from .gaussian import REACH, gaussian_smooth_steps, smoothed_middle, smoothed_plane, weights
+from .gaussian import REACH, smoothed_middle, smoothed_plane, weights
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
 from .smooth_field import SmoothField, refined_affine
 
@@ -20,7 +20,6 @@ __all__ = [
     "automatic_refinement",
     "constrained_bytes",
     "constrained_steps",
-    "gaussian_smooth_steps",
     "reach_of",
     "refined_affine",
     "smoothed_middle",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smooth a volume by a Gaussian in millimeters, slab by slab, before extraction.
+"""Weights and sums of a Gaussian in millimeters, for the values that `GaussianValues` smooths slab by slab.
 
 Values are (slices, rows, columns); sigma is given in mm and differs along the axes in voxels. Only
 products and sums in a fixed order, so every machine and any number of threads give the same bits.
@@ -14,55 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parallel import map_steps, worker_count
-from ...progress import Stages, Steps
-
 REACH = 4.0  # standard deviations after which the Gaussian is cut off
-BLOCK_BYTES = 2**21  # of a buffer, so that it stays in the cache
-BATCHES = 64  # a step each
-
-
-def gaussian_smooth_steps(
-    values: NDArray[Any], spacing: tuple[float, float, float], sigma_mm: float, threads: int | None = None
-) -> Steps[NDArray[np.float32]]:
-    """Smooth by a Gaussian of standard deviation `sigma_mm`, the border repeated outwards.
-
-    Parameters
-    ----------
-    values : (slices, rows, columns) numbers or bool
-        Finite; read once, never changed.
-    spacing : (x, y, z) float, millimeters
-        For an oblique or sheared affine the lengths of its columns.
-    sigma_mm : float
-        0 gives the values themselves as float32.
-    threads : int, optional
-        By default as many as there are processors, at most 8.
-
-    Returns
-    -------
-    (slices, rows, columns) float32
-        Needs no more memory than itself and a few MB a thread.
-    """
-    smoothed = np.empty(values.shape, np.float32)
-    slices, rows, columns = values.shape
-    along_x, along_y, along_z = (weights(sigma_mm / gap) for gap in spacing)
-    workers = worker_count(threads)
-
-    def in_plane(k: int) -> None:
-        smoothed[k] = smoothed_plane(values[k], along_x, along_y)
-
-    deep = max(1, min(rows, BLOCK_BYTES // (4 * columns * (slices + 2 * len(along_z)))))
-
-    def through(row: int) -> None:
-        block = smoothed[:, row : row + deep]
-        block[...] = convolved(block, along_z, 0)
-
-    stages = Stages({"Smoothing slices": 2} | ({"Smoothing across slices": 1} if len(along_z) > 1 else {}))
-    yield from stages.run("Smoothing slices", map_steps(in_plane, range(slices), workers, batches=BATCHES))
-    if len(along_z) > 1:
-        across = map_steps(through, range(0, rows, deep), workers, batches=BATCHES)
-        yield from stages.run("Smoothing across slices", across)
-    return smoothed
 
 
 def smoothed_plane(plane: NDArray[Any], along_x: list[np.float32], along_y: list[np.float32]) -> NDArray[np.float32]:

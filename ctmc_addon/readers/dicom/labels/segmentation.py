@@ -17,7 +17,7 @@ from ....core import ReadError, Stages, Step, Steps
 from ....core.volume import ValueKind
 from ...labels.label_map import LabelMap
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadOptions, Series, VolumeSource
+from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from ..pixels import check_codec
 from ..stored import StoredPixels
@@ -64,10 +64,10 @@ class SegmentationSource(VolumeSource):
             raise ReadError(f"the frames of {image.path.name} do not lie on one grid; export it again")
         return grid, places, [*notes, *own]
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Put every frame in its place; the label of the higher number keeps a voxel that several have."""
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
+        """Put every frame in its position; segments that overlap lie in different layers."""
         header = self.header
-        grid, places, notes = self._grid(options.strict)
+        grid, places, notes = self._grid(request.strict)
         check_single(places, header.frames.segments, self.path.name)
         plain = plain_frames(header.image)
         if plain is None:
@@ -75,11 +75,8 @@ class SegmentationSource(VolumeSource):
         highest = 0
         if header.kind == "LABELMAP":
             highest = 2 ** header.image.pixels.options["bits_allocated"] - 1
-        label_map = LabelMap(
-            grid.shape, header.names, header.colors, self.path.name, highest, memory_limit=options.memory_limit
-        )
+        label_map = LabelMap(grid.shape, header.names, header.colors, self.path.name, highest, budget=request.budget)
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
-        size = (header.image.rows, header.image.columns)
         slices = [Slice(header.image, number) for number in range(len(places))]
         with StoredPixels(slices) as decoded:
             for number in range(len(places)):
@@ -88,13 +85,13 @@ class SegmentationSource(VolumeSource):
                 stored = next(plain) if plain else (yield from decoded.slice_steps(number, step))
                 at, row, column = places[number].tolist()
                 for slice_number in volume_slices[at].tolist():
-                    window = label_map.values[slice_number, row : row + size[0], column : column + size[1]]
-                    paint(label_map, window, stored, header, int(header.frames.segments[number]))
-        notes += label_map.overlap_note("segments", "the one with the higher number")
+                    segment = int(header.frames.segments[number])
+                    paint(label_map, (slice_number, row, column), stored, header, segment)
+        notes += label_map.overlap_note("segments")
         notes += label_map.empty_note("segments") + label_map.undescribed_note()
-        return RawValues(
-            label_map.values, grid.affine, tuple(notes), ValueKind.LABEL, label_map.names, label_map.colors
-        )
+        names, colors = label_map.names, label_map.colors
+        first, *further = label_map.layers()
+        return RawValues(first, grid.affine, tuple(notes), ValueKind.LABEL, names, colors, layers=tuple(further))
 
 
 def open_steps(path: Path) -> Steps[SegmentationSource]:
@@ -106,13 +103,15 @@ def open_steps(path: Path) -> Steps[SegmentationSource]:
     return SegmentationSource(path, header, slices)
 
 
-def paint(label_map: LabelMap, window: NDArray[Any], stored: NDArray[Any], header: Header, segment: int) -> None:
-    """Write the label of one frame into its window of the label map."""
+def paint(label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], header: Header, segment: int) -> None:
+    """Write the label of one frame into the label map, from a slice, row and column on."""
+    slice_, top, left = at
     if header.kind == "LABELMAP":
-        label_map.paint_labels(window, np.where(stored == header.padding, 0, stored) if header.padding else stored)
+        labels = np.where(stored == header.padding, 0, stored) if header.padding else stored
+        label_map.paint_labels(slice_, labels, top, left)
     else:
         inside = stored >= header.half if header.kind == "FRACTIONAL" else stored != 0
-        label_map.paint(window, inside, segment)
+        label_map.paint(slice_, inside, segment, top, left)
 
 
 def check_single(places: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:

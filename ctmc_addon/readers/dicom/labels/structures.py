@@ -21,7 +21,7 @@ from ...labels.colors import RGB, rgb_of_bytes
 from ...labels.contours import Edges, edges_of, filled_steps
 from ...labels.label_map import LabelMap, clean_name
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadOptions, Series, VolumeSource
+from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from .elements import PLACE, VALUE, Damaged, Elements, Found, Place
 from .label_file import decimals, opened, reference_of, texts, uid, whole
@@ -81,23 +81,22 @@ class StructureSource(VolumeSource):
         dtype = "uint8" if len(header.regions) < 256 else "uint16"
         super().__init__(path, (Series(1, header.series, count, (columns, rows), "RTSTRUCT", dtype),), [path])
 
-    def read_raw_steps(self, options: ReadOptions) -> Steps[RawValues]:
-        """Fill every region; the smaller keeps a voxel that several have."""
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
+        """Fill every region; those that overlap lie in different layers."""
         stages = Stages({"Reading contours": 1, "Filling contours": 2})
-        grid, notes = grid_of(self.slices, self.path, options.strict)
+        grid, notes = grid_of(self.slices, self.path, request.strict)
         regions, left_out = yield from stages.run("Reading contours", planes_steps(self.path, self.header, grid))
         numbered = list(enumerate(self.header.regions, 1))
-        ranks = {label: -area(planes) for (label, _), planes in zip(numbered, regions, strict=True)}
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
-        label_map = LabelMap(grid.shape, names, colors, self.path.name, 0, ranks, memory_limit=options.memory_limit)
+        label_map = LabelMap(grid.shape, names, colors, self.path.name, budget=request.budget)
         notes += yield from stages.run("Filling contours", fill_steps(label_map, regions, grid, self.path.name))
         notes += [f"{text}: {count} left out" for text, count in sorted(left_out.items())]
-        notes += label_map.overlap_note("regions", "the one with the smaller area of contours")
+        notes += label_map.overlap_note("regions")
         notes += label_map.empty_note("regions")
-        return RawValues(
-            label_map.values, grid.affine, tuple(notes), ValueKind.LABEL, label_map.names, label_map.colors
-        )
+        names, colors = label_map.names, label_map.colors
+        first, *further = label_map.layers()
+        return RawValues(first, grid.affine, tuple(notes), ValueKind.LABEL, names, colors, layers=tuple(further))
 
 
 def open_steps(path: Path) -> Steps[StructureSource]:
@@ -208,16 +207,6 @@ def without_copies(contours: list[NDArray[np.float64]], left_out: Counter[str]) 
     return list(single.values())
 
 
-def area(planes: Planes) -> float:
-    """Sum of the areas of all contours, pixels."""
-    total = 0.0
-    for contours in planes.values():
-        for corners in contours:
-            x, y = (corners - corners[0]).T
-            total += abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
-    return total
-
-
 def fill_steps(label_map: LabelMap, regions: list[Planes], grid: SliceGrid, name: str) -> Steps[list[str]]:
     """Paint every region; the notes about slices between contours."""
     volume_slices = [np.flatnonzero(grid.source == scanned).tolist() for scanned in range(len(grid.positions))]
@@ -236,8 +225,7 @@ def fill_steps(label_map: LabelMap, regions: list[Planes], grid: SliceGrid, name
                 )
             top, left, mask = yield from filled_steps(edges, grid.shape[2])
             for number in (number for one in scanned for number in volume_slices[one]):
-                window = label_map.values[number, top : top + mask.shape[0], left : left + mask.shape[1]]
-                label_map.paint(window, mask, label)
+                label_map.paint(number, mask, label, top, left)
             done += 1
             yield Step(done / total, "Filling contours")
     if not thick:

@@ -64,16 +64,16 @@ def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tupl
 
 
 class Layered(NamedTuple):
-    """One label volume of several layers."""
+    """Labels in layers, as few as keep every segment whole."""
 
-    values: NDArray[Any]
+    layers: list[NDArray[Any]]
     names: dict[int, str]
     colors: dict[int, RGB]
     notes: tuple[str, ...]
 
 
 def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[Layered]:
-    """One label volume (slices, rows, columns) of segments in layers; where they overlap the later one keeps the voxel.
+    """Return the segments of a file's layers as labels, in layers (slices, rows, columns) of which none overlap.
 
     Labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
     """
@@ -84,18 +84,17 @@ def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], na
     shared = len(set(values)) < len(values) or 0 in values
     labels = list(range(1, len(values) + 1)) if shared else values
     names, colors = names_and_colors(segments, labels)
-    ranks = {label: float(rank) for rank, label in enumerate(labels, 1)}
-    label_map = LabelMap(layers[0].shape, names, colors, name, 0, ranks)
+    label_map = LabelMap(layers[0].shape, names, colors, name)
     slices, rows, columns = layers[0].everything
     for number in slices:
         yield Step(number / len(slices), "Painting segments")
-        window = label_map.values[number]
         for layer, reader in enumerate(layers):
             own = [at for at, segment in enumerate(segments) if segment.layer == layer]
-            stored = reader.read(range(number, number + 1), rows, columns)[0] if own else window
+            if own:
+                stored = reader.read(range(number, number + 1), rows, columns)[0]
             for at in own:
-                label_map.paint(window, stored == values[at], labels[at])
-    notes = label_map.overlap_note("segments", "the later one") + label_map.empty_note("segments")
+                label_map.paint(number, stored == values[at], labels[at])
+    notes = label_map.overlap_note("segments") + label_map.empty_note("segments")
     if shared:
         notes.append("segments of different layers share a value: they are numbered anew, in their order")
-    return Layered(label_map.values, names, colors, tuple(notes))
+    return Layered(label_map.layers(), names, colors, tuple(notes))

@@ -119,10 +119,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         budget = machine().budget
         file, stride = None, (1, 1, 1)
         if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
-            work = source.read_steps(reading, threads=budget.threads, memory_limit=budget.bytes)
+            work = source.read_steps(reading, budget=budget)
             volume = yield from stages.run(values, work)
         else:
-            file = yield from stages.run(values, source.slabs_steps(reading, threads=budget.threads))
+            file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
             stride = shown_stride(file, budget)
             volume = yield from stages.run(values, file.in_memory_steps(stride))
         if reading.series and selected is not None:  # its number is stored, as a UID must not be

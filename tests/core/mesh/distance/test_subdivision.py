@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import numpy as np
 import pytest
+from meshes import edges
 
 from ctmc_addon.core import TriangleMesh, finish, marching_cubes
 from ctmc_addon.core.mesh.distance.subdivision import cut_in_four_steps, mean_longest_edge_steps, subdivided_steps
@@ -15,7 +16,7 @@ def test_cutting_keeps_the_surface():
     mesh = marching_cubes(8 - np.sqrt(((np.indices((20, 20, 20)) - 9.5) ** 2).sum(axis=0)), 0.0)
     cut = finish(cut_in_four_steps(mesh))
     assert len(cut.faces) == 4 * len(mesh.faces)
-    assert len(cut.vertices) == len(mesh.vertices) + len(mesh.edges[0])
+    assert len(cut.vertices) == len(mesh.vertices) + len(edges(mesh)[0])
     assert cut.closed
     assert cut.volume == pytest.approx(mesh.volume, rel=1e-5)
     assert cut.area == pytest.approx(mesh.area, rel=1e-5)

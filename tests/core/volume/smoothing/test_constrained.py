@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meshes import boundary_edges
 
 from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.errors import LabelError, SettingsError
@@ -157,7 +158,7 @@ def test_a_body_cut_by_the_border_stays_open_there_or_is_closed_as_asked(axis, s
     assert not opened.closed
     assert closed.closed
     assert closed.euler == 2
-    assert (opened.vertices[np.unique(opened.boundary_edges), 2 - axis] == 0).all()
+    assert (opened.vertices[np.unique(boundary_edges(opened)), 2 - axis] == 0).all()
     assert field.volume_mm3 == pytest.approx(field.label_mm3, rel=5e-3)
 
 

@@ -4,12 +4,17 @@ import math
 import numpy as np
 import pytest
 
-from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing.gaussian import gaussian_smooth_steps, weights
+from ctmc_addon.core import Budget, finish
+from ctmc_addon.core.volume.field_values import GaussianValues, HeldValues
+from ctmc_addon.core.volume.smoothing.gaussian import weights
 
 
-def soften(values, spacing, smoothing_mm, threads=1):
-    return finish(gaussian_smooth_steps(values, spacing, smoothing_mm, threads))
+def gaussian_smoothed(values, spacing, sigma_mm, threads=1):
+    """All slices, a few at a time."""
+    held = HeldValues(values)
+    smooth = GaussianValues(held, spacing, sigma_mm, None, 0.5, Budget(threads))
+    starts = range(0, len(values), 4)
+    return np.concatenate([finish(smooth.slices_steps(range(at, min(at + 4, len(values))))) for at in starts])
 
 
 def direct(values, spacing, smoothing_mm):
@@ -33,7 +38,7 @@ def direct(values, spacing, smoothing_mm):
 )
 def test_softening_equals_the_direct_sums(dtype, spacing, smoothing_mm):
     values = (np.random.default_rng(1).random((9, 14, 23)) * 200).astype(np.uint8).astype(dtype)
-    softened = soften(values, spacing, smoothing_mm)
+    softened = gaussian_smoothed(values, spacing, smoothing_mm)
     assert softened.dtype == np.float32
     np.testing.assert_allclose(softened, direct(values, spacing, smoothing_mm), atol=2e-4)
 
@@ -42,33 +47,33 @@ def test_softening_equals_scipy():
     ndimage = pytest.importorskip("scipy.ndimage", reason="SciPy is not installed")
     values = np.random.default_rng(2).random((20, 40, 30), np.float32)
     expected = ndimage.gaussian_filter(values.astype(np.float64), (0.5, 2.0, 4.0), mode="nearest", truncate=4.0)
-    np.testing.assert_allclose(soften(values, (0.5, 1.0, 4.0), 2.0), expected, atol=1e-6)
+    np.testing.assert_allclose(gaussian_smoothed(values, (0.5, 1.0, 4.0), 2.0), expected, atol=1e-6)
 
 
 def test_a_constant_stays_and_a_label_keeps_its_mass():
-    assert np.abs(soften(np.full((5, 9, 9), 100, np.int16), (1.0, 1.0, 1.0), 3.0) - 100).max() < 1e-4
+    assert np.abs(gaussian_smoothed(np.full((5, 9, 9), 100, np.int16), (1.0, 1.0, 1.0), 3.0) - 100).max() < 1e-4
     label = np.zeros((40, 40, 40), np.uint8)
     label[18:22, 15:25, 17:20] = 1
-    assert soften(label, (1.0, 1.0, 2.0), 2.0).sum(dtype=np.float64) == pytest.approx(120, rel=1e-5)
+    assert gaussian_smoothed(label, (1.0, 1.0, 2.0), 2.0).sum(dtype=np.float64) == pytest.approx(120, rel=1e-5)
 
 
 def test_no_softening_gives_the_values_themselves():
     values = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
-    assert (soften(values, (1.0, 1.0, 1.0), 0.0) == values).all()
+    assert (gaussian_smoothed(values, (1.0, 1.0, 1.0), 0.0) == values).all()
 
 
 def test_threads_and_memory_layout_do_not_change_a_bit():
     values = np.random.default_rng(3).random((31, 37, 29), np.float32)
-    one = soften(values, (0.8, 0.9, 2.0), 1.7)
+    one = gaussian_smoothed(values, (0.8, 0.9, 2.0), 1.7)
     for threads in (2, 7):
-        assert soften(values, (0.8, 0.9, 2.0), 1.7, threads).tobytes() == one.tobytes()
-    assert soften(np.asfortranarray(values), (0.8, 0.9, 2.0), 1.7, 2).tobytes() == one.tobytes()
+        assert gaussian_smoothed(values, (0.8, 0.9, 2.0), 1.7, threads).tobytes() == one.tobytes()
+    assert gaussian_smoothed(np.asfortranarray(values), (0.8, 0.9, 2.0), 1.7, 2).tobytes() == one.tobytes()
 
 
 def test_a_mirrored_volume_softens_to_the_mirror_image():
     values = np.random.default_rng(4).random((9, 11, 13), np.float32)
-    flipped = soften(values[::-1, ::-1, ::-1], (1.0, 1.0, 1.0), 1.5)
-    assert (flipped[::-1, ::-1, ::-1] == soften(values, (1.0, 1.0, 1.0), 1.5)).all()
+    flipped = gaussian_smoothed(values[::-1, ::-1, ::-1], (1.0, 1.0, 1.0), 1.5)
+    assert (flipped[::-1, ::-1, ::-1] == gaussian_smoothed(values, (1.0, 1.0, 1.0), 1.5)).all()
 
 
 def test_weights_add_up_to_one_and_reach_four_sigma():
@@ -77,10 +82,3 @@ def test_weights_add_up_to_one_and_reach_four_sigma():
         assert len(taps) == int(4 * sigma + 0.5) + 1
         assert float(taps[0]) + 2 * sum(map(float, taps[1:])) == pytest.approx(1, abs=1e-7)
     assert weights(0.1) == [1.0]
-
-
-def test_softening_can_be_stopped_at_any_step():
-    steps = gaussian_smooth_steps(np.zeros((64, 8, 8), np.uint8), (1.0, 1.0, 1.0), 2.0, 2)
-    fractions = [next(steps).fraction for _ in range(3)]
-    assert fractions == sorted(fractions)
-    steps.close()

@@ -89,3 +89,18 @@ def test_an_update_leaves_the_alpha_key_where_a_hand_has_put_it(loaded):
     loaded.ctmc.threshold = 120.0
     bpy.ops.ctmc.reconstruct()
     assert active().data.shape_keys.key_blocks["alpha"].value == pytest.approx(0.2)
+
+
+def test_a_surface_linked_from_a_file_is_exported_beside_an_object_of_its_name(loaded, tmp_path):
+    bpy.ops.ctmc.reconstruct()
+    name, faces = active().name, len(active().data.polygons)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    scene = bpy.context.scene
+    scene.collection.objects.link(bpy.data.objects.new(name, bpy.data.meshes.new(name)))
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, linked):
+        linked.objects = [name]
+    scene.collection.objects.link(linked.objects[0])
+    bpy.context.view_layer.objects.active = linked.objects[0]
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "linked.stl")) == {"FINISHED"}
+    assert (tmp_path / "linked.stl").stat().st_size == 84 + 50 * faces
