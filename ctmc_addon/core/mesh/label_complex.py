@@ -7,47 +7,60 @@ A label's own surface is every triangle that borders it, turned outward. Neighbo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .face_normals import face_vectors
 from .triangle_mesh import Surface, TriangleMesh, blend
+
+FACES_AT_ONCE = 1 << 16
+
+
+class Interface(NamedTuple):
+    """Where two labels meet.
+
+    Parameters
+    ----------
+    behind, front : int
+        The labels; 0 is what has no label.
+    triangles : int
+    area : float
+        In the square of the vertices' unit.
+    """
+
+    behind: int
+    front: int
+    triangles: int
+    area: float
 
 
 class Neighbor(NamedTuple):
-    """What a label's surface borders on: another label, or 0 for what has no label."""
+    """What a label's surface borders on: a label, or 0 for what has none; the area in mm2."""
 
     label: int
     triangles: int
     area_mm2: float
 
 
-def neighbors_of(mesh: TriangleMesh, beyond: NDArray[np.int32]) -> tuple[Neighbor, ...]:
-    """Return how much of a label's surface borders on each other label, 0 left out, in the order of their numbers.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        In mm.
-    beyond : (F,) int32
-        The label in front of each triangle.
+def neighbors_of(label: int, interfaces: Iterable[Interface]) -> tuple[Neighbor, ...]:
+    """Return the labels that a label borders on, in the order of their numbers; what has no label is left out.
 
     Examples
     --------
-    >>> corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0]], np.float32)
-    >>> square = TriangleMesh(corners, np.array([[0, 1, 2], [1, 3, 2]], np.int32))
-    >>> neighbors_of(square, np.array([0, 7], np.int32))
-    (Neighbor(label=7, triangles=1, area_mm2=2.0),)
+    >>> neighbors_of(2, [Interface(1, 0, 4, 8.0), Interface(2, 0, 9, 7.0), Interface(2, 1, 5, 3.5)])
+    (Neighbor(label=1, triangles=5, area_mm2=3.5),)
     """
-    shared = np.flatnonzero(beyond)
-    vectors = face_vectors(mesh.vertices, mesh.faces[shared])
-    areas = np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2) / 2
-    labels, at, counts = np.unique(beyond[shared], return_inverse=True, return_counts=True)
-    sums = np.bincount(at.ravel(), areas, len(labels))
-    return tuple(Neighbor(*row) for row in zip(labels.tolist(), counts.tolist(), sums.tolist(), strict=True))
+    both = ((each, other) for each in interfaces for other in (each.behind, each.front))
+    return tuple(
+        sorted(
+            Neighbor(other, each.triangles, each.area)
+            for each, other in both
+            if other not in (0, label) and label in (each.behind, each.front)
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +85,26 @@ class ComplexMesh:
     def labels(self) -> tuple[int, ...]:
         """Every label that has a triangle, rising, without 0."""
         return tuple(int(label) for label in np.unique(self.sides) if label)
+
+    @property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """Every pair of labels that have triangles between them, rising, behind before front."""
+        labels, number = np.unique(self.sides, return_inverse=True)
+        number = number.reshape(-1, 2)
+        keys = number[:, 0] * len(labels) + number[:, 1]
+        counts = np.bincount(keys, minlength=len(labels) ** 2)
+        double = np.zeros(len(self.faces))
+        for start in range(0, len(self.faces), FACES_AT_ONCE):
+            corners = self.vertices[self.faces[start : start + FACES_AT_ONCE]].astype(np.float64)  # (f, 3, 3)
+            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            double[start : start + FACES_AT_ONCE] = np.sqrt((cross**2).sum(axis=1))
+        areas = np.bincount(keys, double, len(labels) ** 2) / 2
+        return tuple(
+            Interface(
+                int(labels[key // len(labels)]), int(labels[key % len(labels)]), int(counts[key]), float(areas[key])
+            )
+            for key in np.flatnonzero(counts).tolist()
+        )
 
     def of_label(self, label: int) -> tuple[TriangleMesh, NDArray[np.int32]]:
         """Return a label's closed surface, turned outward, and the label in front of each triangle, (f,) int32."""
