@@ -288,9 +288,7 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
     return cuts.select(whole), corner_faces[right[::3]][whole]
 
 
-def _handles_steps(
-    cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, parting: Flags | None
-) -> Steps[Flags]:
+def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, parting: Flags | None) -> Steps[Flags]:
     """Which loops, (n,) bool, can be cut together and leave every component in one piece; the shortest come first."""
     count = len(cuts.loops)
     cut = faces.copy()
