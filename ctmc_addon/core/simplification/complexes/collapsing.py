@@ -12,7 +12,7 @@ from ...progress import Steps
 from ..collapses import Collapses
 from ..edge_collapse import CollapsingMesh
 from ..handles import Cuts, handle_cuts_steps
-from .junctions import CORNER, INTERIOR, Junctions, junctions_steps, violates_link_condition_steps
+from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares
 
 Ints = NDArray[np.int32]
@@ -36,10 +36,7 @@ class CollapsingComplex(CollapsingMesh):
         faces[turned] = faces[turned][:, ::-1]
         super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), max_error, safety_factor)
         self.turned = turned
-        keys = (np.maximum(behind, front).astype(np.int64) << 32) | np.minimum(behind, front)
-        pairs, interface = np.unique(keys, return_inverse=True)
-        self.labels = np.stack([pairs >> 32, pairs & 0xFFFFFFFF]).astype(np.int32)
-        self.interface = interface.reshape(-1).astype(np.int32)
+        self.labels, self.interface = interfaces_of(mesh.sides)
         self.shares = Shares(self.labels, self.interface)
         self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
 

@@ -51,6 +51,26 @@ class Junctions:
     border: Ints
 
 
+def interfaces_of(sides: Ints) -> tuple[Ints, Ints]:
+    """Number the interfaces of a complex.
+
+    Parameters
+    ----------
+    sides : (F, 2) int32
+        As in `ComplexMesh`.
+
+    Returns
+    -------
+    labels : (2, interfaces) int32
+        The larger label of each interface, and the other.
+    interface : (F,) int32
+        Number of the interface that each triangle is in.
+    """
+    keys = (np.maximum(*sides.T).astype(np.int64) << 32) | np.minimum(*sides.T)
+    pairs, interface = np.unique(keys, return_inverse=True)
+    return np.stack([pairs >> 32, pairs & 0xFFFFFFFF]).astype(np.int32), interface.reshape(-1).astype(np.int32)
+
+
 def junctions_steps(
     faces: Ints, edges: Ints, face_edges: Ints, interface: Ints, labels: Ints, vertex_count: int
 ) -> Steps[Junctions]:
@@ -127,6 +147,12 @@ def violates_link_condition_steps(
     slot = np.argmax(np.take(moves, np.take(faces, number, axis=1)), axis=0)
     opposite = face_edges[(slot + 1) % 3, number]
     yield PAUSE
-    keys = np.sort(collapses.owner[left].astype(np.int64) * len(junctions.edges) + opposite)
+    owner, here = collapses.owner[left], np.arange(len(left))
+    last = np.empty(len(junctions.edges), np.int64)
+    last[opposite] = here
+    twice = np.take(last, opposite)  # beside an edge of one interface there are no more than two
+    refused[owner[(twice != here) & (owner[twice] == owner)]] = True
+    at = np.flatnonzero(junctions.edges[opposite])
+    keys = np.sort(owner[at].astype(np.int64) * len(junctions.edges) + opposite[at])
     refused[keys[1:][keys[1:] == keys[:-1]] // len(junctions.edges)] = True
     return refused

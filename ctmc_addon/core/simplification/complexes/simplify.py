@@ -28,8 +28,9 @@ from ..component_removal import RemovedComponents
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
+from .junctions import interfaces_of
 
-FACE_BYTES = 260  # of memory for each triangle at the start
+FACE_BYTES = 240  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
 
 Ints = NDArray[np.int32]
@@ -158,8 +159,9 @@ def simplify_complex_steps(
 
 def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
     """How many triangles border each label, without 0."""
-    labels, counts = np.unique(mesh.sides, return_counts=True)
-    return {int(label): int(count) for label, count in zip(labels, counts, strict=True) if label}
+    labels, interface = interfaces_of(mesh.sides)
+    counts = np.bincount(interface, minlength=labels.shape[1])
+    return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
 
 
 def label_distances_steps(
@@ -205,34 +207,27 @@ def _part_steps(
 
 def _parts(mesh: ComplexMesh) -> list[_Part]:
     """The parts of a complex that share no label and no vertex, in the order of their lowest labels."""
-    labels, sides = np.unique(mesh.sides, return_inverse=True)
-    sides = sides.reshape(mesh.sides.shape)
-    nothing = int(np.searchsorted(labels, 0)) if 0 in labels else -1
-    own = np.where(sides[:, 0] == nothing, sides[:, 1], sides[:, 0])  # a label, not 0
-    other = np.where(sides[:, 1] == nothing, own, sides[:, 1])
-    at_vertex = np.zeros(len(mesh.vertices), own.dtype)
+    (larger, smaller), interface = interfaces_of(mesh.sides)
+    at_vertex = np.empty(len(mesh.vertices), np.int32)
     for corner in mesh.faces.T:
-        at_vertex[corner] = own
-    links = {(int(a), int(b)) for a, b in _different(own, other)}
+        at_vertex[corner] = interface
+    links = set(zip(larger.tolist(), np.where(smaller == 0, larger, smaller).tolist(), strict=True))
     for corner in mesh.faces.T:
-        links |= {(int(a), int(b)) for a, b in _different(own, at_vertex[corner])}
-    root = np.arange(len(labels))
+        other = at_vertex[corner]
+        differ = interface != other
+        keys = np.unique(interface[differ].astype(np.int64) * len(larger) + other[differ])
+        one, two = np.divmod(keys, len(larger))
+        links.update(zip(larger[one].tolist(), larger[two].tolist(), strict=True))
+    root = {label: label for link in links for label in link}
     for a, b in sorted(links):
-        root[root == max(root[a], root[b])] = min(root[a], root[b])
-    of_face = root[own]
-    order = np.argsort(of_face, kind="stable")
-    ends = np.flatnonzero(np.diff(of_face[order], append=len(labels))) + 1
+        low, high = sorted((root[a], root[b]))
+        root = {label: low if lowest == high else lowest for label, lowest in root.items()}
+    of_interface = np.array([root[label] for label in larger.tolist()])
     parts = []
-    for faces in np.split(order, ends[:-1]):
-        touching = np.unique(np.sort(sides[faces], axis=1)[:, :2], axis=0)
-        parts.append(_Part(faces, len(touching) == 1 and nothing in touching))
+    for lowest in sorted(set(root.values())):
+        own = of_interface == lowest
+        parts.append(_Part(np.flatnonzero(own[interface]), own.sum() == 1 and smaller[own][0] == 0))
     return parts
-
-
-def _different(first: Indices, second: Indices) -> Indices:
-    """Pairs of numbers that differ, each once, (n, 2)."""
-    differ = first != second
-    return np.unique(np.stack([first[differ], second[differ]], axis=1), axis=0)
 
 
 def _extracted(mesh: ComplexMesh, numbers: Indices) -> ComplexMesh:
