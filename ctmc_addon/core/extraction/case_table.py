@@ -100,7 +100,7 @@ def triangulations(loop: Loop) -> Iterator[tuple[Triangle, ...]]:
                 yield (*before, (first, loop[apex], last), *after)
 
 
-def _roughness(triangles: tuple[Triangle, ...]) -> float:
+def roughness(triangles: tuple[Triangle, ...]) -> float:
     """Sum of the squared side lengths at the edges' midpoints: the lower, the better the shapes."""
     return sum(
         (MIDPOINTS[a][axis] - MIDPOINTS[b][axis]) ** 2
@@ -112,7 +112,7 @@ def _roughness(triangles: tuple[Triangle, ...]) -> float:
 
 def case_triangles(case: int) -> tuple[Triangle, ...]:
     """Triangles of a case as triples of edges, the best shaped of the allowed cuts."""
-    return tuple(triangle for loop in loops(case) for triangle in min(triangulations(loop), key=_roughness))
+    return tuple(triangle for loop in loops(case) for triangle in min(triangulations(loop), key=roughness))
 
 
 @dataclass(frozen=True, eq=False)

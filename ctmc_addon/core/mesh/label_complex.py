@@ -8,11 +8,32 @@ A label's own surface is every triangle that borders it, turned outward. Neighbo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .triangle_mesh import Surface, TriangleMesh, blend
+
+FACES_AT_ONCE = 1 << 16
+
+
+class Interface(NamedTuple):
+    """Where two labels meet.
+
+    Parameters
+    ----------
+    behind, front : int
+        The labels; 0 is what has no label.
+    triangles : int
+    area : float
+        In the square of the vertices' unit.
+    """
+
+    behind: int
+    front: int
+    triangles: int
+    area: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +61,26 @@ class ComplexMesh:
     def labels(self) -> tuple[int, ...]:
         """Every label that has a triangle, rising, without 0."""
         return tuple(int(label) for label in np.unique(self.sides) if label)
+
+    @property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """Every pair of labels that have triangles between them, rising, behind before front."""
+        labels, number = np.unique(self.sides, return_inverse=True)
+        number = number.reshape(-1, 2)
+        keys = number[:, 0] * len(labels) + number[:, 1]
+        counts = np.bincount(keys, minlength=len(labels) ** 2)
+        double = np.zeros(len(self.faces))
+        for start in range(0, len(self.faces), FACES_AT_ONCE):
+            corners = self.vertices[self.faces[start : start + FACES_AT_ONCE]].astype(np.float64)  # (f, 3, 3)
+            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            double[start : start + FACES_AT_ONCE] = np.sqrt((cross**2).sum(axis=1))
+        areas = np.bincount(keys, double, len(labels) ** 2) / 2
+        return tuple(
+            Interface(
+                int(labels[key // len(labels)]), int(labels[key % len(labels)]), int(counts[key]), float(areas[key])
+            )
+            for key in np.flatnonzero(counts).tolist()
+        )
 
     def of_label(self, label: int) -> TriangleMesh:
         """Return the closed surface of one label: its own triangles, turned outward, and the vertices in use."""

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where on its edge each vertex lies, and the points inside faces and voxels, which are means of such vertices.
+
+On an edge between two labels the vertex is where both fields are equal. On one that ends in no label it is where the
+label's own field is 0, or where it equals what smoothed indicators leave; so a label beside nothing has the surface
+that it has alone. A constant of a label moves its vertices along their edges and changes no triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..case_table import NEAREST
+from .bands import Band, BandFaces
+from .label_samples import LabelSamples
+from .owners import Owners
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """The vertices on edges of one band along one axis.
+
+    Parameters
+    ----------
+    axis : int
+    sample : three (n,) intp
+        Sample numbers of their low ends along x, y and z.
+    ends : (n, 2) intp
+        The owners of both ends.
+    fields : (2, n) float64
+        At both ends how much larger the field of the low end's owner is than that of the high end's.
+    fixed : (n,) bool
+        Whether the vertex lies half-way whatever the fields are: to a sample outside a closed border.
+    """
+
+    axis: int
+    sample: tuple[NDArray[np.intp], ...]
+    ends: NDArray[np.intp]
+    fields: NDArray[np.float64]
+    fixed: NDArray[np.bool_]
+
+    def shares(self, constants: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Return where on their edges the vertices lie, 0 to 1, with a constant added to the field of each label."""
+        low, high = self.fields
+        if constants is not None:
+            added = constants.take(self.ends[:, 0]) - constants.take(self.ends[:, 1])
+            low, high = low + added, high + added
+        fall = low - high
+        flat = fall == 0
+        share = low / np.where(flat, 1.0, fall)
+        share[flat | self.fixed] = 0.5
+        return np.clip(share, NEAREST, 1 - NEAREST, out=share)
+
+
+def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSamples]) -> Crossings:
+    """Return the vertices on a band's edges along an axis.
+
+    Parameters
+    ----------
+    fields : sequence of LabelSamples
+        In the order of the labels' values; empty where labels are not smoothed.
+    """
+    rows, columns = owners.number.shape[1:]
+    flat = band.edges[axis]
+    z, rest = np.divmod(flat, rows * columns)
+    y, x = np.divmod(rest, columns)
+    low = (x, y, z + band.low)
+    along = (owners.x, owners.y, owners.z)[axis]
+    high = tuple(at + (number == axis) for number, at in enumerate(low))
+    last = along.count - 2
+    fixed = (low[axis] == 0) | (low[axis] == last)
+    number = owners.number
+    ends = np.stack([number[low[2], low[1], low[0]], number[high[2], high[1], high[0]]], axis=1).astype(np.intp)
+    if not fields:
+        values = np.repeat(np.array([[1.0], [-1.0]]), len(flat), axis=1)
+        return Crossings(axis, low, ends, values, fixed)
+    own = np.zeros((2, 2, len(flat)))  # of the low and the high end's owner, at the low and the high end
+    at_ends = [
+        tuple(of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), sample, strict=True))
+        for sample in (low, high)
+    ]
+    others = None if owners.total is None else [owners.total[at[2], at[1], at[0]] for at in (low, high)]
+    for side in (0, 1):
+        order = np.argsort(ends[:, side], kind="stable")
+        first = np.searchsorted(ends[:, side], np.arange(len(fields) + 2), sorter=order)
+        for label, samples in enumerate(fields, 1):
+            edge = order[first[label] : first[label + 1]]
+            if not len(edge):
+                continue
+            for end, at in enumerate(at_ends):
+                values = samples.at(*(index.take(edge) for index in at)).astype(np.float64)
+                if others is not None:
+                    rest = (others[end][edge] - values) / 2
+                    # Both fields' mean difference, on an edge between two labels too.
+                    values = np.where(ends[edge, 1 - side] == 0, values - 0.5 + rest, values / 2)
+                own[side, end, edge] = values
+    return Crossings(axis, low, ends, own[0] - own[1], fixed)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The vertices of a complex: those on edges, and the points that are means of them.
+
+    Parameters
+    ----------
+    crossings : list of three Crossings for each band
+    faces : list of BandFaces
+    starts : (bands, 7) intp
+        Where the lists of each band begin.
+    count : int
+        Vertices in all.
+    """
+
+    crossings: list[list[Crossings]]
+    faces: list[BandFaces]
+    starts: NDArray[np.intp]
+    count: int
+
+    @property
+    def labels(self) -> NDArray[np.intp]:
+        """One of the labels at every vertex, (V,), counted from 1."""
+        out = np.empty(self.count, np.intp)
+        for crossings, faces, starts in zip(self.crossings, self.faces, self.starts.tolist(), strict=True):
+            for each, start in zip(crossings, starts, strict=False):
+                out[start : start + len(each.ends)] = each.ends.max(axis=1)
+            first = faces.point_edges[faces.point_first[:-1]]
+            out[starts[3] : starts[3] + len(first)] = ~first  # those of the next band are not known yet
+        points = np.flatnonzero(out < 0)
+        out[points] = out[~out[points]]
+        return out
+
+    def positions(
+        self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp]
+    ) -> Floats:
+        """Return all positions, (V, 3) float32.
+
+        Parameters
+        ----------
+        shares : list
+            Where on its edge each vertex lies; None for half-way.
+        origins : (labels + 1, 3) intp
+            The sample position from which those of each label's vertices are counted, x, y, z.
+        """
+        out = np.empty((self.count, 3), np.float32)
+        axes = (owners.x, owners.y, owners.z)
+        for band, (crossings, starts) in enumerate(zip(self.crossings, self.starts.tolist(), strict=True)):
+            for each, start in zip(crossings, starts, strict=False):
+                origin = origins[each.ends.max(axis=1)]  # (n, 3)
+                rows = out[start : start + len(each.ends)]
+                for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
+                    position = axis.position.take(sample) - origin[:, column].astype(np.float32)
+                    if column == each.axis:
+                        side = np.diff(axis.position).take(sample)
+                        share = 0.5 if shares is None else shares[band][each.axis]
+                        position = position + share * side
+                    rows[:, column] = position
+        self._place_points(out)
+        return out
+
+    def _place_points(self, out: Floats) -> None:
+        """Put every point inside a face or a voxel at the mean of its vertices on edges."""
+        for faces, starts in zip(self.faces, self.starts.tolist(), strict=True):
+            count = np.diff(faces.point_first)
+            if not len(count):
+                continue
+            corners = out.take(faces.point_edges, axis=0).astype(np.float64)
+            sums = np.add.reduceat(corners, faces.point_first[:-1], axis=0)
+            out[starts[3] : starts[3] + len(count)] = sums / count[:, None]

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How the walls between three labels or more pass through one voxel.
+
+Corners, edges and faces are numbered as in case_table.py. On each face the labels are separated by segments:
+
+    two labels      as case_table.py cuts it: runs of the label with the larger number are cut off
+    three, a b a c  the runs of b and of c are cut off, and a is connected
+    three or four   the crossings are joined at a point on the face, which both voxels at it share
+
+The segments of a voxel form connected groups. A group without a point on a face is a loop between two labels, and is
+cut into triangles as in case_table.py. Every other group is a fan around a point inside the voxel. After Hege, Seebass,
+Stalling and Zoeckler 1997, ZIB SC-97-05, and Wu and Sullivan 2003, doi:10.1002/nme.775.
+
+A voxel's pattern is a number: three bits for each corner, the first corner with the same label, and a bit for each face
+that says whether there the label of the face's first corner is larger than that of its second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..case_table import EDGE_BETWEEN, FACES, Loop, closed_loops, roughness, triangulations
+
+CORNER_BITS = 3
+FACE_POINT = 12  # nodes: 12 edges of the voxel, then a point on each of 6 faces, then points inside
+INNER_POINT = 18
+FACE_CORNERS = np.array(FACES)
+# Segments: two nodes, then the corners that stand for the label behind it and for the one in front.
+Segment = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The triangles of a pattern.
+
+    Parameters
+    ----------
+    triangles : tuple of (a, b, c)
+        Nodes of each triangle; the normal points out of the label behind it.
+    sides : tuple of (behind, front)
+        Corners whose labels these are.
+    inner_points : tuple of tuple of int
+        The crossed edges that each point inside the voxel is the mean of.
+    """
+
+    triangles: tuple[tuple[int, int, int], ...]
+    sides: tuple[tuple[int, int], ...]
+    inner_points: tuple[Loop, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PatternTables:
+    """Some patterns as arrays; those of pattern n begin at `first_triangle[n]` and `first_inner[n]`.
+
+    Parameters
+    ----------
+    first_triangle, first_inner : (n + 1,) intp
+    triangles : (t, 3) intp
+    sides : (t, 2) intp
+    inner_first : (p + 1,) intp
+        Where the edges of every inner point begin in `inner_edges`.
+    inner_edges : (e,) intp
+    """
+
+    first_triangle: NDArray[np.intp]
+    first_inner: NDArray[np.intp]
+    triangles: NDArray[np.intp]
+    sides: NDArray[np.intp]
+    inner_first: NDArray[np.intp]
+    inner_edges: NDArray[np.intp]
+
+
+def pattern_numbers(owners: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the pattern of every voxel.
+
+    Parameters
+    ----------
+    owners : (n, 8)
+        Labels at the corners.
+
+    Examples
+    --------
+    >>> pattern_numbers(np.array([[7, 7, 7, 7, 7, 7, 7, 7]])).tolist()
+    [0]
+    """
+    number = np.zeros(len(owners), np.int64)
+    for corner in range(8):
+        number |= (owners[:, : corner + 1] == owners[:, corner, None]).argmax(axis=1) << (CORNER_BITS * corner)
+    for face, (a, b, c, d) in enumerate(FACES):
+        is_ambiguous = (owners[:, a] == owners[:, c]) & (owners[:, b] == owners[:, d])
+        number |= (is_ambiguous & (owners[:, a] > owners[:, b])).astype(np.int64) << (8 * CORNER_BITS + face)
+    return number
+
+
+def faces_with_points(owners: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which faces of voxels have a point at which three or four labels meet, (n, 6).
+
+    Parameters
+    ----------
+    owners : (n, 8)
+        Labels at the corners.
+    """
+    a, b, c, d = (owners[:, FACE_CORNERS[:, corner]] for corner in range(4))
+    # A diagonal of one label connects it; two labels have nothing else to meet at.
+    three = (a != c) & (b != d)
+    return three & ~((a == b) & (c == d)) & ~((a == d) & (b == c))
+
+
+def tables_of(numbers: NDArray[np.int64]) -> PatternTables:
+    """Return the tables of patterns, in their order."""
+    patterns = [pattern_of(number) for number in numbers.tolist()]
+    inner = [edges for pattern in patterns for edges in pattern.inner_points]
+    return PatternTables(
+        _firsts([len(pattern.triangles) for pattern in patterns]),
+        _firsts([len(pattern.inner_points) for pattern in patterns]),
+        np.array([triangle for pattern in patterns for triangle in pattern.triangles], np.intp).reshape(-1, 3),
+        np.array([sides for pattern in patterns for sides in pattern.sides], np.intp).reshape(-1, 2),
+        _firsts([len(edges) for edges in inner]),
+        np.array([edge for edges in inner for edge in edges], np.intp),
+    )
+
+
+def _firsts(counts: list[int]) -> NDArray[np.intp]:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.intp)]).astype(np.intp)
+
+
+@cache
+def pattern_of(number: int) -> Pattern:
+    """Return the triangles of a pattern."""
+    labels = [number >> (CORNER_BITS * corner) & 7 for corner in range(8)]
+    segments = [
+        segment
+        for face in range(len(FACES))
+        for segment in _face_segments(labels, face, bool(number >> (8 * CORNER_BITS + face) & 1))
+    ]
+    triangles: list[tuple[int, int, int]] = []
+    sides: list[tuple[int, int]] = []
+    inner: list[Loop] = []
+    for group in _groups(segments):
+        nodes = {node for segment in group for node in segment[:2]}
+        cut = _cut_loops(group) if max(nodes) < FACE_POINT else None
+        if cut is not None:
+            triangles += cut
+            sides += [group[0][2:]] * len(cut)
+            continue
+        center = INNER_POINT + len(inner)
+        inner.append(tuple(sorted(node for node in nodes if node < FACE_POINT)))
+        triangles += [(first, second, center) for first, second, _, _ in group]
+        sides += [segment[2:] for segment in group]
+    return Pattern(tuple(triangles), tuple(sides), tuple(inner))
+
+
+def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Iterator[Segment]:
+    """The segments on a face; the label behind is on the left of each, seen from outside the voxel."""
+    corners = FACES[face]
+    around = [labels[corner] for corner in corners]
+    edges = [EDGE_BETWEEN[frozenset((corners[at - 1], corners[at]))] for at in range(4)]  # before each corner
+    a, b, c, d = around
+    kinds = set(around)
+    if len(kinds) == 1:
+        return
+    if len(kinds) == 2:
+        inside = {a if first_is_larger else b} if (a, b) == (c, d) else {a}
+    elif len(kinds) == 3 and (a == c or b == d):
+        inside = kinds - {a if a == c else b}
+    else:
+        for at in range(4):
+            if around[at] != around[at - 1]:
+                yield edges[at], FACE_POINT + face, around[at], around[at - 1]
+        return
+    for start in range(4):
+        if around[start] in inside and around[start] != around[start - 1]:
+            end = start
+            while around[(end + 1) % 4] == around[start]:
+                end += 1
+            yield edges[start], edges[(end + 1) % 4], around[start], around[start - 1]
+
+
+def _groups(segments: list[Segment]) -> list[list[Segment]]:
+    """The connected groups of segments, in the order of their lowest nodes."""
+    group_of = {node: node for segment in segments for node in segment[:2]}
+    for first, second, _, _ in segments:
+        low, high = sorted((group_of[first], group_of[second]))
+        group_of = {node: low if group == high else group for node, group in group_of.items()}
+    return [[s for s in segments if group_of[s[0]] == group] for group in sorted(set(group_of.values()))]
+
+
+def _cut_loops(group: list[Segment]) -> list[tuple[int, int, int]] | None:
+    """The triangles of a loop between two labels; None where no diagonals cut it."""
+    behind = group[0][2]
+    following = dict((s[0], s[1]) if s[2] == behind else (s[1], s[0]) for s in group)
+    (loop,) = closed_loops(following)
+    best = min(triangulations(loop), key=roughness, default=None)
+    return None if best is None else list(best)

@@ -1,0 +1,392 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a volume to the surfaces of several labels that touch, as one complex: a wall between two labels is made once.
+
+Label by label -> its field, as for that label alone -> owner of every sample -> triangles between owners -> constants
+that keep all volumes -> RAS+ mm
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .budget import Budget
+from .errors import LabelError, MeshError, ThresholdError
+from .extraction.grid import Axis, check_stride, make_axes
+from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
+from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs, next_constants
+from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
+from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
+from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
+from .label_surfaces import each_label_steps, label_title
+from .mesh.label_complex import ComplexSurface, Interface
+from .parallel import map_steps
+from .progress import PAUSE, Stages, Step, Steps
+from .settings import ReconstructionSettings
+from .volume.affine import transform_faces, transform_points
+from .volume.field import field_steps, field_window_steps, refinement_of
+from .volume.field_values import fetched_steps
+from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
+from .volume.region import region_box
+from .volume.smoothing import refined_affine
+from .volume.volume import Box, Volume
+
+FIELDS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
+    "Smoothing the labels",
+    "Finding who owns each sample",
+    "Finding where labels meet",
+    "Placing vertices and triangles",
+    "Keeping the volumes",
+    "Moving to millimeters",
+)
+STAGES = {FIELDS: 60, OWNING: 8, FINDING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
+REMEDY = "choose a region, fewer labels or slice_steps, or interfaces separate"
+VERTEX_BYTES = 300  # with its triangles
+POINTS_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class LabelComplex:
+    """The surfaces of several labels as one complex, and how they were made.
+
+    Parameters
+    ----------
+    surface : ComplexSurface
+        In RAS+ mm; its sides are the labels' values.
+    settings : ReconstructionSettings
+    labels : tuple of int
+        That have a surface, rising.
+    left_out : tuple of str
+        A sentence for each label without one.
+    thresholds : dict of int to float
+        Of every label's field.
+    notes : dict of int to tuple of str
+        Of every label.
+    wrong_side : dict of int to int
+        Samples of the grid that are a label's and not its owner's, or the other way round.
+    volumes_mm3, label_mm3 : dict of int to float
+        What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
+    constants_mm : dict of int to float
+        Added to a label's field beside those that it touches.
+    interfaces : tuple of Interface
+        Where labels meet, each other or nothing, at the settings' alpha in mm2.
+    slice_steps : int
+    """
+
+    surface: ComplexSurface
+    settings: ReconstructionSettings
+    labels: tuple[int, ...]
+    left_out: tuple[str, ...]
+    thresholds: dict[int, float]
+    notes: dict[int, tuple[str, ...]]
+    wrong_side: dict[int, int]
+    volumes_mm3: dict[int, float]
+    label_mm3: dict[int, float]
+    constants_mm: dict[int, float]
+    interfaces: tuple[Interface, ...]
+    slice_steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class _LabelField:
+    """What is known of a label before it meets the others; no samples where labels are not smoothed."""
+
+    samples: LabelSamples | None
+    window: Box
+    origin: tuple[int, int, int]
+    first_slice: int
+    threshold: float
+    notes: tuple[str, ...]
+
+
+def complex_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int] | None = None,
+    budget: Budget | None = None,
+) -> Steps[LabelComplex]:
+    """Make the surfaces of several labels as one complex.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ReconstructionSettings
+        Of all labels; their own label does not count.
+    labels : sequence of int, optional
+        By default all but 0; then those that have no surface are left out and said.
+    budget : Budget, optional
+        Threads and memory; the result does not depend on it.
+
+    Raises
+    ------
+    CtmcError
+        As `reconstruct`; a label that was asked for and has no surface.
+    """
+    making = _Making(volume, settings, budget or Budget())
+    yield from making.fields_steps(labels)
+    yield from making.owners_steps()
+    yield from making.bands_steps()
+    yield from making.constants_steps()
+    return (yield from making.result_steps())
+
+
+class _Making:
+    """A complex that is being made."""
+
+    owners: Owners
+    placed: Placed
+
+    def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget) -> None:
+        self.volume, self.settings, self.budget = volume, replace(settings, threshold=None, label=None), budget
+        self.stages = Stages(STAGES)
+        self.method = replace(self.settings, label=1).smoothing_method
+        self.region = region_box(volume, settings)
+        self.slice_steps = refinement_of(volume.spacing, replace(self.settings, label=1))
+        first, last = self.region[2][0] * self.slice_steps, (self.region[2][1] - 1) * self.slice_steps
+        check_stride(settings.stride, (*self.region[:2], (first, last + 1)))
+
+    def fields_steps(self, labels: Sequence[int] | None) -> Steps[None]:
+        """Make the field of every label, as for that label alone."""
+        volume, budget = self.volume, self.budget
+        choices = (ALL,) if labels is None else tuple(labels)
+        chosen = sorted((yield from chosen_labels_steps(volume, choices, self.region, budget.threads)))
+        runs = [replace(self.settings, label=label) for label in chosen]
+        extents = yield from label_extents_steps(volume, self.region, budget.threads)
+        for run in runs:
+            if run.label not in extents:  # raises, with the labels that there are
+                yield from field_window_steps(volume, run, budget)
+
+        def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
+            field = yield from field_steps(volume, runs[at], own)
+            if self.method != "constrained":
+                field.check()  # which constrained smoothing has done
+            samples = None
+            if self.method != "none":
+                samples = yield from label_samples_steps(field)
+            return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
+
+        made = yield from self.stages.run(FIELDS, each_label_steps(volume, runs, work_steps, budget))
+        self.requested = labels is not None
+        self.labels: list[int] = []
+        self.fields: list[_LabelField] = []
+        self.left_out: list[str] = []
+        for label, result in zip(chosen, made, strict=True):
+            if isinstance(result, _LabelField):
+                self.labels.append(label)
+                self.fields.append(result)
+            elif labels is None and isinstance(result, (LabelError, MeshError, ThresholdError)):
+                self.left_out.append(f"{label_title(volume, label)} is left out: {result}.")
+            else:
+                raise result
+        if not self.fields:
+            raise LabelError(f"no label of {volume.name} has a surface; {self.left_out[0]}")
+
+    def owners_steps(self) -> Steps[None]:
+        """Find the owner of every sample of the grid that all labels share."""
+        axes = self._axes()
+        count = axes[0].count * axes[1].count * axes[2].count
+        indicators = self.method == "gaussian"
+        size = " x ".join(str(axis.count) for axis in axes)
+        needed = owners_bytes(count, len(self.labels), indicators)
+        self.budget.require(needed, f"the common grid of {len(self.labels)} labels, {size} samples,", REMEDY)
+        samples = [field.samples for field in self.fields if field.samples is not None]
+        threads = self.budget.thread_count
+        if samples:
+            owning = owners_steps(axes, samples, indicators, threads)
+            self.owners = yield from self.stages.run(OWNING, owning)
+        else:
+            number = np.zeros((axes[2].count, axes[1].count, axes[0].count), owner_type(len(self.labels)))
+            self.owners = Owners(*axes, number)
+        yield from self.stages.run(OWNING, self._compare_steps(fill=not samples))
+
+    def _axes(self) -> tuple[Axis, Axis, Axis]:
+        """The samples of the box that holds every label's window, along z refined slices."""
+        x, y, (low, end) = _union([field.window for field in self.fields])
+        steps, closed = self.slice_steps, self.settings.close_border
+        first, last = low * steps, (end - 1) * steps
+        if closed and steps > 1:  # as the fields of labels that reach the border have it
+            copies, crossing = divmod(steps - 1, 2)
+            first -= copies + 2 * crossing if low == 0 else copies
+            last += copies + 2 * crossing if end == self.volume.size[2] else copies
+        return make_axes((x, y, (first, last + 1)), self.settings.stride, True)
+
+    def _compare_steps(self, fill: bool) -> Steps[None]:
+        """Compare the owners with the labels of the volume, slice by slice, or take these for the owners."""
+        x, y, z = self.owners.x, self.owners.y, self.owners.z
+        steps, slices = self.slice_steps, self.volume.size[2]
+        values = np.array(self.labels)
+        wrong = np.zeros(len(self.labels) + 1, np.int64)
+        self.goals = np.zeros(len(self.labels) + 1)
+        for layer in range(1, z.count - 1):
+            slice_, between = divmod(int(z.index[layer]), steps)
+            if between or not 0 <= slice_ < slices:
+                continue
+            fetched = (yield from fetched_steps(self.volume, [slice_]))[0]
+            fetched = fetched[y.index[1:-1]][:, x.index[1:-1]]
+            own = np.searchsorted(values, fetched).clip(max=len(values) - 1)
+            own = np.where(values[own] == fetched, own + 1, 0)
+            owner = self.owners.number[layer, 1:-1, 1:-1]
+            if fill:
+                owner[:] = own
+            differs = own != owner
+            if differs.any():
+                wrong += np.bincount(own[differs], minlength=len(wrong))
+                wrong += np.bincount(owner[differs], minlength=len(wrong))
+            self.goals += np.bincount(own.reshape(-1), minlength=len(wrong)) * self._share(slice_)
+        sx, sy, sz = self.volume.spacing
+        self.goals *= sx * sy * sz / steps
+        self.wrong_side = wrong
+
+    def _share(self, slice_: int) -> float:
+        """How many refined slices a sample of a slice stands for, where the surface is closed at the border."""
+        steps, closed = self.slice_steps, self.settings.close_border
+        low, end = _union([field.window for field in self.fields])[2]
+        share = float(steps)
+        for is_end, is_last in ((slice_ == low, low == 0), (slice_ == end - 1, end == self.volume.size[2])):
+            if is_end:
+                beyond = 0.5 if not closed or steps == 1 else steps / 2 if is_last else (steps - 1) // 2 + 0.5
+                share += beyond - steps / 2
+        return share
+
+    def bands_steps(self) -> Steps[None]:
+        """Find crossed edges and triangles, band by band."""
+        threads = self.budget.thread_count
+        owners = self.owners
+        ranges = band_ranges(owners.number.shape)
+        finding = map_steps(lambda layers: find_band(owners, *layers), ranges, threads)
+        bands = yield from self.stages.run(FINDING, finding)
+        counts = np.array([band.counts for band in bands])  # (bands, lists)
+        ends = np.cumsum(counts.reshape(-1))
+        starts = (ends - counts.reshape(-1)).reshape(counts.shape)
+        total = int(ends[-1])
+        if total > np.iinfo(np.int32).max:
+            raise MeshError(f"{total} vertices are more than a mesh can number; use a larger stride")
+        self.budget.require(total * VERTEX_BYTES, f"a complex of about {2 * total} triangles", REMEDY)
+        samples = [field.samples for field in self.fields if field.samples is not None]
+
+        def fill(at: int) -> tuple[BandFaces, list[Crossings]]:
+            above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
+            faces = fill_band(owners, bands[at], starts[at].tolist(), *above)
+            return faces, [crossings_of(owners, bands[at], axis, samples) for axis in range(3)]
+
+        filled = yield from self.stages.run(PLACING, map_steps(fill, range(len(bands)), threads))
+        self.placed = Placed([each for _, each in filled], [faces for faces, _ in filled], starts, total)
+        self.faces = np.concatenate([faces.faces for faces, _ in filled])
+        self.sides = np.concatenate([faces.sides for faces, _ in filled]).astype(np.intp)
+        self.on_cap = np.concatenate([faces.on_cap for faces, _ in filled])
+        self._group(np.concatenate([band.touching for band in bands]))
+
+    def _group(self, touching: NDArray[np.intp]) -> None:
+        """Number the groups of labels that touch; positions of a group are counted from one sample."""
+        count = len(self.labels)
+        group = np.arange(count + 1)
+        for low, high in touching.tolist():
+            first, second = sorted((group[low], group[high]))
+            group[group == second] = first
+        self.group = group
+        self.affines: dict[int, NDArray[np.float64]] = {}
+        self.origins = np.zeros((count + 1, 3), np.intp)
+        for number in range(1, count + 1):
+            members = np.flatnonzero(group == number)
+            if not len(members):
+                continue
+            own = [self.fields[member - 1] for member in members.tolist()]
+            x, y, z = (min(field.origin[axis] for field in own) for axis in range(3))
+            added = max(field.first_slice for field in own)
+            size = self.volume.size
+            part = self.volume.part(((x, size[0]), (y, size[1]), (z, size[2])))
+            self.affines[number] = refined_affine(part.affine, self.slice_steps, added)
+            self.origins[members] = x, y, z * self.slice_steps - added
+        self.touches = np.bincount(group[1:], minlength=count + 1)[group] > 1
+        self.touches[0] = False
+
+    def constants_steps(self) -> Steps[None]:
+        """Find the constants of labels that touch."""
+        yield from self.stages.run(KEEPING, self._constants_steps())
+
+    def _constants_steps(self) -> Steps[None]:
+        count = len(self.labels)
+        sx, sy, sz = self.volume.spacing
+        sizes = (sx, sy, sz / self.slice_steps)
+        keeps = self.method == "constrained" and self.settings.stride == (1, 1, 1)
+        free = self.touches & (self.goals > 0) & keeps
+        constants = np.zeros(count + 1)
+        limit = max(self.volume.spacing) / 2
+        self.shares = self._shares(constants)
+        for trial in range(ROUNDS + 1):
+            positions = self.placed.positions(self.owners, self.shares, self.origins)
+            yield Step((trial + 0.5) / (ROUNDS + 1))
+            self.volumes, areas = measured_pairs(positions, self.faces, self.sides, sizes, count)
+            missing = np.where(free, self.goals - self.volumes, 0.0)
+            if trial == ROUNDS or not (np.abs(missing) > EXACT_ENOUGH * self.goals).any():
+                break
+            constants = np.clip(constants + next_constants(missing, areas, free), -limit, limit)
+            self.shares = self._shares(constants)
+            yield Step((trial + 1) / (ROUNDS + 1))
+        self.constants = constants
+
+    def _shares(self, constants: NDArray[np.float64]) -> list[list[NDArray[np.float64]]]:
+        added = constants if constants.any() else None
+        return [[each.shares(added) for each in crossings] for crossings in self.placed.crossings]
+
+    def result_steps(self) -> Steps[LabelComplex]:
+        """Move everything to RAS+ mm."""
+        return (yield from self.stages.run(MOVING, self._result_steps()))
+
+    def _result_steps(self) -> Steps[LabelComplex]:
+        yield PAUSE
+        settings, volume = self.settings, self.volume
+        faces, sides, placed = self.faces, self.sides, self.placed
+        ends = [placed.positions(self.owners, shares, self.origins) for shares in (None, self.shares)]
+        group = self.group[placed.labels]
+        if not settings.close_border and self.on_cap.any():
+            faces, sides = faces[~self.on_cap], sides[~self.on_cap]
+            used = np.zeros(placed.count, bool)
+            used[faces] = True
+            faces = (np.cumsum(used, dtype=np.int32) - np.int32(1))[faces]
+            ends, group = [points[used] for points in ends], group[used]
+        yield PAUSE
+        order = np.argsort(group, kind="stable")
+        firsts = np.searchsorted(group, np.arange(len(self.labels) + 2), sorter=order)
+        for number, affine in self.affines.items():
+            for start in range(firsts[number], firsts[number + 1], POINTS_AT_ONCE):
+                own = order[start : min(start + POINTS_AT_ONCE, firsts[number + 1])]
+                for points in ends:
+                    points[own] = transform_points(affine, points[own])
+                yield PAUSE
+        faces = transform_faces(volume.affine, faces)
+        values = np.array([0, *self.labels], np.int32)
+        surface = ComplexSurface(ends[0], ends[1], faces, values[sides])
+        with_surface = set(surface.at(1.0).labels)
+        for label in self.labels:
+            if label not in with_surface:
+                message = f"no sample of this grid is cut off by {label_title(volume, label)}; use a smaller stride"
+                if self.requested:
+                    raise MeshError(message)
+                self.left_out.append(f"{label_title(volume, label)} is left out: {message}.")
+        if not with_surface:
+            raise LabelError(f"no label of {volume.name} has a surface; {self.left_out[0]}")
+        numbered = [(at, label) for at, label in enumerate(self.labels, 1) if label in with_surface]
+        return LabelComplex(
+            surface=surface,
+            settings=settings,
+            labels=tuple(label for _, label in numbered),
+            left_out=tuple(self.left_out),
+            thresholds={label: self.fields[at - 1].threshold for at, label in numbered},
+            notes={label: volume.notes + self.fields[at - 1].notes for at, label in numbered},
+            wrong_side={label: int(self.wrong_side[at]) for at, label in numbered},
+            volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
+            label_mm3={label: float(self.goals[at]) for at, label in numbered},
+            constants_mm={label: float(self.constants[at]) for at, label in numbered},
+            interfaces=surface.at(settings.alpha).interfaces,
+            slice_steps=self.slice_steps,
+        )
+
+
+def _union(boxes: Sequence[Box]) -> Box:
+    """Return the smallest box that holds all of them."""
+    x, y, z = ((min(box[axis][0] for box in boxes), max(box[axis][1] for box in boxes)) for axis in range(3))
+    return x, y, z
