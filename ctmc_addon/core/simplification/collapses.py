@@ -124,22 +124,27 @@ def violates_link_condition_steps(collapses: Collapses, edges: Ints, locked: Fla
 
     And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat.
     """
+    shared, neighbor = yield from shared_neighbors_steps(collapses, edges, len(locked))
+    refused = np.bincount(shared, minlength=len(collapses.edges)) != 2
+    neighbors = np.bincount(edges.ravel(), minlength=len(locked))
+    refused[shared[(neighbors[neighbor] == 3) & ~locked[neighbor]]] = True
+    return refused
+
+
+def shared_neighbors_steps(collapses: Collapses, edges: Ints, vertex_count: int) -> Steps[tuple[Indices, Indices]]:
+    """Vertices that these edges connect to both ends of a collapse: the number of the collapse, and the vertex."""
     count = len(collapses.edges)
-    owner = np.full(len(locked), -1, np.int32)
+    owner = np.full(vertex_count, -1, np.int32)
     owner[collapses.kept] = owner[collapses.dropped] = np.arange(count, dtype=np.int32)
     first, second = edges
     owner_first, owner_second = np.take(owner, first), np.take(owner, second)
     pairs = []
     for inside, outside, end in ((owner_first, owner_second, second), (owner_second, owner_first, first)):
         across = np.flatnonzero((inside >= 0) & (inside != outside))
-        pairs.append(inside[across].astype(np.int64) * len(owner) + end[across])
+        pairs.append(inside[across].astype(np.int64) * vertex_count + end[across])
         yield PAUSE
     keys = np.sort(np.concatenate(pairs))
-    shared, neighbor = np.divmod(keys[1:][keys[1:] == keys[:-1]], len(owner))
-    refused = np.bincount(shared, minlength=count) != 2
-    neighbors = np.bincount(edges.ravel(), minlength=len(owner))
-    refused[shared[(neighbors[neighbor] == 3) & ~locked[neighbor]]] = True
-    return refused
+    return np.divmod(keys[1:][keys[1:] == keys[:-1]], vertex_count)
 
 
 def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked: Flags) -> Steps[Flags]:

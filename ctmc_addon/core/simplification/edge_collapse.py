@@ -35,7 +35,7 @@ from .collapses import (
 )
 from .component_removal import Components, RemovedComponents, without_components_steps
 from .error_bound import ErrorBound
-from .handles import handle_cuts_steps, longest_loop_edge, pull_apart_steps
+from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
 from .rollback import History, roll_back_steps
 
@@ -110,16 +110,10 @@ class CollapsingMesh:
         """Find the edges and what they cost: before anything else."""
         vertex_count = self.positions.shape[1]
         self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
-        border, non_manifold = yield from locked_vertices_steps(self.faces, self.edges, self.face_edges)
-        self.locked = np.zeros(vertex_count, bool)
-        self.locked[border] = self.locked[non_manifold] = True
+        yield from self.prepare_vertices_steps()
         self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
         self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
         self.original_vertex = np.arange(vertex_count, dtype=np.int32)
-        staying = np.concatenate([border, non_manifold]) if self.batch else non_manifold
-        self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
-        if self.limit is None:
-            yield from self.components.prepare_gaps_steps(self.positions, self.component)
         self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
@@ -129,6 +123,57 @@ class CollapsingMesh:
             self.faces = self.faces.copy()  # the others keep the original
         yield from self.update_costs_steps()
 
+    def prepare_vertices_steps(self) -> Steps[None]:
+        """Find which vertices are locked, and the components."""
+        border, non_manifold = yield from locked_vertices_steps(self.faces, self.edges, self.face_edges)
+        self.locked = np.zeros(self.positions.shape[1], bool)
+        self.locked[border] = self.locked[non_manifold] = True
+        staying = np.concatenate([border, non_manifold]) if self.batch else non_manifold
+        yield from self.prepare_components_steps(border, staying)
+
+    def prepare_components_steps(self, border: Ints, staying: Ints) -> Steps[None]:
+        """Find the components; those with a vertex of `staying` are never removed."""
+        self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
+        if self.limit is None:
+            yield from self.components.prepare_gaps_steps(self.positions, self.component)
+
+    # What a complex of several labels does in another way: see `complexes/collapsing.py`.
+
+    def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
+        """Which of these edges may never collapse: both ends are locked."""
+        return self.locked[first] & self.locked[second]
+
+    def second_stays(self, first: Ints, second: Ints) -> Flags:
+        """Of which edges the second end stays and the first goes."""
+        return self.locked[second]
+
+    def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
+        """Which collapses would change how the surface is connected, (n,) bool."""
+        return violates_link_condition_steps(collapses, self.edges, self.locked)
+
+    def priority(self, edges: Indices | None = None) -> Floats:
+        """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""
+        return self.cost if edges is None else self.cost[edges]
+
+    def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
+        """The cheapest of the collapses, of which `budget` remove no more than the faces that may go."""
+        left = len(collapses.edges)
+        if left <= budget:
+            return collapses
+        cheapest = np.zeros(left, bool)
+        cheapest[np.argsort(self.priority(collapses.edges), kind="stable")[:budget]] = True
+        return collapses.select(cheapest)
+
+    def edges_joined(self, lost: Indices, stays: Indices) -> None:
+        """Edges that are gone became one with those that stay."""
+
+    def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
+        """Cuts of handles at loops whose edges are no longer than `longest`."""
+        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest))
+
+    def handles_were_cut(self, loops: Ints) -> None:
+        """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
+
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
         edges = np.arange(len(self.cost)) if edges is None else edges
@@ -137,7 +182,7 @@ class CollapsingMesh:
             first, second = np.take(self.edges, block, axis=1)
             quadric, step, _ = self.merged(first, second)
             cost = error(quadric, step)
-            cost[self.locked[first] & self.locked[second]] = np.inf
+            cost[self.never_collapses(block, first, second)] = np.inf
             self.cost[block] = cost
             if number % 16 == 15:
                 yield PAUSE
@@ -177,7 +222,7 @@ class CollapsingMesh:
         yield PAUSE
         tried = len(collapses.edges)
         checks: list[Callable[[Collapses], Steps[Flags]]] = [
-            lambda collapses: violates_link_condition_steps(collapses, self.edges, self.locked),
+            self.violates_link_condition_steps,
             lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
             self.exceeds_error_steps,
         ]
@@ -193,11 +238,8 @@ class CollapsingMesh:
             self._update_face_cost(collapses)
         self.accepted = max(left / tried, FEW)
         self.poor_rounds = self.poor_rounds + 1 if self.accepted == FEW else 0
-        if left > budget:
-            cheapest = np.zeros(left, bool)
-            cheapest[np.argsort(self.cost[collapses.edges], kind="stable")[:budget]] = True
-            collapses = collapses.select(cheapest)
-        if left:
+        collapses = self.within_budget(collapses, budget)
+        if len(collapses.edges):
             yield from self.merge_steps(collapses)
 
     def _update_face_cost(self, collapses: Collapses) -> None:
@@ -241,7 +283,7 @@ class CollapsingMesh:
             return
         self.cost_at_cut = self.face_cost
         longest = longest_loop_edge(self.face_cost)
-        cuts = yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest)
+        cuts = yield from self.handle_cuts_steps(longest)
         if cuts is None:
             return
         self.handles_cut += len(cuts.loops)
@@ -261,6 +303,7 @@ class CollapsingMesh:
         self.cost = np.append(self.cost, np.full(cuts.loops.size, np.inf, np.float32))
         self.vertex_becomes = np.arange(len(vertices), dtype=np.int32)
         self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
+        self.handles_were_cut(cuts.loops)
         yield PAUSE
         yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops)
         moved = np.zeros(len(vertices), bool)
@@ -276,16 +319,17 @@ class CollapsingMesh:
 
     def cheapest(self, count: int) -> Indices:
         """The `count` cheapest edges and those that cost the same as the last of them."""
-        limit = np.partition(self.cost, count)[count]
+        priority = self.priority()
+        limit = np.partition(priority, count)[count]
         if np.isfinite(limit):
-            return np.flatnonzero(self.cost <= limit)
-        return np.flatnonzero(np.isfinite(self.cost))
+            return np.flatnonzero(priority <= limit)
+        return np.flatnonzero(np.isfinite(priority))
 
     def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
         _, _, target = self.merged(first, second)
-        swap = self.locked[second]
+        swap = self.second_stays(first, second)
         ends = np.where(swap, second, first), np.where(swap, first, second)
         owner = np.full(self.positions.shape[1], -1, np.int32)
         owner[ends[0]] = owner[ends[1]] = np.arange(len(edges), dtype=np.int32)
@@ -324,6 +368,7 @@ class CollapsingMesh:
         column = np.arange(len(gone))
         lost, stays = sides[(slot + 1) % 3, column], sides[(slot + 2) % 3, column]
         self.edge_becomes[lost] = stays
+        self.edges_joined(lost, stays)
         self.vertex_becomes[drop] = keep
         yield PAUSE
 

@@ -101,7 +101,9 @@ def longest_loop_edge(face_cost: float) -> float:
     return float((SAVED * face_cost) ** (1 / 3))
 
 
-def handle_cuts_steps(positions: Floats, faces: Ints, edges: Ints, locked: Flags, longest: float) -> Steps[Cuts | None]:
+def handle_cuts_steps(
+    positions: Floats, faces: Ints, edges: Ints, locked: Flags, longest: float, parting: Flags | None = None
+) -> Steps[Cuts | None]:
     """Cuts of handles at loops whose edges are no longer than `longest`; None if there are none.
 
     Parameters
@@ -112,6 +114,8 @@ def handle_cuts_steps(positions: Floats, faces: Ints, edges: Ints, locked: Flags
         Every edge once; those that are gone have two equal ends, like the faces.
     locked : (V,) bool
         Vertices that no loop may have.
+    parting : (V,) bool, optional
+        Vertices that connect no faces: where walls of a complex meet, what is cut must stay connected within its wall.
     """
     loops, length = yield from _loops_steps(positions, faces, edges, locked, longest)
     if not len(loops):
@@ -121,7 +125,7 @@ def handle_cuts_steps(positions: Floats, faces: Ints, edges: Ints, locked: Flags
     cuts, right = yield from _sides_steps(loops, faces, len(locked))
     if not len(cuts.loops):
         return None
-    handle = yield from _handles_steps(cuts, right, faces, len(locked))
+    handle = yield from _handles_steps(cuts, right, faces, len(locked), parting)
     return cuts.select(handle) if handle.any() else None
 
 
@@ -284,12 +288,16 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
     return cuts.select(whole), corner_faces[right[::3]][whole]
 
 
-def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int) -> Steps[Flags]:
+def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, parting: Flags | None) -> Steps[Flags]:
     """Which loops, (n,) bool, can be cut together and leave every component in one piece; the shortest come first."""
     count = len(cuts.loops)
     cut = faces.copy()
     cut[cuts.slots, cuts.faces] = vertex_count + cuts.copy
     yield PAUSE
+    if parting is not None:
+        parts = np.append(parting, np.zeros(3 * count, bool))
+        connecting = cut[np.argmin(np.take(parts, cut), axis=0), np.arange(cut.shape[1])]
+        cut = np.where(np.take(parts, cut), connecting, cut)
     roots = yield from component_roots_steps(np.ascontiguousarray(cut.T), vertex_count + 3 * count)
     left_piece, right_piece = roots[vertex_count + 3 * np.arange(count)], roots[cut[0, right]]
     handle = left_piece == right_piece

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A complex whose edges collapse in rounds: `CollapsingMesh` with junctions, and a share for every label."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mesh.label_complex import ComplexMesh
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import Steps
+from ..collapses import Collapses
+from ..edge_collapse import CollapsingMesh
+from ..handles import Cuts, handle_cuts_steps
+from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
+from .shares import Shares
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+class CollapsingComplex(CollapsingMesh):
+    """A complex while it is simplified.
+
+    labels : (2, interfaces) int32, the larger label of each interface, and the other
+    interface : (F,) int32, the number of the interface that each face is in; its normal points out of the larger label
+    turned : (F,) bool, whether the face of the complex given points the other way
+    """
+
+    def __init__(self, mesh: ComplexMesh, max_error: float | None = None, safety_factor: float = 1.0) -> None:
+        behind, front = mesh.sides.T
+        turned = behind < front
+        faces = mesh.faces.copy()
+        faces[turned] = faces[turned][:, ::-1]
+        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), max_error, safety_factor)
+        self.turned = turned
+        self.labels, self.interface = interfaces_of(mesh.sides)
+        self.shares = Shares(self.labels, self.interface)
+        self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
+
+    def prepare_vertices_steps(self) -> Steps[None]:
+        """Find the junctions, and the components."""
+        self.junctions = yield from junctions_steps(
+            self.faces, self.edges, self.face_edges, self.interface, self.labels, self.positions.shape[1]
+        )
+        rank = self.junctions.rank
+        self.locked = rank == CORNER
+        at_border = np.zeros(len(rank), bool)
+        at_border[self.junctions.border] = True
+        staying = np.flatnonzero((rank != INTERIOR) & ~at_border).astype(np.int32)
+        yield from self.prepare_components_steps(self.junctions.border, staying)
+
+    def prepare_components_steps(self, border: Ints, staying: Ints) -> Steps[None]:
+        """Find the components; those that lie in a label cannot stay without the one around them."""
+        yield from super().prepare_components_steps(border, staying)
+        components = self.components
+        if components.count == 1:
+            return
+        # A volume is negative where a component cannot stay without its nearest larger one, like a cavity.
+        within = np.zeros(components.count, bool)
+        within[self.component[self.faces[0]]] = self.labels[1, self.interface] != 0
+        joined = np.zeros(components.count, bool)
+        joined[self.component[staying]] = True
+        size = np.abs(components.volume)
+        components.volume = np.where(joined, size, np.where(within, -size, components.volume))
+        if self.limit is None:
+            # What is around a component that stays must stay too.
+            components.removable[components.nearest[joined]] = False
+
+    def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
+        """Which edges connect two corners, or two junctions and not along their line."""
+        rank = self.junctions.rank
+        a, b = np.take(rank, first), np.take(rank, second)
+        return ((a == CORNER) & (b == CORNER)) | ((a > INTERIOR) & (b > INTERIOR) & ~self.junctions.edges[edges])
+
+    def second_stays(self, first: Ints, second: Ints) -> Flags:
+        """Of which edges the second end has the higher rank."""
+        return self.junctions.rank[second] > self.junctions.rank[first]
+
+    def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
+        """Which collapses would change how the complex is connected, (n,) bool."""
+        return (
+            yield from violates_link_condition_steps(collapses, self.faces, self.edges, self.face_edges, self.junctions)
+        )
+
+    def priority(self, edges: Indices | None = None) -> Floats:
+        """The cost of these edges, or of all, times the weight of their interface."""
+        interface = self.junctions.interface
+        if edges is None:
+            return self.cost * np.take(self.shares.weight, interface)
+        return self.cost[edges] * self.shares.weight[interface[edges]]
+
+    def collapse_round_steps(self, budget: int) -> Steps[None]:
+        """One round, with the weights that the labels' shares ask for."""
+        self.shares.update(self.interface[self.faces[0] != self.dummy])
+        yield from super().collapse_round_steps(budget)
+
+    def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
+        """The cheapest of the collapses that remove no more than twice `budget` faces: some remove three or more."""
+        gone = np.bincount(collapses.owner[collapses.gone], minlength=len(collapses.edges))
+        if gone.sum() <= 2 * budget:
+            return collapses
+        order = np.argsort(self.priority(collapses.edges), kind="stable")
+        selected = np.zeros(len(order), bool)
+        selected[order[np.cumsum(gone[order]) <= 2 * budget]] = True
+        if not selected.any():
+            fewest = order[gone[order] <= 2 * budget][:1]
+            selected[fewest] = True
+            if not len(fewest):
+                self.cost[collapses.edges] = np.inf
+        return collapses.select(selected)
+
+    def edges_joined(self, lost: Indices, stays: Indices) -> None:
+        """An edge of a line that became one with another makes this one of the line."""
+        self.junctions.edges[stays] |= self.junctions.edges[lost]
+
+    def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
+        """Cuts of handles within an interface, which stays in one piece."""
+        junction = self.junctions.rank != INTERIOR
+        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, junction, longest, junction))
+
+    def handles_were_cut(self, loops: Ints) -> None:
+        """The caps lie in the interface of their loop."""
+        corners = self.faces[:, : len(self.interface)]
+        of_vertex = np.zeros(self.positions.shape[1], np.int32)
+        for row in corners:
+            of_vertex[row] = self.interface
+        cap = of_vertex[loops[:, 0]]
+        self.interface = np.concatenate([self.interface, cap, cap])
+        self.turned = np.append(self.turned, np.zeros(2 * len(cap), bool))
+        junctions = self.junctions
+        junctions.edges = np.append(junctions.edges, np.zeros(loops.size, bool))
+        junctions.interface = np.append(junctions.interface, np.repeat(cap, 3))
+        junctions.rank = np.append(junctions.rank, np.zeros(loops.size, np.int8))
+
+    def merge_steps(self, collapses: Collapses) -> Steps[None]:
+        """Collapse; a vertex of a line keeps its own normal."""
+        if self.normals is not None:
+            rank = self.junctions.rank
+            self.normals[:, collapses.dropped[rank[collapses.kept] > rank[collapses.dropped]]] = 0.0
+        yield from super().merge_steps(collapses)
+
+    def compact_steps(self) -> Steps[Indices]:
+        """Leave out faces, edges and vertices that are gone; which vertices are left."""
+        faces, edges = self.faces[0] != self.dummy, self.edges[0] != self.dummy
+        vertices = yield from super().compact_steps()
+        self.interface, self.turned = self.interface[faces], self.turned[faces]
+        junctions = self.junctions
+        junctions.edges, junctions.interface = junctions.edges[edges], junctions.interface[edges]
+        junctions.rank = junctions.rank[vertices]
+        return vertices
+
+    def complex_mesh(self) -> ComplexMesh:
+        """The complex as it is now, without the vertices that are not used any more."""
+        left = self.faces[0] != self.dummy
+        mesh, turned = self.mesh(), self.turned[left]
+        faces, sides = mesh.faces.copy(), self.labels[:, self.interface[left]].T.copy()
+        faces[turned], sides[turned] = faces[turned][:, ::-1], sides[turned][:, ::-1]
+        return ComplexMesh(mesh.vertices, faces, sides, mesh.normals)

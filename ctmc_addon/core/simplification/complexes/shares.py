@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every label keeps the same share of its triangles, as if it were simplified alone.
+
+By cost alone the smooth labels of a complex would give nearly all triangles, and lose more than alone. So costs are
+multiplied by a weight for each interface, which falls where a label lags behind and rises where it runs ahead: a
+controller with a proportional and an integral part, in octaves. Between two labels it is the mean of both, of which
+each then has the triangles where it needs them most, on whichever interface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+PROPORTIONAL, INTEGRAL = 6.0, 0.5  # octaves of cost for each octave of a label's share, at once and for every round
+MOST = 40.0  # octaves
+
+Ints = NDArray[np.int32]
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+
+
+class Shares:
+    """The triangles of every label at first and now.
+
+    Parameters
+    ----------
+    labels : (2, interfaces) int32
+        The two labels of each interface; 0 has no share.
+    interface : (F,) int32
+        Number of the interface that each triangle is in.
+    """
+
+    def __init__(self, labels: Ints, interface: Ints) -> None:
+        self.labels = np.unique(labels[labels != 0])
+        self.member = np.stack([(labels == label).any(axis=0) for label in self.labels]).astype(np.float64)
+        self.counts = self.member @ np.bincount(interface, minlength=labels.shape[1])
+        self.total = len(interface)
+        self.sum = np.zeros(len(self.labels))
+        self.weight = np.ones(labels.shape[1], np.float32)
+
+    def update(self, interface: Ints) -> None:
+        """Weigh the interfaces anew for the triangles there are now, (f,) numbers of interfaces."""
+        if len(self.labels) == 1:
+            return
+        now = np.bincount(interface, minlength=len(self.weight))
+        shares = (self.member @ now) / self.counts
+        lag = octaves(shares * (self.total / max(1, len(interface))))
+        self.sum = np.clip(self.sum + INTEGRAL * lag, -MOST, MOST)
+        offset = np.clip(PROPORTIONAL * lag + self.sum, -MOST, MOST)
+        mean = (offset @ self.member) / self.member.sum(axis=0)
+        self.weight = power_of_two(-mean).astype(np.float32)
+
+
+def octaves(ratios: Doubles) -> Doubles:
+    """Logarithms to the base 2, straight lines between powers of two: the same bits on every machine.
+
+    Examples
+    --------
+    >>> octaves(np.array([0.5, 1.0, 1.5, 2.0])).tolist()
+    [-1.0, 0.0, 0.5, 1.0]
+    """
+    mantissa, exponent = np.frexp(np.maximum(ratios, np.finfo(np.float64).tiny))
+    return exponent - 1 + (2.0 * mantissa - 1.0)
+
+
+def power_of_two(octave: Doubles) -> Doubles:
+    """Return the ratios of which these are the `octaves`.
+
+    Examples
+    --------
+    >>> power_of_two(np.array([-1.0, 0.0, 0.5, 1.0])).tolist()
+    [0.5, 1.0, 1.5, 2.0]
+    """
+    whole = np.floor(octave)
+    return np.ldexp(1.0 + (octave - whole), whole.astype(np.int32))

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fewer triangles for the surfaces of several labels at once: what two labels share is simplified once.
+
+Neighbors stay identical at any rate, because a triangle is stored once. Every label stays closed and manifold; what is
+promised for one surface (see `simplify`) holds for each. Lines where three labels or more meet collapse along
+themselves only, and points where such lines end or branch stay where they are.
+
+Labels that touch, and those within each other, are simplified together, so that each keeps the same share of its
+triangles. A label that touches none is simplified as if it were alone, to the same bytes.
+Garland and Heckbert 1997, doi:10.1145/258734.258849; Vivodtzev, Bonneau and Hahmann 2010, doi:10.1109/TVCG.2009.79.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...budget import Budget
+from ...errors import SettingsError
+from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ...mesh.label_complex import ComplexMesh
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import Stages, Step, Steps, equal_part, finish
+from ..component_removal import RemovedComponents
+from ..simplify import simplification_steps
+from ..whole import Goal, Simplification, collapse_steps, require_finite
+from .collapsing import CollapsingComplex
+from .junctions import interfaces_of
+
+FACE_BYTES = 240  # of memory for each triangle at the start
+WHOLE_MACHINE = Budget()
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ComplexSimplification:
+    """A simplified complex, and what went.
+
+    mesh : ComplexMesh
+    full_faces, faces : mapping of int to int
+        Triangles that border each label, before and after; one between two labels counts for both.
+    removed : RemovedComponents
+        Small components that went as a whole.
+    handles_cut : int
+    """
+
+    mesh: ComplexMesh
+    full_faces: Mapping[int, int]
+    faces: Mapping[int, int]
+    removed: RemovedComponents
+    handles_cut: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Labels that touch: numbers of their triangles, rising, and whether it is one label that nothing touches."""
+
+    faces: Indices
+    alone: bool
+
+
+def simplify_complex(
+    mesh: ComplexMesh,
+    reduction: float | None = None,
+    target_faces: int | None = None,
+    max_error: float | None = None,
+    budget: Budget = WHOLE_MACHINE,
+) -> ComplexMesh:
+    """The complex with fewer triangles. Exactly one of the goals is given.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        In any unit; normals are carried along.
+    reduction : float in [0, 1)
+        Share of the triangles to remove; a triangle between two labels is one.
+    target_faces : int, 1 or more
+        Triangles to keep at most.
+    max_error : float above 0
+        Not yet for labels that touch.
+    budget : Budget, optional
+        By default what the machine has. Threads and memory do not change the result.
+
+    Returns
+    -------
+    ComplexMesh
+        Label by label, or group by group of those that touch. As many triangles as asked, or one fewer; more only
+        where collapsing more edges would break what is promised.
+
+    Raises
+    ------
+    SettingsError
+        Without exactly one goal, or with one outside its limits.
+    MeshError
+        If a vertex is not finite.
+    MemoryLimitError
+        Before the work, if it would take more memory than that.
+    """
+    return finish(simplify_complex_steps(mesh, reduction, target_faces, max_error, budget)).mesh
+
+
+def simplify_complex_steps(
+    mesh: ComplexMesh,
+    reduction: float | None = None,
+    target_faces: int | None = None,
+    max_error: float | None = None,
+    budget: Budget | None = None,
+) -> Steps[ComplexSimplification]:
+    """`simplify_complex` as steps, which also says how many triangles each label has, and what was removed."""
+    budget = WHOLE_MACHINE if budget is None else budget
+    goal = Goal(reduction, target_faces, max_error)
+    full = len(mesh.faces)
+    target = goal.target(full)
+    require_finite(TriangleMesh(mesh.vertices, mesh.faces))
+    before = faces_of_labels(mesh)
+    if target >= full:
+        return ComplexSimplification(mesh, before, before, RemovedComponents())
+    parts = _parts(mesh)
+    if max_error is not None and not all(part.alone for part in parts):
+        raise SettingsError("max_error is not possible where labels touch; give reduction or target_faces")
+    largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
+    if not parts[largest].alone:
+        what = f"simplifying {len(parts[largest].faces)} triangles of labels that touch"
+        budget.require(FACE_BYTES * len(parts[largest].faces), what, "use a larger stride, fewer labels or a region")
+    # The largest comes last: it makes good what others could not remove.
+    order = [number for number in range(len(parts)) if number != largest] + [largest]
+    made: dict[int, tuple[ComplexMesh, Simplification]] = {}
+    left = 0
+    names = {number: f"Simplifying labels, group {turn + 1} of {len(order)}" for turn, number in enumerate(order)}
+    stages = Stages({names[number]: len(parts[number].faces) for number in order})
+    for number in order:
+        count = len(parts[number].faces)
+        if max_error is not None:
+            own = goal
+        elif number == largest:
+            own = Goal(target_faces=max(1, target - left))
+        elif reduction is not None:
+            own = goal
+        else:
+            own = Goal(target_faces=max(1, round(count * target / full)))
+        part = _extracted(mesh, parts[number].faces)
+        made[number] = yield from stages.run(names[number], _part_steps(part, parts[number].alone, own, budget))
+        left += len(made[number][0].faces)
+    simplified = _joined([made[number][0] for number in range(len(parts))])
+    results = [made[number][1] for number in range(len(parts))]
+    removed = RemovedComponents(
+        sum(each.removed.count for each in results), max(each.removed.largest for each in results)
+    )
+    cut = sum(each.handles_cut for each in results)
+    message = Simplification(TriangleMesh(simplified.vertices, simplified.faces), removed, cut).message(target)
+    yield Step(1.0, message)
+    return ComplexSimplification(simplified, before, faces_of_labels(simplified), removed, cut)
+
+
+def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
+    """How many triangles border each label, without 0."""
+    labels, interface = interfaces_of(mesh.sides)
+    counts = np.bincount(interface, minlength=labels.shape[1])
+    return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
+
+
+def label_distances_steps(
+    simplified: ComplexMesh, full: ComplexMesh, threads: int | None = None
+) -> Steps[dict[int, SurfaceDistance]]:
+    """Measure for every label how far its simplified surface and its full one are from each other.
+
+    Parameters
+    ----------
+    simplified, full : ComplexMesh
+        In one space; distances are in its unit.
+    threads : int, optional
+        By default one for each processor.
+    """
+    labels = simplified.labels
+    distances = {}
+    for number, label in enumerate(labels):
+        steps = surface_distance_steps(simplified.of_label(label), ReferenceSurface(full.of_label(label)), threads)
+        distances[label] = yield from equal_part(steps, number, len(labels))
+    return distances
+
+
+def _part_steps(
+    mesh: ComplexMesh, alone: bool, goal: Goal, budget: Budget
+) -> Steps[tuple[ComplexMesh, Simplification]]:
+    """Simplify labels that touch, or a label as if there were no other."""
+    if not alone:
+        target = goal.target(len(mesh.faces))
+        if target >= len(mesh.faces):
+            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), RemovedComponents())
+        collapsing = CollapsingComplex(mesh)
+        yield from collapse_steps(collapsing, target)
+        made = collapsing.complex_mesh()
+        whole = TriangleMesh(made.vertices, made.faces, made.normals)
+        return made, Simplification(whole, collapsing.removed, collapsing.handles_cut)
+    label = mesh.labels[0]
+    result = yield from simplification_steps(
+        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget
+    )
+    sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
+    return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result
+
+
+def _parts(mesh: ComplexMesh) -> list[_Part]:
+    """The parts of a complex that share no label and no vertex, in the order of their lowest labels."""
+    (larger, smaller), interface = interfaces_of(mesh.sides)
+    at_vertex = np.empty(len(mesh.vertices), np.int32)
+    for corner in mesh.faces.T:
+        at_vertex[corner] = interface
+    links = set(zip(larger.tolist(), np.where(smaller == 0, larger, smaller).tolist(), strict=True))
+    for corner in mesh.faces.T:
+        other = at_vertex[corner]
+        differ = interface != other
+        keys = np.unique(interface[differ].astype(np.int64) * len(larger) + other[differ])
+        one, two = np.divmod(keys, len(larger))
+        links.update(zip(larger[one].tolist(), larger[two].tolist(), strict=True))
+    root = {label: label for link in links for label in link}
+    for a, b in sorted(links):
+        low, high = sorted((root[a], root[b]))
+        root = {label: low if lowest == high else lowest for label, lowest in root.items()}
+    of_interface = np.array([root[label] for label in larger.tolist()])
+    parts = []
+    for lowest in sorted(set(root.values())):
+        own = of_interface == lowest
+        parts.append(_Part(np.flatnonzero(own[interface]), own.sum() == 1 and smaller[own][0] == 0))
+    return parts
+
+
+def _extracted(mesh: ComplexMesh, numbers: Indices) -> ComplexMesh:
+    """These triangles, and the vertices in use."""
+    if len(numbers) == len(mesh.faces):
+        return mesh
+    faces = mesh.faces[numbers]
+    used = np.zeros(len(mesh.vertices), bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    normals = None if mesh.normals is None else mesh.normals[used]
+    return ComplexMesh(mesh.vertices[used], number[faces], mesh.sides[numbers], normals)
+
+
+def _joined(meshes: list[ComplexMesh]) -> ComplexMesh:
+    """All parts one after the other."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])[:-1]
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    return ComplexMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
+        np.concatenate([mesh.sides for mesh in meshes]),
+        np.concatenate(normals) if normals else None,
+    )

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labels that touch are simplified together: every label stays closed, neighbors stay identical, corners stay."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from complexes import assert_labels_sound, complex_of, corners_of, edges_of, junction_edges, voronoi_labels
+from meshes import icosphere
+
+from ctmc_addon.core import Budget, distances, finish, simplify
+from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
+from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
+from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.simplification.complexes.shares import Shares
+from ctmc_addon.core.simplification.complexes.simplify import (
+    label_distances_steps,
+    simplify_complex,
+    simplify_complex_steps,
+)
+
+SEEDS = [[-3.1, 0.4, 1.2], [2.7, 2.2, -0.8], [0.6, -3.0, 0.3], [0.2, 1.0, 3.6]]
+
+
+@cache
+def cells(flipped=0):
+    """Four cells of a ball, whose walls meet in lines and points."""
+    return complex_of(voronoi_labels(16, SEEDS, 6.8), flipped=flipped)
+
+
+@cache
+def pair():
+    """A ball cut in two by a plane: one junction line, without an end."""
+    return complex_of(voronoi_labels(18, [[-2, 0.3, 0.2], [2, -0.3, 0.1]], 7.4))
+
+
+def complex_of_spheres(*spheres):
+    """Spheres (center, radius, label within, label around) as one complex."""
+    meshes = [icosphere(3, radius, center) for center, radius, _, _ in spheres]
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    sides = [
+        np.tile(np.int32(labels), (len(mesh.faces), 1)) for mesh, (_, _, *labels) in zip(meshes, spheres, strict=True)
+    ]
+    return ComplexMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=False)]),
+        np.concatenate(sides),
+    )
+
+
+def positions(mesh, vertices):
+    return {position.tobytes() for position in mesh.vertices[vertices]}
+
+
+def triangles_between(mesh, label, other):
+    """The triangles of a label's own surface that border another, as sorted positions."""
+    behind = np.flatnonzero((np.sort(mesh.sides, axis=1) == sorted((label, other))).all(axis=1))
+    return sorted(sorted(corner.tobytes() for corner in mesh.vertices[face]) for face in mesh.faces[behind])
+
+
+@pytest.mark.parametrize("reduction", [0.5, 0.9, 0.98])
+@pytest.mark.parametrize("make", [cells, pair])
+def test_the_count_is_exact_and_every_label_stays_closed_and_manifold(make, reduction):
+    mesh = make()
+    asked = round(len(mesh.faces) * (1 - reduction))
+    result = finish(simplify_complex_steps(mesh, reduction=reduction))
+    assert asked - 1 <= len(result.mesh.faces) <= asked
+    assert result.mesh.labels == mesh.labels
+    assert_labels_sound(result.mesh)
+    for label in mesh.labels:
+        assert result.full_faces[label] == len(mesh.of_label(label).faces)
+        assert result.faces[label] == len(result.mesh.of_label(label).faces)
+
+
+@pytest.mark.parametrize("target", [2000, 2001, 777])
+def test_a_triangle_budget_counts_each_stored_triangle_once(target):
+    assert target - 1 <= len(simplify_complex(cells(), target_faces=target).faces) <= target
+
+
+def test_corners_stay_where_they_are_and_lines_keep_their_ends():
+    mesh = cells()
+    small = simplify_complex(mesh, reduction=0.97)
+    assert len(corners_of(mesh)) == 5
+    assert positions(small, corners_of(small)) == positions(mesh, corners_of(mesh))
+
+
+def test_lines_collapse_along_themselves_only():
+    mesh = cells()
+    small = simplify_complex(mesh, reduction=0.9)
+    line = junction_edges(small)
+    assert 30 < len(line) < len(junction_edges(mesh)) / 2
+    # As many triangles at a line as labels that meet there, at both rates.
+    assert set(edges_of(small.faces)[1]) == set(edges_of(mesh.faces)[1]) == {2, 3}
+    full_line = mesh.vertices[junction_edges(mesh)].mean(axis=1)
+    middle = small.vertices[line].mean(axis=1)
+    away = np.sqrt(((middle[:, None] - full_line) ** 2).sum(axis=2)).min(axis=1)
+    assert away.max() < 0.5  # of the grid's spacing
+
+
+def test_neighbors_have_the_same_wall_at_any_rate():
+    small = simplify_complex(cells(), reduction=0.9)
+    surfaces = {label: small.of_label(label) for label in small.labels}
+    for label in small.labels:
+        for other in small.labels[label:]:
+            wall = triangles_between(small, label, other)
+            faces = [
+                {tuple(sorted(corner.tobytes() for corner in surface.vertices[face])) for face in surface.faces}
+                for surface in (surfaces[label], surfaces[other])
+            ]
+            assert {tuple(triangle) for triangle in wall} == faces[0] & faces[1]
+
+
+def test_errors_of_each_label_are_at_most_a_tenth_above_those_alone():
+    mesh = pair()
+    small = simplify_complex(mesh, reduction=0.9)
+    together = finish(label_distances_steps(small, mesh, 1))
+    for label in mesh.labels:
+        full = mesh.of_label(label)
+        alone = surface_distance(simplify(full, reduction=0.9), full)
+        assert together[label].mean < 1.1 * alone.mean
+        assert abs(small.of_label(label).volume / full.volume - 1) < 0.01
+
+
+def test_each_label_keeps_its_share():
+    mesh = cells()
+    result = finish(simplify_complex_steps(mesh, reduction=0.9))
+    for label in mesh.labels:
+        assert result.faces[label] / result.full_faces[label] == pytest.approx(0.1, abs=0.005)
+
+
+def test_a_label_that_touches_none_has_the_bytes_that_it_has_alone():
+    apart = complex_of_spheres(((0, 0, 0), 1.0, 3, 0), ((4, 0, 0), 1.5, 1, 0), ((0, 4, 0), 0.5, 7, 0))
+    small = simplify_complex(apart, reduction=0.8)
+    for label in apart.labels:
+        alone = simplify(apart.of_label(label), reduction=0.8)
+        own = small.of_label(label)
+        assert own.vertices.tobytes() == alone.vertices.tobytes()
+        assert own.faces.tobytes() == alone.faces.tobytes()
+
+
+def test_a_label_within_another_stays_there():
+    nested = complex_of_spheres(((0, 0, 0), 3.0, 1, 0), ((0.5, 0, 0), 1.0, 1, 2), ((-1.5, 0, 0), 0.05, 2, 1))
+    nested = ComplexMesh(nested.vertices, nested.faces, nested.sides)
+    inner = nested.sides[:, 1] == 2
+    nested.sides[inner] = nested.sides[inner][:, ::-1]  # outward
+    small = finish(simplify_complex_steps(nested, target_faces=300))
+    assert small.removed.count == 1  # the smallest, of the same label
+    assert small.mesh.labels == (1, 2)
+    assert small.mesh.of_label(2).volume == pytest.approx(4 / 3 * np.pi, rel=0.1)
+    assert small.mesh.of_label(1).volume == pytest.approx(4 / 3 * np.pi * 26, rel=0.1)
+
+
+def test_small_components_of_labels_that_touch_go_as_a_whole():
+    mesh = pair()
+    island = complex_of_spheres(((16.3, 8.5, 8.5), 0.1, 1, 0))
+    both = ComplexMesh(
+        np.concatenate([mesh.vertices, island.vertices]),
+        np.concatenate([mesh.faces, island.faces + np.int32(len(mesh.vertices))]),
+        np.concatenate([mesh.sides, island.sides]),
+    )
+    result = finish(simplify_complex_steps(both, reduction=0.98))
+    assert result.removed.count == 1
+    assert result.removed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
+    assert result.mesh.vertices[:, 0].max() < 16.2
+    assert_labels_sound(result.mesh)
+
+
+def test_sides_stay_with_triangles_that_point_either_way():
+    small = simplify_complex(cells(5), reduction=0.9)
+    assert_labels_sound(small)
+    assert 0.1 < (small.sides[:, 0] < small.sides[:, 1]).mean() < 0.3
+    same = simplify_complex(cells(), reduction=0.9)
+    np.testing.assert_array_equal(small.vertices, same.vertices)
+    np.testing.assert_array_equal(np.sort(small.sides, axis=1), np.sort(same.sides, axis=1))
+
+
+def test_threads_change_no_byte():
+    mesh = cells()
+    one, two = (simplify_complex(mesh, reduction=0.9, budget=Budget(threads=threads)) for threads in (1, 2))
+    for name in ("vertices", "faces", "sides"):
+        assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
+
+
+def test_normals_are_carried_along():
+    mesh = pair()
+    normals = np.zeros_like(mesh.vertices)
+    corners = mesh.vertices[mesh.faces]
+    for corner in mesh.faces.T:
+        np.add.at(normals, corner, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    small = simplify_complex(ComplexMesh(mesh.vertices, mesh.faces, mesh.sides, normals), reduction=0.9)
+    np.testing.assert_allclose(np.linalg.norm(small.normals, axis=1), 1.0, rtol=1e-5)
+    lines = np.zeros(len(small.vertices), bool)
+    lines[junction_edges(small)] = True
+    a, b, c = (small.vertices[corner] for corner in small.faces.T)
+    along = (np.cross(b - a, c - a) * small.normals[small.faces[:, 0]]).sum(axis=1)
+    assert (along[~lines[small.faces].any(axis=1)] > 0).mean() > 0.99
+
+
+def test_an_open_complex_keeps_its_border():
+    mesh = pair()
+    inside = (mesh.vertices[mesh.faces][:, :, 2] > 4).all(axis=1)
+    used, faces = np.unique(mesh.faces[inside], return_inverse=True)
+    cut = ComplexMesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), mesh.sides[inside])
+    small = simplify_complex(cut, reduction=0.8)
+    borders = []
+    for each in (cut, small):
+        edges, counts = edges_of(each.faces)
+        borders.append({frozenset(p.tobytes() for p in each.vertices[edge]) for edge in edges[counts == 1]})
+    assert borders[0] == borders[1]
+
+
+def test_where_a_label_touches_itself_along_an_edge_its_triangles_there_stay():
+    two = complex_of_spheres(((0, 0, 0), 1.0, 1, 0), ((2.5, 0, 0), 1.0, 1, 0), ((0, 3, 0), 1.0, 2, 0))
+    faces = two.faces.copy()
+    one, other = faces[0], faces[len(faces) // 3]
+    faces[faces == other[0]], faces[faces == other[1]] = one[1], one[0]  # the edge of one, of the other too
+    used, faces = np.unique(faces, return_inverse=True)
+    mesh = ComplexMesh(two.vertices[used], faces.reshape(-1, 3).astype(np.int32), two.sides)
+    small = simplify_complex(mesh, reduction=0.7)
+    assert sorted(np.unique(edges_of(small.faces)[1])) == [2, 4]
+    assert positions(mesh, junction_edges(mesh).ravel()) == positions(small, junction_edges(small).ravel())
+
+
+@pytest.mark.parametrize("goal", [{}, {"reduction": 1.0}, {"target_faces": 0}, {"reduction": 0.5, "target_faces": 9}])
+def test_a_goal_that_is_none_is_refused(goal):
+    with pytest.raises(SettingsError):
+        simplify_complex(pair(), **goal)
+
+
+def test_bad_vertices_and_too_little_memory_are_refused():
+    mesh = pair()
+    with pytest.raises(MemoryLimitError, match=f"simplifying {len(mesh.faces)} triangles of labels that touch"):
+        simplify_complex(mesh, reduction=0.5, budget=Budget(bytes=10_000))
+    vertices = mesh.vertices.copy()
+    vertices[3] = np.nan
+    with pytest.raises(MeshError, match="vertex 3 "):
+        simplify_complex(ComplexMesh(vertices, mesh.faces, mesh.sides), reduction=0.5)
+
+
+def test_labels_that_lag_behind_get_a_lower_weight():
+    labels = np.array([[1, 2, 2], [0, 0, 1]], np.int32)
+    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 50]).astype(np.int32))
+    shares.update(np.repeat(np.arange(3), [100, 50, 40]).astype(np.int32))
+    first, second, between = shares.weight
+    assert first < between < second
+    assert between == pytest.approx(np.sqrt(first * second), rel=0.1)
+
+
+def test_a_complex_that_is_simplified_is_near_it():
+    mesh = pair()
+    small = simplify_complex(mesh, reduction=0.9)
+    for label in mesh.labels:
+        assert distances(small.of_label(label).vertices, mesh.of_label(label)).max() < 0.5
