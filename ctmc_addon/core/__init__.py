@@ -4,6 +4,7 @@
 from .budget import Budget, SlabWorkers
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .described import Described, Setting, checked, defaults, descriptions, setting
+from .each_label import each_label_steps
 from .errors import (
     AbsentLabelError,
     CtmcError,
@@ -18,7 +19,7 @@ from .errors import (
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
-from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
+from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory

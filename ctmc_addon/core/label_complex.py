@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .budget import Budget
+from .each_label import each_label_steps, label_title
 from .errors import LabelError, MeshError, ThresholdError
 from .extraction.grid import Axis, check_stride, make_axes
 from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
@@ -21,7 +22,6 @@ from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pair
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .label_surfaces import each_label_steps, label_title
 from .mesh.label_complex import ComplexSurface, Interface
 from .parallel import map_steps
 from .progress import PAUSE, Stages, Step, Steps

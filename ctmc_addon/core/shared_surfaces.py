@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one volume whose neighbors share their interfaces: made and simplified together."""
+"""Surfaces of several labels of one volume whose neighbors share their interfaces: made and simplified together.
+
+Labels that overlap lie in different layers of the volume; interfaces are shared within a layer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,17 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .budget import Budget
-from .errors import MeshError
-from .extraction.interfaces import LabelComplex, label_complex_steps
+from .errors import CtmcError, MeshError
+from .label_complex import LabelComplex, complex_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
-from .mesh.label_complex import ComplexSurface, neighbors_of
+from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .progress import Stages, Step, Steps
-from .reconstruct import AVERAGING, EXTRACTING, KEEPING, SIMPLIFYING, voxels_visited
+from .reconstruct import AVERAGING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
 from .reconstruction import Reconstruction, Stage
 from .settings import ReconstructionSettings
-from .simplification.label_complexes import ComplexSimplification, simplify_complex_steps
+from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
+from .volume.labels import labels_by_layer_steps
 from .volume.region import region_box
 from .volume.volume import Volume
 
@@ -34,16 +38,16 @@ class SharedSurfaces(NamedTuple):
     Parameters
     ----------
     full : mapping of int to Reconstruction
-        Every surface before the built-in simplifier, at both ends of alpha.
+        Every surface before the built-in simplifier, at both ends of alpha, where that fits in memory.
     results : mapping of int to Reconstruction
         What the settings ask for; the same where nothing is simplified.
-    errors : mapping of int to MeshError
+    errors : mapping of int to CtmcError
         Why a label has no surface.
     """
 
-    full: Mapping[int, Reconstruction]
-    results: Mapping[int, Reconstruction]
-    errors: Mapping[int, MeshError]
+    full: dict[int, Reconstruction]
+    results: dict[int, Reconstruction]
+    errors: dict[int, CtmcError]
 
 
 def shared_surfaces_steps(
@@ -56,8 +60,8 @@ def shared_surfaces_steps(
     volume : Volume
         Of labels.
     settings : ReconstructionSettings
-        Of every surface; their own label does not count. A number of triangles is that of all surfaces, what two of
-        them share counted once.
+        Of every surface; their own label does not count. A number of triangles is that of all surfaces of a layer, what
+        two of them share counted once.
     labels : sequence of int
     budget : Budget
 
@@ -68,11 +72,26 @@ def shared_surfaces_steps(
     CtmcError
         As `reconstruct`.
     """
-    return (yield from _Making(volume, settings, labels, budget).result_steps())
+    made = SharedSurfaces({}, {}, {})
+    layers = yield from labels_by_layer_steps(volume, labels, region_box(volume, settings), budget.threads)
+    stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
+    for at, (layer, own) in enumerate(layers):
+        if len(own) == 1:
+            alone = replace(settings, threshold=None, label=own[0])
+            result, full = yield from stages.run(str(at), result_and_full_steps(layer, alone, budget))
+            made.results[own[0]] = result
+            if full is not None:
+                made.full[own[0]] = full
+        else:
+            together = yield from stages.run(str(at), _Making(layer, settings, own, budget).result_steps())
+            made.full.update(together.full)
+            made.results.update(together.results)
+            made.errors.update(together.errors)
+    return made
 
 
 class _Making:
-    """Surfaces that are being made together."""
+    """Surfaces of labels of one layer that are being made together."""
 
     def __init__(self, volume: Volume, settings: ReconstructionSettings, labels: Sequence[int], budget: Budget) -> None:
         self.volume, self.settings, self.labels, self.budget = volume, settings, labels, budget
@@ -80,81 +99,97 @@ class _Making:
         self.extracted: LabelComplex
 
     def result_steps(self) -> Steps[SharedSurfaces]:
+        """Extract, drop small components, simplify, and return each label's own surface."""
         settings, stages = self.settings, self.stages
-        extracting = label_complex_steps(self.volume, settings, self.labels, self.budget)
+        extracting = complex_steps(self.volume, settings, self.labels, self.budget)
         self.extracted = yield from stages.run(EXTRACTING, extracting)
-        surface, errors = self.extracted.surface, {}
+        surface = self.extracted.surface
+        errors: dict[int, MeshError] = {}
         if settings.keep_parts or settings.min_part_mm3:
             limits = (settings.alpha, settings.keep_parts, settings.min_part_mm3)
             keeping = keep_complex_components_steps(surface, self.labels, *limits)
             surface, errors = yield from stages.run(KEEPING, keeping)
         labels = [label for label in self.labels if label not in errors]
-        simplified = None
-        if settings.simplifies and settings.simplifier == "builtin":
+        full_mesh, simplified = surface.at(settings.alpha), None
+        if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            simplifying = simplify_complex_steps(surface.at(settings.alpha), *goals, self.budget)
+            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
-        full = yield from stages.run(AVERAGING, self._full_steps(surface, labels))
+        full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
         if simplified is not None:
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, full))
         timed = tuple(Stage(name, stages.seconds[name]) for name in WEIGHTS if name in stages.seconds)
-        return SharedSurfaces(
-            {label: replace(result, stages=timed) for label, result in full.items()},
-            {label: replace(result, stages=timed) for label, result in results.items()},
-            errors,
-        )
+        for made in (full, results):
+            made.update((label, replace(result, stages=timed)) for label, result in made.items())
+        return SharedSurfaces(full, results, dict(errors))
 
-    def _full_steps(self, surface: ComplexSurface, labels: Sequence[int]) -> Steps[dict[int, Reconstruction]]:
+    def _full_steps(
+        self, surface: ComplexSurface, mesh: ComplexMesh, labels: Iterable[int]
+    ) -> Steps[dict[int, Reconstruction]]:
         """Return each label's own surface at both ends of alpha."""
-        full = {}
-        for at, label in enumerate(labels):
-            yield Step(at / len(labels))
+        full: dict[int, Reconstruction] = {}
+        interfaces = mesh.interfaces
+        for label in labels:
+            yield Step(len(full) / len(self.labels))
             own, beyond = surface.of_label(label)
-            mesh = own.at(self.settings.alpha)
-            normals = yield from vertex_normals_steps(mesh.vertices, mesh.faces)
-            own, mesh = replace(own, normals=normals), replace(mesh, normals=normals)
-            full[label] = self._described(label, mesh, own, beyond)
+            at_alpha = own.at(self.settings.alpha)
+            normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
+            own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
+            described = self._described(label, at_alpha, own, beyond)
+            full[label] = replace(described, neighbors=neighbors_of(label, interfaces))
         return full
 
     def _simplified_steps(
         self, simplified: ComplexSimplification, full: Mapping[int, Reconstruction]
     ) -> Steps[dict[int, Reconstruction]]:
-        """Return what simplification has left of each label; a label of which nothing is left stays out."""
-        results = {}
-        for at, (label, result) in enumerate(full.items()):
-            yield Step(at / len(full))
-            mesh, beyond = simplified.mesh.of_label(label)
-            normals = None
+        """Return what simplification has left of each label."""
+        results: dict[int, Reconstruction] = {}
+        together = simplified.mesh
+        interfaces, notes = together.interfaces, _notes_of(simplified)
+        for label, result in full.items():
+            yield Step(len(results) / len(full))
+            faces, beyond, used = bordering(together.faces, together.sides, label, len(together.vertices))
+            mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
-                normals = yield from vertex_normals_steps(mesh.vertices, mesh.faces)
+                mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
             results[label] = replace(
                 result,
-                mesh=replace(mesh, normals=normals),
+                mesh=mesh,
                 surface=None,
-                notes=(*result.notes, *simplified.notes),
+                notes=(*result.notes, *notes),
                 beyond=beyond,
-                neighbors=neighbors_of(mesh, beyond),
+                neighbors=neighbors_of(label, interfaces),
             )
         return results
 
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
+        """Return the reconstruction of a label's own surface."""
         volume, settings, extracted = self.volume, self.settings, self.extracted
         return Reconstruction(
             mesh=mesh,
             surface=surface,
             settings=replace(settings, threshold=None, label=label),
-            threshold=0.5,
+            threshold=extracted.thresholds[label],
             full_faces=len(mesh.faces),
             voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, extracted.slice_steps),
             stages=(),
             spacing_mm=volume.spacing,
-            notes=(*volume.notes, *extracted.notes),
+            notes=extracted.notes[label],
             name=volume.name,
             slice_steps=extracted.slice_steps,
             wrong_side=extracted.wrong_side[label],
             label_name=volume.label_names.get(label, ""),
             label_color=volume.label_colors.get(label),
             beyond=beyond,
-            neighbors=neighbors_of(mesh, beyond),
         )
+
+
+def _notes_of(simplified: ComplexSimplification) -> list[str]:
+    """Return what simplification did to all labels together."""
+    notes = []
+    if simplified.removed.count:
+        notes.append(f"{simplified.removed.sentence('mm3')}.")
+    if simplified.handles_cut:
+        notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
+    return notes

@@ -74,7 +74,7 @@ def test_every_label_is_closed_and_no_edge_has_more_than_two_of_its_triangles(se
     for alpha in (0.0, 0.6, 1.0):
         mesh = result.surface.at(alpha)
         for label in result.labels:
-            own, _ = mesh.of_label(label)
+            own = mesh.of_label(label)
             assert is_closed(own)
             assert own.volume > 0
     assert result.labels == ((2, 3, 7, 40) if "region" not in settings else (2, 7, 40))
@@ -91,7 +91,7 @@ def test_an_open_border_opens_labels_there_alone():
     assert (low >= 0).all()
     assert (high <= [8, 7, 10]).all()
     for label in (1, 2):
-        own, _ = mesh.of_label(label)
+        own = mesh.of_label(label)
         sides = np.sort(np.concatenate([own.faces[:, [0, 1]], own.faces[:, [1, 2]], own.faces[:, [2, 0]]]), axis=1)
         pairs, count = np.unique(sides, axis=0, return_counts=True)
         assert count.max() == 2
@@ -105,7 +105,7 @@ def test_neighbors_have_the_same_triangles_at_their_wall_turned():
     mesh = result.surface.at(0.8)
     for first, second in ((2, 7), (2, 40), (7, 40)):
         between = [
-            triangles(replace(mesh, faces=mesh.faces[kept], sides=mesh.sides[kept]).of_label(label)[0], turned)
+            triangles(replace(mesh, faces=mesh.faces[kept], sides=mesh.sides[kept]).of_label(label), turned)
             for label, turned in ((first, False), (second, True))
             for kept in [np.isin(mesh.sides, (first, second)).all(axis=1)]
         ]
@@ -227,7 +227,7 @@ def test_sixteen_organs_of_a_patient_share_their_walls():
     mesh = result.surface.at(1.0)
     assert result.labels == tuple(labels)
     assert set(result.wrong_side.values()) == {0}
-    assert all(is_closed(mesh.of_label(label)[0]) for label in labels)
+    assert all(is_closed(mesh.of_label(label)) for label in labels)
     voxel = np.prod(volume.spacing)
     large = [label for label in labels if result.label_mm3[label] > 1000 * voxel]
     assert len(large) > 8

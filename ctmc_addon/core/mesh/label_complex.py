@@ -75,11 +75,14 @@ class ComplexMesh:
         Vertex numbers; the normal (counter-clockwise) points out of ``sides[:, 0]`` into ``sides[:, 1]``.
     sides : (F, 2) int32
         The label behind a triangle and the one in front of it, never equal; 0 is what has no label.
+    normals : (V, 3) float32 or None
+        Unit length; those of a vertex's first triangle where several walls meet.
     """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     sides: NDArray[np.int32]
+    normals: NDArray[np.float32] | None = None
 
     @property
     def labels(self) -> tuple[int, ...]:
@@ -106,10 +109,10 @@ class ComplexMesh:
             for key in np.flatnonzero(counts).tolist()
         )
 
-    def of_label(self, label: int) -> tuple[TriangleMesh, NDArray[np.int32]]:
-        """Return a label's closed surface, turned outward, and the label in front of each triangle, (f,) int32."""
-        faces, beyond, used = bordering(self.faces, self.sides, label, len(self.vertices))
-        return TriangleMesh(self.vertices[used], faces), beyond
+    def of_label(self, label: int) -> TriangleMesh:
+        """Return the closed surface of one label: its own triangles, turned outward, and the vertices in use."""
+        faces, _, used = bordering(self.faces, self.sides, label, len(self.vertices))
+        return TriangleMesh(self.vertices[used], faces, None if self.normals is None else self.normals[used])
 
 
 @dataclass(frozen=True, eq=False)

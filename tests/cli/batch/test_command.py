@@ -268,8 +268,8 @@ def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp
 def plain_task(folder, name):
     return {
         "case": name, "input": str(folder / "in.npy"), "folder": str(folder), "version": "0", "threads": 1,
-        "outputs": [{"name": name, "settings": {}, "labels": [], "beside": []}], "reading": {}, "format": ".stl", "space": "ras",
-        "thumbnails": False, "run": "1",
+        "outputs": [{"name": name, "settings": {}, "labels": [], "beside": []}], "reading": {}, "format": ".stl",
+        "space": "ras", "thumbnails": False, "run": "1",
     }  # fmt: skip
 
 

@@ -122,7 +122,9 @@ def simplify_complex_steps(
         return ComplexSimplification(mesh, before, before, RemovedComponents())
     parts = _parts(mesh)
     if max_error is not None and not all(part.alone for part in parts):
-        raise SettingsError("max_error is not possible where labels touch; give reduction or target_faces")
+        raise SettingsError(
+            "max_error is not possible where labels touch; give reduction or target_faces, or interfaces separate"
+        )
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     if not parts[largest].alone:
         what = f"simplifying {len(parts[largest].faces)} triangles of labels that touch"

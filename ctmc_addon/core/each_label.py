@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work on each of several labels of a volume, side by side.
+
+A label that is more than its share of the work goes first and alone, with all threads; the others follow from the
+largest to the smallest, one thread each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+from .budget import Budget
+from .errors import CtmcError, MemoryLimitError
+from .memory import give_back
+from .parallel import side_by_side_steps
+from .plan import advised_steps
+from .progress import Stages, Steps
+from .settings import ReconstructionSettings
+from .sinks import HOLD, Sink
+from .volume.labels import label_extents_steps
+from .volume.region import region_box
+from .volume.volume import Volume
+
+Result = TypeVar("Result")
+SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
+
+
+def label_title(volume: Volume, label: int) -> str:
+    """Return how a message names a label: 'label 3 (spleen)'."""
+    name = volume.label_names.get(label, "")
+    return f"label {label} ({name})" if name else f"label {label}"
+
+
+def each_label_steps(
+    volume: Volume,
+    runs: Sequence[ReconstructionSettings],
+    work_steps: Callable[[int, Budget], Steps[Result]],
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
+) -> Steps[list[Result | CtmcError]]:
+    """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
+
+    Parameters
+    ----------
+    volume : Volume
+    runs : sequence of ReconstructionSettings
+        Alike but for their labels.
+    work_steps : function
+        Takes the number of a run, and its budget: what does not fit beside others is tried again alone. Driven in
+        threads of its own.
+    budget : Budget, optional
+    sink : Sink
+        Where surfaces go, for what is advised.
+
+    Raises
+    ------
+    MemoryLimitError
+        Of the first label that does not fit alone.
+    """
+    budget = budget or Budget()
+    box, workers = region_box(volume, runs[0]), budget.thread_count
+    extents = yield from label_extents_steps(volume, box, budget.threads)  # not once for each
+    work = [
+        float(SMALL_WORK + math.prod(stop - start for start, stop in extents[run.label].box))
+        if run.label in extents
+        else float(SMALL_WORK)
+        for run in runs
+    ]
+    order = sorted(range(len(runs)), key=lambda at: -work[at])
+    alone = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
+    if not volume.reader.thread_safe:
+        alone = order
+    others = order[len(alone) :]
+    stages = Stages({"alone": 1.0 + sum(work[at] for at in alone), "others": 1.0 + sum(work[at] for at in others)})
+    made: dict[int, Result | CtmcError] = {}
+
+    def tried_steps(at: int, at_once: int) -> Steps[Result | CtmcError]:
+        beside = at_once > 1
+        own = budget.shared_by(at_once) if beside else replace(budget, threads=workers)
+        working = work_steps(at, own)
+        if not beside:
+            working = advised_steps(working, volume, runs[at], own, sink)
+        try:
+            with own.refusal("this surface", "choose a region"):
+                return (yield from working)
+        except MemoryLimitError as error:
+            if beside:
+                return let_go(error)
+            label = runs[at].label  # whose surface nobody can do without: the others need not be made
+            if label is None:
+                raise
+            raise MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
+        except CtmcError as error:
+            return let_go(error)
+
+    def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
+        works = [lambda at=at: tried_steps(at, at_once) for at in which]
+        weights = [work[at] for at in which]
+        results = yield from stages.run(name, side_by_side_steps(works, weights, at_once))
+        made.update(zip(which, results, strict=True))
+
+    yield from several_steps(alone, 1, "alone")
+    yield from several_steps(others, workers, "others")
+    # What does not fit beside others may fit alone.
+    again = [at for at in others if workers > 1 and isinstance(made[at], MemoryLimitError)]
+    give_back()
+    yield from several_steps(again, 1, "others")
+    return [made[at] for at in range(len(runs))]
+
+
+def let_go(error: CtmcError) -> CtmcError:
+    """The error without what its traceback and its causes hold: the arrays of the work that it ended."""
+    error.__cause__ = error.__context__ = None
+    return error.with_traceback(None)
