@@ -178,3 +178,14 @@ def spread(mesh, count, seed):
 def largest_error(mesh, small, count=4000):
     there = distances(spread(mesh, count, 1), small).max()
     return max(there, distances(spread(small, count, 2), mesh).max())
+
+
+def read_ply(path):
+    """Positions, normals and triangles of a binary PLY as it is written here."""
+    head, raw = path.read_bytes().split(b"end_header\n", 1)
+    vertices, faces = (int(line.split()[2]) for line in head.decode().splitlines() if line.startswith("element"))
+    numbers = np.frombuffer(raw, "<f4", 6 * vertices).reshape(-1, 6)
+    rows = np.frombuffer(raw, [("count", "u1"), ("vertices", "<i4", 3)], faces, numbers.nbytes)
+    assert len(raw) == numbers.nbytes + rows.nbytes
+    assert (rows["count"] == 3).all()
+    return numbers[:, :3], numbers[:, 3:], rows["vertices"]

@@ -8,12 +8,12 @@ largest to the smallest, one thread each.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 from .budget import Budget
-from .errors import CtmcError, MemoryLimitError
+from .errors import CtmcError, LabelError, MemoryLimitError
 from .memory import give_back
 from .parallel import side_by_side_steps
 from .plan import advised_steps
@@ -32,6 +32,17 @@ def label_title(volume: Volume, label: int) -> str:
     """Return how a message names a label: 'label 3 (spleen)'."""
     name = volume.label_names.get(label, "")
     return f"label {label} ({name})" if name else f"label {label}"
+
+
+def left_out(volume: Volume, label: int, error: CtmcError) -> str:
+    """Return the sentence for a label that has no surface where all labels were asked for."""
+    return f"{label_title(volume, label)} is left out: {error}."
+
+
+def no_surface(volume: Volume, errors: Mapping[int, CtmcError]) -> LabelError:
+    """Return the error for a volume none of whose labels has a surface, with the first reason."""
+    label, error = next(iter(errors.items()))
+    return LabelError(f"no label of {volume.name} has a surface; {left_out(volume, label, error)}")
 
 
 def each_label_steps(

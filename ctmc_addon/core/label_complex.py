@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .budget import Budget
-from .each_label import each_label_steps, label_title
-from .errors import LabelError, MeshError, ThresholdError
+from .each_label import each_label_steps, label_title, no_surface
+from .errors import CtmcError, LabelError, MeshError, ThresholdError
 from .extraction.grid import Axis, check_stride, make_axes
 from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
 from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs, next_constants
@@ -59,8 +59,8 @@ class LabelComplex:
     settings : ReconstructionSettings
     labels : tuple of int
         That have a surface, rising.
-    left_out : tuple of str
-        A sentence for each label without one.
+    errors : dict of int to CtmcError
+        Why a label has none.
     thresholds : dict of int to float
         Of every label's field.
     notes : dict of int to tuple of str
@@ -79,7 +79,7 @@ class LabelComplex:
     surface: ComplexSurface
     settings: ReconstructionSettings
     labels: tuple[int, ...]
-    left_out: tuple[str, ...]
+    errors: dict[int, CtmcError]
     thresholds: dict[int, float]
     notes: dict[int, tuple[str, ...]]
     wrong_side: dict[int, int]
@@ -107,6 +107,7 @@ def complex_steps(
     settings: ReconstructionSettings,
     labels: Sequence[int] | None = None,
     budget: Budget | None = None,
+    all_needed: bool = True,
 ) -> Steps[LabelComplex]:
     """Make the surfaces of several labels as one complex.
 
@@ -116,16 +117,18 @@ def complex_steps(
     settings : ReconstructionSettings
         Of all labels; their own label does not count.
     labels : sequence of int, optional
-        By default all but 0; then those that have no surface are left out and said.
+        By default all but 0; then those that have no surface are left out.
     budget : Budget, optional
         Threads and memory; the result does not depend on it.
+    all_needed : bool
+        Whether a label that was asked for and has no surface is an error; else it is left out.
 
     Raises
     ------
     CtmcError
         As `reconstruct`; a label that was asked for and has no surface.
     """
-    making = _Making(volume, settings, budget or Budget())
+    making = _Making(volume, settings, budget or Budget(), all_needed and labels is not None)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -139,7 +142,8 @@ class _Making:
     owners: Owners
     placed: Placed
 
-    def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget) -> None:
+    def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool) -> None:
+        self.all_needed = all_needed
         self.volume, self.settings, self.budget = volume, replace(settings, threshold=None, label=None), budget
         self.stages = Stages(STAGES)
         self.method = replace(self.settings, label=1).smoothing_method
@@ -169,20 +173,19 @@ class _Making:
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
         made = yield from self.stages.run(FIELDS, each_label_steps(volume, runs, work_steps, budget))
-        self.requested = labels is not None
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
-        self.left_out: list[str] = []
+        self.errors: dict[int, CtmcError] = {}
         for label, result in zip(chosen, made, strict=True):
             if isinstance(result, _LabelField):
                 self.labels.append(label)
                 self.fields.append(result)
-            elif labels is None and isinstance(result, (LabelError, MeshError, ThresholdError)):
-                self.left_out.append(f"{label_title(volume, label)} is left out: {result}.")
+            elif not self.all_needed and isinstance(result, (LabelError, MeshError, ThresholdError)):
+                self.errors[label] = result
             else:
                 raise result
         if not self.fields:
-            raise LabelError(f"no label of {volume.name} has a surface; {self.left_out[0]}")
+            raise no_surface(volume, self.errors)
 
     def owners_steps(self) -> Steps[None]:
         """Find the owner of every sample of the grid that all labels share."""
@@ -364,17 +367,17 @@ class _Making:
         for label in self.labels:
             if label not in with_surface:
                 message = f"no sample of this grid is cut off by {label_title(volume, label)}; use a smaller stride"
-                if self.requested:
+                if self.all_needed:
                     raise MeshError(message)
-                self.left_out.append(f"{label_title(volume, label)} is left out: {message}.")
+                self.errors[label] = MeshError(message)
         if not with_surface:
-            raise LabelError(f"no label of {volume.name} has a surface; {self.left_out[0]}")
+            raise no_surface(volume, self.errors)
         numbered = [(at, label) for at, label in enumerate(self.labels, 1) if label in with_surface]
         return LabelComplex(
             surface=surface,
             settings=settings,
             labels=tuple(label for _, label in numbered),
-            left_out=tuple(self.left_out),
+            errors=self.errors,
             thresholds={label: self.fields[at - 1].threshold for at, label in numbered},
             notes={label: volume.notes + self.fields[at - 1].notes for at, label in numbered},
             wrong_side={label: int(self.wrong_side[at]) for at, label in numbered},

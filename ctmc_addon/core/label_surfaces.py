@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from .budget import Budget
-from .each_label import each_label_steps, label_title
+from .each_label import each_label_steps, left_out, no_surface
 from .errors import CtmcError, LabelError, MeshError, ThresholdError
 from .progress import Stages, Steps, finish
 from .reconstruct import reconstruct_steps
@@ -101,20 +101,22 @@ def reconstruct_labels_steps(
         if run.label not in extents:  # raises, with the labels that there are
             yield from reconstruct_steps(volume, run, budget)
     if settings.interfaces == "shared" and len(chosen) > 1:
-        results = yield from stages.run(making, _shared_steps(volume, settings, chosen, budget, sink_of))
+        results = yield from stages.run(
+            making, _shared_steps(volume, settings, chosen, budget, sink_of, labels is not None)
+        )
     else:
         results = yield from stages.run(making, _separate_steps(volume, runs, budget, sink_of))
-    surfaces, left_out = [], []
+    surfaces, errors = [], {}
     for label, result in zip(chosen, results, strict=True):
         if isinstance(result, Reconstruction):
             surfaces.append(result)
         elif labels is None and isinstance(result, (LabelError, MeshError, ThresholdError)):
-            left_out.append(f"{label_title(volume, label)} is left out: {result}.")
+            errors[label] = result
         else:
             raise result
     if not surfaces:
-        raise LabelError(f"no label of {volume.name} has a surface; {left_out[0]}")
-    return LabelSurfaces(surfaces, left_out)
+        raise no_surface(volume, errors)
+    return LabelSurfaces(surfaces, [left_out(volume, label, error) for label, error in errors.items()])
 
 
 def _separate_steps(
@@ -135,9 +137,10 @@ def _shared_steps(
     labels: Sequence[int],
     budget: Budget,
     sink_of: Callable[[int], Sink],
+    all_needed: bool,
 ) -> Steps[list[Reconstruction | CtmcError]]:
     """Make all labels together, then hand each to its sink."""
-    made = yield from shared_surfaces_steps(volume, settings, labels, budget)
+    made = yield from shared_surfaces_steps(volume, settings, labels, budget, all_needed)
     results: list[Reconstruction | CtmcError] = []
     for label in labels:
         if label not in made.results:

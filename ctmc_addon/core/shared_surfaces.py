@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .budget import Budget
-from .errors import CtmcError, MeshError
+from .errors import CtmcError, LabelError, MeshError
 from .label_complex import LabelComplex, complex_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
@@ -51,7 +51,11 @@ class SharedSurfaces(NamedTuple):
 
 
 def shared_surfaces_steps(
-    volume: Volume, settings: ReconstructionSettings, labels: Sequence[int], budget: Budget
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int],
+    budget: Budget,
+    all_needed: bool = True,
 ) -> Steps[SharedSurfaces]:
     """Make the surfaces of labels that all have samples, neighbors with the same triangles where they touch.
 
@@ -64,6 +68,8 @@ def shared_surfaces_steps(
         two of them share counted once.
     labels : sequence of int
     budget : Budget
+    all_needed : bool
+        Whether a label without a surface is an error; else its error is in the result.
 
     Raises
     ------
@@ -78,12 +84,19 @@ def shared_surfaces_steps(
     for at, (layer, own) in enumerate(layers):
         if len(own) == 1:
             alone = replace(settings, threshold=None, label=own[0])
-            result, full = yield from stages.run(str(at), result_and_full_steps(layer, alone, budget))
+            try:
+                result, full = yield from stages.run(str(at), result_and_full_steps(layer, alone, budget))
+            except (LabelError, MeshError) as error:
+                if all_needed:
+                    raise
+                made.errors[own[0]] = error
+                continue
             made.results[own[0]] = result
             if full is not None:
                 made.full[own[0]] = full
         else:
-            together = yield from stages.run(str(at), _Making(layer, settings, own, budget).result_steps())
+            making = _Making(layer, settings, own, budget, all_needed)
+            together = yield from stages.run(str(at), making.result_steps())
             made.full.update(together.full)
             made.results.update(together.results)
             made.errors.update(together.errors)
@@ -93,22 +106,33 @@ def shared_surfaces_steps(
 class _Making:
     """Surfaces of labels of one layer that are being made together."""
 
-    def __init__(self, volume: Volume, settings: ReconstructionSettings, labels: Sequence[int], budget: Budget) -> None:
+    def __init__(
+        self,
+        volume: Volume,
+        settings: ReconstructionSettings,
+        labels: Sequence[int],
+        budget: Budget,
+        all_needed: bool,
+    ) -> None:
         self.volume, self.settings, self.labels, self.budget = volume, settings, labels, budget
+        self.all_needed = all_needed
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
 
     def result_steps(self) -> Steps[SharedSurfaces]:
         """Extract, drop small components, simplify, and return each label's own surface."""
         settings, stages = self.settings, self.stages
-        extracting = complex_steps(self.volume, settings, self.labels, self.budget)
+        extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed)
         self.extracted = yield from stages.run(EXTRACTING, extracting)
         surface = self.extracted.surface
-        errors: dict[int, MeshError] = {}
+        errors: dict[int, CtmcError] = dict(self.extracted.errors)
         if settings.keep_parts or settings.min_part_mm3:
             limits = (settings.alpha, settings.keep_parts, settings.min_part_mm3)
-            keeping = keep_complex_components_steps(surface, self.labels, *limits)
-            surface, errors = yield from stages.run(KEEPING, keeping)
+            keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
+            surface, dropped = yield from stages.run(KEEPING, keeping)
+            errors |= dropped
+            if dropped and self.all_needed:
+                raise next(iter(dropped.values()))
         labels = [label for label in self.labels if label not in errors]
         full_mesh, simplified = surface.at(settings.alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
@@ -122,7 +146,7 @@ class _Making:
         timed = tuple(Stage(name, stages.seconds[name]) for name in WEIGHTS if name in stages.seconds)
         for made in (full, results):
             made.update((label, replace(result, stages=timed)) for label, result in made.items())
-        return SharedSurfaces(full, results, dict(errors))
+        return SharedSurfaces(full, results, errors)
 
     def _full_steps(
         self, surface: ComplexSurface, mesh: ComplexMesh, labels: Iterable[int]

@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from meshes import read_ply
 
 from ctmc_addon import readers
 from ctmc_addon.cli.arguments import label_choices
@@ -52,7 +53,8 @@ def test_labels_are_numbers_names_or_all(text, choices):
 
 def test_all_labels_become_a_file_each_and_a_report(ctmc, labels_file, tmp_path):
     out, report = tmp_path / "out", tmp_path / "report.json"
-    done = ctmc("reconstruct", labels_file, "--label", "all", "-o", f"{out}/", "--format", "ply", "--report", report)
+    words = ("--label", "all", "--interfaces", "separate", "-o", f"{out}/", "--format", "ply", "--report", report)
+    done = ctmc("reconstruct", labels_file, *words)
     assert done.code == 0, done.errors
     files = ["CON_.ply", "Liver 1.ply", "a_b_ c.ply", "kidney left.ply", "label 11.ply", "liver 9.ply"]
     assert names_in(out) == files
@@ -74,10 +76,45 @@ def test_all_labels_become_a_file_each_and_a_report(ctmc, labels_file, tmp_path)
     assert (tmp_path / "alone.ply").read_bytes() == (out / "kidney left.ply").read_bytes()
 
 
+def triangles_of(path):
+    """The corner positions of every triangle of a PLY, each turned to begin with its lowest, as a set."""
+    vertices, _, faces = read_ply(path)
+    corners = vertices[faces].tolist()
+    return {tuple(map(tuple, turned)) for turned in (lowest_first(triangle) for triangle in corners)}
+
+
+def lowest_first(triangle):
+    first = triangle.index(min(triangle))
+    return triangle[first:] + triangle[:first]
+
+
+@pytest.mark.parametrize("rate", [[], ["--simplify", "0.8"]])
+def test_labels_that_touch_share_their_triangles_and_the_report_says_how_many(ctmc, tmp_path, rate):
+    z, y, x = np.indices((14, 40, 40), np.float32)
+    inside = (2.5 * (z - 6.5)) ** 2 + (y - 19.5) ** 2 + (x - 19.5) ** 2 < 15**2
+    values = np.where(inside, 1 + (x + 2 * np.sin(y / 4) > 20), 0).astype(np.uint8)
+    values[2:4, 2:6, 2:6] = 7
+    np.save(tmp_path / "labels.npy", values)
+    words = ["--label", "all", "--spacing", "1", "1", "2.5", "--format", "ply", "--report", tmp_path / "report.json"]
+    done = ctmc("reconstruct", tmp_path / "labels.npy", *words, *rate, "-o", f"{tmp_path / 'out'}/")
+    assert done.code == 0, done.errors
+    report = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    [shared] = report["interfaces"]
+    assert shared["labels"] == [1, 2]
+    first, second = (triangles_of(tmp_path / "out" / f"label {label}.ply") for label in (1, 2))
+    common = {tuple(lowest_first(list(triangle[::-1]))) for triangle in first}
+    assert len(common & second) == shared["triangles"] > 100
+    assert [surface["closed"] for surface in report["surfaces"]] == [True, True, True]
+    assert [surface["neighbors"][0]["label"] for surface in report["surfaces"][:2]] == [2, 1]
+    assert report["surfaces"][2]["neighbors"] == []
+    for surface, voxels in zip(report["surfaces"][:2], np.bincount(values.ravel())[[1, 2]], strict=True):
+        assert surface["volume_mm3"] == pytest.approx(2.5 * voxels, rel=0.02 if rate else 0.005)
+
+
 def test_labels_are_taken_by_number_and_name(ctmc, labels_file, tmp_path):
     folder = tmp_path / "there"
     folder.mkdir()
-    words = ("--label", "KIDNEY_LEFT", "--label", "5", "-o", folder)
+    words = ("--label", "KIDNEY_LEFT", "--label", "5", "--interfaces", "separate", "-o", folder)
     assert ctmc("reconstruct", labels_file, *words).code == 0
     assert names_in(folder) == ["CON_.stl", "kidney left.stl"]
     assert ctmc("reconstruct", labels_file, "--label", "kidney left", "-o", tmp_path / "one.stl").code == 0
@@ -117,7 +154,8 @@ def test_when_one_file_of_a_folder_fails_none_is_left(refused, labels_file, tmp_
         return (yield from write_steps(path, *args))
 
     monkeypatch.setattr(sink, "write_pieces_steps", fails_steps)
-    assert "disk is full" in refused("reconstruct", labels_file, "--label", "all", "-o", out)
+    words = ("--label", "all", "--interfaces", "separate", "-o", out)
+    assert "disk is full" in refused("reconstruct", labels_file, *words)
     assert names_in(out) == ["Liver 1.stl"]
     assert (out / "Liver 1.stl").read_bytes() == b"older"
 

@@ -15,7 +15,7 @@ from ctmc_addon.core import (
     ReconstructionSettings,
     SettingsError,
     Volume,
-    label_surfaces,
+    each_label,
     reconstruct,
     reconstruct_labels,
     reconstruct_labels_steps,
@@ -25,6 +25,11 @@ from ctmc_addon.core.simplification.whole import memory_needed
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
+
+
+def separate(**more):
+    """Settings that make each label by itself."""
+    return ReconstructionSettings(interfaces="separate", **more)
 
 
 def organs():
@@ -56,10 +61,10 @@ def same(first, second):
 @pytest.mark.parametrize(
     "settings",
     [
-        ReconstructionSettings(),
-        ReconstructionSettings(smoothing="none", stride=(2, 3, 2)),
-        ReconstructionSettings(smoothing_mm=1.5, close_border=True),
-        ReconstructionSettings(reduction=0.5, region=(2, 3, 1, 40, 38, 20)),
+        separate(),
+        separate(smoothing="none", stride=(2, 3, 2)),
+        separate(smoothing_mm=1.5, close_border=True),
+        separate(reduction=0.5, region=(2, 3, 1, 40, 38, 20)),
     ],
     ids=["constrained", "none", "gaussian", "region"],
 )
@@ -77,17 +82,15 @@ def test_every_label_has_the_bytes_it_has_alone(settings):
 
 
 def test_values_that_are_fetched_give_the_same_bytes():
-    fetched = reconstruct_labels(in_file(organs()), ReconstructionSettings(), None, Budget(threads=3))
-    for first, second in zip(
-        fetched.surfaces, reconstruct_labels(organs(), ReconstructionSettings()).surfaces, strict=True
-    ):
+    fetched = reconstruct_labels(in_file(organs()), separate(), None, Budget(threads=3))
+    for first, second in zip(fetched.surfaces, reconstruct_labels(organs(), separate()).surfaces, strict=True):
         same(first, second)
 
 
 def test_what_does_not_fit_beside_other_labels_is_made_whole_alone():
     boxes = np.kron([[1, 2], [3, 4]], np.pad(np.ones((8, 8)), 2))
     values = np.pad(np.broadcast_to(boxes, (8, 24, 24)), ((2, 2), (0, 0), (0, 0))).astype(np.uint8)
-    volume, settings = Volume(values, AFFINE, kind="label"), ReconstructionSettings(reduction=0.9, smoothing="none")
+    volume, settings = Volume(values, AFFINE, kind="label"), separate(reduction=0.9, smoothing="none")
     whole = reconstruct_labels(volume, settings).surfaces
     budget = Budget(threads=2, bytes=memory_needed(whole[0].full_faces, None) + 1)
     with pytest.raises(MemoryLimitError):
@@ -97,7 +100,7 @@ def test_what_does_not_fit_beside_other_labels_is_made_whole_alone():
 
 
 def test_labels_come_in_the_order_asked_for_with_their_names_and_colors():
-    surfaces, left_out = reconstruct_labels(organs(), ReconstructionSettings(label=5), [9, 3, 12])
+    surfaces, left_out = reconstruct_labels(organs(), separate(label=5), [9, 3, 12])
     assert left_out == []
     assert [(one.settings.label, one.label_name, one.label_color) for one in surfaces] == [
         (9, "spleen", None),
@@ -112,70 +115,68 @@ def test_the_values_are_searched_once_for_all_labels(monkeypatch):
     scan = labels_of_volume.slab_extents
     monkeypatch.setattr(labels_of_volume, "slab_extents", lambda slab: seen.append(slab.size) or scan(slab))
     volume = organs()
-    reconstruct_labels(volume, ReconstructionSettings())
+    reconstruct_labels(volume, separate())
     assert sum(seen) == volume.values.size
 
 
 def test_a_label_that_is_not_there_is_one_sentence():
     with pytest.raises(LabelError, match="label 5 is empty here; the labels are 1, 3, "):
-        reconstruct_labels(organs(), ReconstructionSettings(), [3, 5])
+        reconstruct_labels(organs(), separate(), [3, 5])
     with pytest.raises(LabelError, match="all voxels are 0"):
-        reconstruct_labels(Volume(np.zeros((3, 4, 5)), np.eye(4)), ReconstructionSettings())
+        reconstruct_labels(Volume(np.zeros((3, 4, 5)), np.eye(4)), separate())
     with pytest.raises(SettingsError, match="region"):
-        reconstruct_labels(organs(), ReconstructionSettings(region=(90, 0, 0, 99, 9, 9)))
+        reconstruct_labels(organs(), separate(region=(90, 0, 0, 99, 9, 9)))
 
 
 def test_of_all_labels_those_without_a_surface_are_left_out_and_said():
-    settings = ReconstructionSettings(smoothing="none", stride=(4, 4, 4))
+    settings = separate(smoothing="none", stride=(4, 4, 4))
     everything = reconstruct_labels(organs(), settings)
     assert everything.left_out
     assert all("is left out: " in sentence for sentence in everything.left_out)
     with pytest.raises(LabelError, match="no label of volume has a surface; label 1"):
-        reconstruct_labels(Volume(np.ones((4, 4, 4), np.uint8), np.eye(4)), ReconstructionSettings())
+        reconstruct_labels(Volume(np.ones((4, 4, 4), np.uint8), np.eye(4)), separate())
 
 
 def test_what_does_not_fit_beside_others_is_made_alone():
     volume = organs()
     alone = {}
-    for result in reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=1)).surfaces:
+    for result in reconstruct_labels(volume, separate(), None, Budget(threads=1)).surfaces:
         alone[result.settings.label] = result
     low, high = 10_000, 1 << 28
     while high - low > 4096:  # the least memory with which every label can be made alone
         limit = (low + high) // 2
         try:
             for label in alone:
-                reconstruct(volume, ReconstructionSettings(label=label), Budget(threads=1, bytes=limit))
+                reconstruct(volume, separate(label=label), Budget(threads=1, bytes=limit))
             high = limit
         except MemoryLimitError:
             low = limit
-    surfaces, _ = reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=4, bytes=high))
+    surfaces, _ = reconstruct_labels(volume, separate(), None, Budget(threads=4, bytes=high))
     for result in surfaces:
         same(result, alone[result.settings.label])
     with pytest.raises(MemoryLimitError):
-        reconstruct_labels(volume, ReconstructionSettings(), None, Budget(threads=4, bytes=low))
+        reconstruct_labels(volume, separate(), None, Budget(threads=4, bytes=low))
 
 
 def test_closing_the_steps_ends_every_thread(monkeypatch):
-    monkeypatch.setattr(label_surfaces, "SMALL_WORK", 1 << 30)  # all side by side
+    monkeypatch.setattr(each_label, "SMALL_WORK", 1 << 30)  # all side by side
     before = threading.active_count()
-    steps = reconstruct_labels_steps(organs(), ReconstructionSettings(), None, Budget(threads=3))
+    steps = reconstruct_labels_steps(organs(), separate(), None, Budget(threads=3))
     assert any(threading.active_count() > before for _ in steps)
     steps.close()
     assert threading.active_count() == before
 
 
 def test_the_fraction_rises_to_one():
-    fractions = [
-        step.fraction for step in reconstruct_labels_steps(organs(), ReconstructionSettings(), None, Budget(threads=2))
-    ]
+    fractions = [step.fraction for step in reconstruct_labels_steps(organs(), separate(), None, Budget(threads=2))]
     assert fractions == sorted(fractions)
     assert 0.9 < fractions[-1] <= 1
 
 
 @pytest.mark.parametrize("room", [0, 1, 2])
 def test_where_the_system_gives_no_thread_labels_are_made_one_after_the_other(monkeypatch, room):
-    monkeypatch.setattr(label_surfaces, "SMALL_WORK", 1 << 30)  # all side by side
-    settings = ReconstructionSettings(smoothing="none", reduction=0.5)
+    monkeypatch.setattr(each_label, "SMALL_WORK", 1 << 30)  # all side by side
+    settings = separate(smoothing="none", reduction=0.5)
     expected = reconstruct_labels(organs(), settings, None, Budget(threads=1))
     left = [None] * room
     start = threading.Thread.start

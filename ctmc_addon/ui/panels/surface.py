@@ -51,6 +51,10 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
     else:
         row.active = settings.smoothing == "gaussian" or settings.use_smoothing_mm
         row.prop(settings, "smoothing_mm")
+    if settings.use_label:
+        row = layout.row()
+        row.active = sum(item.chosen for item in settings.labels) > 1
+        draw_setting(row, settings, "interfaces")
 
 
 def threshold_text(scene: bpy.types.Scene) -> str:
@@ -89,8 +93,6 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         return
     rows = min(6, max(3, len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
-    if sum(item.chosen for item in settings.labels) > 1:
-        draw_setting(layout, settings, "interfaces")
 
 
 class CTMC_UL_labels(bpy.types.UIList):

@@ -7,6 +7,7 @@ import struct
 
 import numpy as np
 import pytest
+from meshes import read_ply
 
 from ctmc_addon.core.errors import OutputError
 from ctmc_addon.core.files import mesh_files
@@ -30,16 +31,6 @@ def read_stl(path):
     assert len(raw) == 84 + 50 * count
     assert not raw.startswith(b"solid")  # as a text STL begins
     return rows["corners"], rows["normal"]
-
-
-def read_ply(path):
-    head, raw = path.read_bytes().split(b"end_header\n", 1)
-    vertices, faces = (int(line.split()[2]) for line in head.decode().splitlines() if line.startswith("element"))
-    numbers = np.frombuffer(raw, "<f4", 6 * vertices).reshape(-1, 6)
-    rows = np.frombuffer(raw, [("count", "u1"), ("vertices", "<i4", 3)], faces, numbers.nbytes)
-    assert len(raw) == numbers.nbytes + rows.nbytes
-    assert (rows["count"] == 3).all()
-    return numbers[:, :3], numbers[:, 3:], rows["vertices"]
 
 
 def test_an_stl_has_every_facet_with_its_outward_normal(tetrahedron, tmp_path):

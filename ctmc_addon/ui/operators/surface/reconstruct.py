@@ -138,7 +138,7 @@ def surfaces_steps(
 def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
     """Make the surfaces of several labels: together where they share their interfaces, else side by side."""
     runs = [request.settings for request in requests]
-    if runs[0].interfaces == "shared":
+    if all(run.interfaces == "shared" and run.label is not None for run in runs):
         return (yield from shared_steps(volume, requests))
 
     def work_steps(number: int, budget: Budget) -> Steps[FinishedSurface]:
