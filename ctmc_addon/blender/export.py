@@ -92,12 +92,12 @@ def export_together(
         mesh_files.require_one_surface(target, len(objects))
         evaluated_triangles(objects[0], scene).save(target, space)
         return
-    with whole_file(target) as beside:
+    with whole_file(target) as temporary:
         try:
-            written, expected = WRITERS[suffix](objects, beside, space, scene, collection, frames)
+            written, expected = WRITERS[suffix](objects, temporary, space, scene, collection, frames)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
-        require_complete(beside, written, expected, target.name)
+        require_complete(temporary, written, expected, target.name)
 
 
 def write_obj(

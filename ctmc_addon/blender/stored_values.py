@@ -31,7 +31,7 @@ def parsed_json(text: Any) -> dict[str, Any]:
 
 
 def finite(value: Any) -> float:
-    """A finite number.
+    """Return a finite number.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def measured(value: Any) -> float:
 
 
 def positive(value: Any) -> float:
-    """A finite number above 0."""
+    """Return a finite number above 0."""
     number = finite(value)
     if number <= 0:
         raise ValueError(f"{number:g} is not above 0")
@@ -57,14 +57,21 @@ def positive(value: Any) -> float:
 
 
 def whole(value: Any, lowest: int = 0) -> int:
-    """A whole number of at least `lowest`, and small enough for every table."""
+    """A whole number of at least `lowest`, and small enough for every table.
+
+    Parameters
+    ----------
+    value : number
+        As a file holds it.
+    lowest : int
+    """
     if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= LARGEST_COUNT:
         raise ValueError("not a whole number in range")
     return value
 
 
 def texts(values: Any) -> tuple[str, ...]:
-    """A list of texts."""
+    """Return a list of texts."""
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise ValueError("not a list of texts")
     return tuple(values)
@@ -86,7 +93,7 @@ def from_stored(kind: Any, values: Any) -> Any:
 
 
 def truth(value: Any) -> bool:
-    """True or False."""
+    """Return True or False."""
     if not isinstance(value, bool):
         raise ValueError("not a truth value")
     return value

@@ -116,7 +116,12 @@ def label_choices(text: str) -> list[int | str]:
 
 
 def at_least(low: int) -> Callable[[str], int]:
-    """A function that reads a whole number which is not below `low`."""
+    """Return a function that reads a whole number which is not below `low`.
+
+    Parameters
+    ----------
+    low : int
+    """
 
     def read(text: str) -> int:
         try:
@@ -156,7 +161,17 @@ def settings_and_labels(args: argparse.Namespace) -> tuple[ReconstructionSetting
 
 
 def choices_of(values: Mapping[str, Any]) -> tuple[int | str, ...]:
-    """The labels that settings choose, each once."""
+    """Return the labels that settings choose, each once.
+
+    Parameters
+    ----------
+    values : mapping of str to Any
+        Settings by name.
+
+    Returns
+    -------
+    tuple of int, label name or 'all'
+    """
     label = values.get("label")
     return () if label is None else tuple(dict.fromkeys(label if isinstance(label, (list, tuple)) else (label,)))
 
@@ -179,7 +194,12 @@ def file_of(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Both, `above` winning; a setting also replaces its alternatives.
+    """Return settings of which `above` wins; a setting also replaces its alternatives.
+
+    Parameters
+    ----------
+    below : mapping of str to Any
+    above : mapping of str to Any
 
     Examples
     --------

@@ -29,11 +29,11 @@ def has_blender() -> bool:
 
 def require_blender(purpose: str) -> None:
     """Load Blender, or raise a `CtmcError` that says what to install for this purpose."""
-    there = None if "bpy" in sys.modules else address_space_available()
-    if there is not None and there < BLENDER_BYTES:  # it would crash
+    available_bytes = None if "bpy" in sys.modules else address_space_available()
+    if available_bytes is not None and available_bytes < BLENDER_BYTES:  # it would crash
         raise MemoryLimitError(
             f"{purpose} needs Blender, which alone takes about {amount(BLENDER_BYTES)} of address space, and "
-            f"{amount(there)} are available; raise the limit (STL and PLY files need no Blender)"
+            f"{amount(available_bytes)} are available; raise the limit (STL and PLY files need no Blender)"
         )
     with interrupts_held():
         try:

@@ -17,7 +17,17 @@ from ..core import Described, SettingsError, setting
 
 
 def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
-    """`spacing` as (x, y, z) mm, or a `SettingsError`; one number stands for all three.
+    """Return a spacing as (x, y, z) mm.
+
+    Parameters
+    ----------
+    spacing : float or (x, y, z), optional
+        Millimeters; one number stands for all three.
+
+    Raises
+    ------
+    SettingsError
+        If it is not three numbers above 0.
 
     Examples
     --------

@@ -21,7 +21,7 @@ VOLUME, FOLDER, SLICE, PAGES, SERIES = "volume", "folder", "slice", "pages", "se
 
 @dataclass(frozen=True)
 class Format:
-    """What tells a format.
+    """What tells a format from others.
 
     Parameters
     ----------

@@ -380,7 +380,17 @@ def checked_budget(budget: Budget | None) -> Budget:
 
 
 def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
-    """`stride` as (x, y, z) samples, or a `SettingsError`."""
+    """Return a stride as (x, y, z) samples.
+
+    Parameters
+    ----------
+    stride : sequence of int
+
+    Raises
+    ------
+    SettingsError
+        If it is not three whole numbers from 1 on.
+    """
     sides = tuple(stride)
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")

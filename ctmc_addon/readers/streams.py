@@ -45,7 +45,21 @@ def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:
 
 
 def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
-    """Read `array` (contiguous) full from `stream`; too few bytes are a `ReadError` that names the file."""
+    """Read an array full from a stream.
+
+    Parameters
+    ----------
+    array : contiguous array
+        Is filled.
+    stream : binary file
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        If the stream has too few bytes.
+    """
     flat = memoryview(array.reshape(-1, order="A").view(np.uint8).data)
     done = 0
     while done < len(flat):
@@ -76,7 +90,21 @@ def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
 
 
 def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
-    """Pass over `count` bytes."""
+    """Pass over bytes of a stream.
+
+    Parameters
+    ----------
+    stream : binary file
+    count : int
+        Bytes.
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        If the stream has fewer bytes.
+    """
     if not isinstance(stream, PACKED):
         stream.seek(count, 1)
         return

@@ -65,7 +65,7 @@ def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
 
 
 def table(name: str) -> dict[str, str]:
-    """One language's table."""
+    """Return the table of one language."""
     return tomllib.loads((TABLES / name).read_text(encoding="utf-8"))
 
 
@@ -79,7 +79,7 @@ def catalogue() -> dict[str, dict[tuple[str, str], str]]:
 
 
 def register() -> None:
-    """Hand Blender our tables."""
+    """Hand the tables of all languages to Blender."""
     bpy.app.translations.register(__name__, catalogue())
 
 

@@ -31,7 +31,13 @@ FAR: Color = (0.55, 0.55, 0.55)
 
 
 def reach_mm(font_mm: float) -> float:
-    """Return the distance from the middle of the axes to their letters, mm."""
+    """Return the distance from the middle of the axes to their letters, mm.
+
+    Parameters
+    ----------
+    font_mm : float
+        Size of the letters.
+    """
     return REACH * font_mm
 
 
@@ -124,7 +130,7 @@ def axis_lines(reach_mm: float) -> Any:
 
 
 def disc(radius_mm: float) -> bpy.types.Mesh:
-    """A flat disc."""
+    """Return a flat disc."""
     around = 2 * np.pi * np.arange(32) / 32
     ring = np.column_stack([np.cos(around), np.sin(around), 0 * around]) * radius_mm
     faces = np.array([[0, at, at + 1] for at in range(1, 31)], np.int32)

@@ -117,7 +117,7 @@ def compose(
             figure.pictures.append(SlicePictures(figure.scene, figure.blocks))
             for plane in cell.slices:
                 figure.pictures[-1].add_plane(plane, scene)
-        points = np.concatenate([all_positions(figure), *(np.array(ruler.places) for ruler in rulers_of(cells))])
+        points = np.concatenate([all_positions(figure), *(np.array(ruler.points) for ruler in rulers_of(cells))])
         arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even)
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
             layers = (
@@ -193,12 +193,17 @@ def all_positions(figure: FigureScene) -> NDArray[np.float64]:
 
 
 def rulers_of(cells: Sequence[Cell]) -> list[RulerMark]:
-    """The rulers of all cells."""
+    """Return the rulers of all cells."""
     return [ruler for cell in cells for ruler in cell.rulers]
 
 
 def center_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The middle of the box around points."""
+    """Return the middle of the box around points, (3,).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    """
     return (points.min(axis=0) + points.max(axis=0)) / 2
 
 
@@ -297,7 +302,7 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
     eye = np.array(figure.scene.camera.matrix_world.inverted())[:2]
     for cell, aside in zip(cells, figure.asides, strict=True):
         for ruler in cell.rulers:
-            seen = np.array([[*(np.array(place) + aside), 1.0] for place in ruler.places]) @ eye.T
+            seen = np.array([[*(np.array(point) + aside), 1.0] for point in ruler.points]) @ eye.T
             ruler_mark(board, (seen / figure.unit + np.array(board.size_mm) / 2).tolist(), ruler.text)
     x, y = layout.margin, layout.footer_bottom
     if style.scale_bar:

@@ -40,7 +40,15 @@ class DistanceMap:
 def distance_map_steps(
     mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None
 ) -> Steps[DistanceMap]:
-    """The distance of a surface to another, at the vertices of its triangles and of their parts."""
+    """Measure the distance of a surface to another, at the vertices of its triangles and of their subdivisions.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    reference : ReferenceSurface
+    threads : int, optional
+        By default one for each processor, at most 8.
+    """
     yield PAUSE
     length = yield from mean_longest_edge_steps(reference.mesh)
     fine = yield from subdivided_steps(mesh, length)
@@ -49,7 +57,14 @@ def distance_map_steps(
 
 
 def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> ColorScale:
-    """Colors for these surfaces together: up to the 99th percentile of their distances, rounded up."""
+    """Return colors for several surfaces, which share the scale.
+
+    Parameters
+    ----------
+    maps : sequence of DistanceMap
+    limit_mm : float, optional
+        Where the colors end; by default the 99th percentile of the distances, rounded up.
+    """
     every = np.concatenate([distance_map.distances_mm for distance_map in maps])
     most = float(every.max())
     if limit_mm is None:
@@ -71,13 +86,25 @@ def rounded_up(value: float) -> float:
 
 
 def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write a distance on every vertex of a mesh, which the map shows."""
+    """Write a distance on every vertex of a mesh, which the map shows.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    distances_mm : (V,) float64
+    """
     attribute = mesh.attributes.get(DISTANCE) or mesh.attributes.new(DISTANCE, "FLOAT", "POINT")
     attribute.data.foreach_set("value", np.ascontiguousarray(distances_mm, np.float32))
 
 
 def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Keep (V,) distances on the mesh, and colors up to the largest; solid view shows them as Attribute."""
+    """Keep distances on the mesh, and colors up to the largest; solid view shows them as Attribute.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    distances_mm : (V,) float64
+    """
     keep_distances(mesh, distances_mm)
     colors = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
     colors.data.foreach_set("color", colors_of(distances_mm).ravel())

@@ -56,7 +56,7 @@ class Compared:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The caption."""
+        """Return the lines of the caption."""
         word, volume = "error", ""
         if self.volume:
             word, mesh = "from the bare surface:", self.result.mesh

@@ -111,12 +111,12 @@ class Page(Described):
 
     @property
     def font_mm(self) -> float:
-        """Size of the letters, mm."""
+        """Return the size of the letters, mm."""
         return self.font_pt * POINT_MM
 
     @property
     def pixels_per_mm(self) -> float:
-        """Pixels to the millimeter."""
+        """Return how many pixels a millimeter has."""
         return self.dpi / MM_PER_INCH
 
     def pixels(self, height_mm: float, even: bool = False) -> tuple[int, int]:
@@ -177,7 +177,7 @@ class ShownSurface:
 class RulerMark:
     """A distance between two places, or an angle at the second of three: world space, and what is written at it."""
 
-    places: tuple[tuple[float, float, float], ...]
+    points: tuple[tuple[float, float, float], ...]
     text: str
 
 
@@ -379,7 +379,7 @@ class Turn(Described):
 
     @property
     def frames(self) -> int:
-        """Pictures in the loop."""
+        """Return how many pictures the loop has."""
         return round(self.seconds * self.fps)
 
     def degrees(self, frame: int) -> float:

@@ -81,8 +81,8 @@ def turntable_steps(
         remove_leftovers(folder)
         write_json(folder / NOTE, note)
         if blend is not None:
-            with whole_file(Path(blend)) as beside:
-                write_scene(figure, beside)
+            with whole_file(Path(blend)) as temporary:
+                write_scene(figure, temporary)
         rendered = yield from frames_steps(figure, pivot, folder, page, turn)
     finally:
         figure.remove()
@@ -139,13 +139,13 @@ def frames_steps(figure: FigureScene, pivot: bpy.types.Object, folder: Path, pag
         yield Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
         pivot.rotation_euler.z = math.radians(turn.degrees(at))
         target = folder / FRAME.format(at + 1)
-        with whole_file(target) as beside:
-            finish(png_steps(figure, beside, target.name, page.dpi, tiled=False))
+        with whole_file(target) as temporary:
+            finish(png_steps(figure, temporary, target.name, page.dpi, tiled=False))
     return len(missing)
 
 
 def duration_left(seconds: float) -> str:
-    """A time to wait for.
+    """Return in words how long it will still take.
 
     Examples
     --------

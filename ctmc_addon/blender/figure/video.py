@@ -57,8 +57,8 @@ def write_video(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, i
         written = sorted(folder.iterdir())
         if len(written) != 1 or not written[0].stat().st_size:
             raise OutputError(f"this Blender cannot write {path.suffix} videos; take PNG frames in a folder")
-        with whole_file(path) as beside:
-            shutil.copyfile(written[0], beside)
+        with whole_file(path) as temporary:
+            shutil.copyfile(written[0], temporary)
     except RuntimeError as error:
         raise OutputError(f"{path.name} could not be written: {' '.join(str(error).split())}") from error
     finally:

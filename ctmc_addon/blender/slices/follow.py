@@ -102,6 +102,6 @@ def cross_at(
         if plane not in nearest or abs(way) < nearest[plane][0]:
             nearest[plane] = (abs(way), obj, Vector((normal * way * scale).tolist()))
     for _, obj, shift in nearest.values():
-        place = obj.matrix_world.copy()
-        place.translation += shift
-        obj.matrix_world = place
+        matrix = obj.matrix_world.copy()
+        matrix.translation += shift
+        obj.matrix_world = matrix

@@ -42,7 +42,7 @@ class Nodes:
         return next(socket for socket in node.outputs if socket.enabled)
 
     def math(self, operation: str, *values: Any) -> Any:
-        """A calculation with numbers."""
+        """Add a calculation with numbers."""
         return self.of("ShaderNodeMath", *values, operation=operation)
 
     def compare(self, operation: str, first: Any, second: float) -> Any:
@@ -114,7 +114,7 @@ class Nodes:
         return node.outputs[0], node.outputs[1]
 
     def join(self, *geometries: Any) -> Any:
-        """Several geometries as one."""
+        """Add a node that joins several geometries."""
         node = self.add("GeometryNodeJoinGeometry")
         for geometry in reversed(geometries):  # Blender puts the last link first
             self.tree.links.new(geometry, node.inputs[0])

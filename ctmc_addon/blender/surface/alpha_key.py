@@ -30,7 +30,17 @@ def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
 
 
 def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: Placement) -> None:
-    """Give an object, whose vertices are the midpoints, the key of the linear crossings."""
+    """Give an object, whose vertices are the midpoints, the key of the linear crossings.
+
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    surface : Surface
+        Both ends of alpha, RAS+ mm.
+    alpha : float
+        0 to 1, where the key stands.
+    placement : Placement
+    """
     obj.shape_key_add(name="Basis", from_mix=False)
     key = obj.shape_key_add(name=KEY, from_mix=False)
     key.points.foreach_set("co", placement.to_local(surface.linear).ravel())
@@ -38,9 +48,13 @@ def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: 
 
 
 def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
-    """Move a surface to `alpha` and note it among its settings; whether anything changed.
+    """Move a surface to `alpha` and note it among its settings; return whether anything changed.
 
-    An animation or driver of the key has the last word.
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    alpha : float
+        0 to 1; an animation or driver of the key has the last word.
     """
     provenance = read_provenance(obj)
     key = None if provenance is None else alpha_key(obj.data)
@@ -54,7 +68,15 @@ def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
 
 
 def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
-    """Carry the key over to a new mesh, its value only where that is not `old_alpha` of the settings or is animated."""
+    """Carry the key over to a new mesh.
+
+    Parameters
+    ----------
+    old : bpy.types.Key
+    new : bpy.types.Key
+    old_alpha : float
+        Of the settings; the key's value is carried over only where it differs or is animated.
+    """
     before, animation = old.key_blocks.get(KEY), old.animation_data
     if before is not None:
         after = new.key_blocks[KEY]

@@ -71,7 +71,14 @@ class Placement:
 
 
 def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Placement:
-    """The placement whose origin is the middle of the box around (n, 3) points."""
+    """Return the placement whose origin is the middle of the box around points.
+
+    Parameters
+    ----------
+    points_ras_mm : (n, 3) float
+    scale : float
+        Blender units a millimeter.
+    """
     # A column at a time is ten times as fast as both axes at once.
     low, high = (np.array([end(points_ras_mm[:, axis]) for axis in range(3)]) for end in (np.min, np.max))
     middle = (low.astype(np.float64) + high) * (0.5 * scale)
@@ -123,7 +130,17 @@ def in_place(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.
 def is_close(
     local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
 ) -> NDArray[np.bool_]:
-    """Which local positions, (V,), are the expected ones of the kept millimeters but for rounding to float32."""
+    """Return which local positions are the expected ones but for rounding to float32, (V,) bool.
+
+    Parameters
+    ----------
+    local : (V, 3) float32
+    expected : (V, 3) float32
+        In the object's space.
+    kept : (V, 3) float32
+        RAS+ mm that were kept.
+    placement : Placement
+    """
     size = np.abs(kept) * np.float32(placement.scale)
     if placement.applied is not None:  # every sum of a row rounds by the largest of its parts
         size = size.max(axis=1, keepdims=True) * np.float32(max(1.0, np.abs(placement.applied).sum()))
@@ -156,7 +173,13 @@ def matrix_of(matrix: Any) -> NDArray[np.float64]:
 
 
 def moved_mesh(matrix: NDArray[np.float64], mesh: TriangleMesh) -> TriangleMesh:
-    """A mesh moved by a (4, 4) matrix, with its normals, and its faces still pointing outwards."""
+    """Return a mesh moved by a matrix, with its normals, and its faces still pointing outwards.
+
+    Parameters
+    ----------
+    matrix : (4, 4) float64
+    mesh : TriangleMesh
+    """
     if (matrix == np.eye(4)).all():
         return mesh
     vertices = transform_points(matrix, mesh.vertices).astype(np.float32)

@@ -27,7 +27,16 @@ LINEAR_MM = ".ctmc_linear_mm"
 
 
 def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surface: Surface | None = None) -> None:
-    """Keep RAS+ mm on a mesh, (V, 3) float32: both ends of alpha of `surface` while it is open, else `vertices`."""
+    """Keep RAS+ mm on a mesh.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    vertices : (V, 3) float32
+        RAS+ mm, kept where alpha is settled.
+    surface : Surface, optional
+        Both ends of alpha, kept while it is open.
+    """
     meshes.write_attribute(mesh, POSITIONS_MM, vertices if surface is None else surface.midpoints)
     if surface is not None:
         meshes.write_attribute(mesh, LINEAR_MM, surface.linear)

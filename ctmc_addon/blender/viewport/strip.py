@@ -55,12 +55,12 @@ class Strip:
 
     @property
     def bottom(self) -> float:
-        """Its lower edge."""
+        """Return the strip's lower edge, pixels."""
         return GAP * self.scale
 
     @property
     def top(self) -> float:
-        """Its upper edge."""
+        """Return the strip's upper edge, pixels."""
         return self.bottom + (TICKS + PLOT + BANDS + NAMES * self.names + TITLE) * self.scale
 
     @property
@@ -93,7 +93,18 @@ class Strip:
 
 
 def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
-    """The strip in a 3D viewport, as wide as its toolbar and sidebar leave free."""
+    """Return the strip in a 3D viewport, as wide as its toolbar and sidebar leave free.
+
+    Parameters
+    ----------
+    area : bpy.types.Area
+    low : float
+        Value at the left end.
+    high : float
+        Value at the right end.
+    scale : float
+        Of the interface.
+    """
     region = next(region for region in area.regions if region.type == "WINDOW")
     left, right = 0.0, float(region.width)
     for bar in area.regions:
@@ -112,7 +123,7 @@ def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
 
 
 def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Two triangles for each box.
+    """Return two triangles for each box.
 
     Parameters
     ----------
@@ -168,7 +179,14 @@ def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]
 
 
 def width_of(text: str, scale: float) -> float:
-    """How wide a text of the strip is, pixels."""
+    """Return how wide a text of the strip is, pixels.
+
+    Parameters
+    ----------
+    text : str
+    scale : float
+        Of the interface.
+    """
     import blf
 
     blf.size(FONT, LETTERS * scale)
@@ -190,7 +208,20 @@ def draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
 
 
 def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: bool = False) -> bool:
-    """Write a text at a pixel, or with its middle there, pushed into `room`; False where it does not fit."""
+    """Write a text; return False where it does not fit.
+
+    Parameters
+    ----------
+    text : str
+    x : float
+        Of its left end, or of its middle, pixels.
+    y : float
+        Of its baseline, pixels.
+    room : (left, right) float
+        Pixels into which it is pushed.
+    middle : bool
+        Whether `x` is its middle.
+    """
     import blf
 
     width = blf.dimensions(FONT, text)[0]

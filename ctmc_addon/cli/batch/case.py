@@ -132,7 +132,7 @@ class Case:
         volume = self.read(settings, bool(output["labels"]))
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
-        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
+        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.output_fields(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
             making = surfaces_steps(volume, settings, output["labels"], Budget(task["threads"]), writer, written_bytes)
@@ -157,7 +157,7 @@ class Case:
         with CHANGING_FOLDERS:
             put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
 
-    def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
+    def output_fields(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:

@@ -33,7 +33,7 @@ class Output:
     labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
 
     def plain(self) -> dict[str, Any]:
-        """The same as plain data."""
+        """Return the case as plain data, for JSON."""
         settings = self.settings.to_dict()
         if self.labels:
             settings.pop("label", None)
@@ -119,8 +119,8 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     for inner in entries if deepest else []:
         if inner.is_dir() and inner.resolve() != aside:
             volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]
-            alone = len(volumes) == 1
-            nested += [(path, inner.name if alone else f"{inner.name}-{name}") for path, name in volumes]
+            is_single = len(volumes) == 1
+            nested += [(path, inner.name if is_single else f"{inner.name}-{name}") for path, name in volumes]
     return nested
 
 
@@ -186,7 +186,7 @@ def require_file_name(name: str) -> None:
 
 
 def short(case: Case) -> str:
-    """The case's path as its last two parts."""
+    """Return the last two names of the case's path."""
     return "/".join(case.path.parts[-2:])
 
 

@@ -31,7 +31,7 @@ SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
 
 
 def record_path(folder: Path, name: str) -> Path:
-    """The JSON of an output."""
+    """Return the path of an output's JSON."""
     return folder / f"{name}.json"
 
 
@@ -41,7 +41,13 @@ def thumbnail_path(folder: Path, name: str) -> Path:
 
 
 def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
-    """Where a case keeps what is not complete: on the same disk as where it will go."""
+    """Return where a case keeps what is not complete: on the same disk as its output.
+
+    Parameters
+    ----------
+    task : mapping
+        What the batch hands to the case.
+    """
     return Path(task["folder"], task["unfinished"], task["outputs"][0]["name"])
 
 
@@ -55,24 +61,37 @@ def put_output(
 ) -> None:
     """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it.
 
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    name : str
+        Of the output.
+    unfinished : Path
+        The folder that holds the files now.
+    surfaces : sequence of Path
+    thumbnail : Path, optional
+    record : mapping
+        The JSON.
+
     Raises
     ------
     OutputError
         If one of them cannot be written, or would replace a file of the input.
     """
-    places = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
+    moves = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
     if thumbnail is not None:
-        places.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
+        moves.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
     older = (read_record(folder, name) or {}).get("files")
     target = record_path(folder, name)
-    for path in (target, thumbnail_path(folder, name), *(place for _, place in places)):
+    for path in (target, thumbnail_path(folder, name), *(target_path for _, target_path in moves)):
         require_no_input(path)
     try:
         target.unlink(missing_ok=True)
-        for path, target in places:
+        for path, target in moves:
             made_folder(target.parent)
             path.replace(target)
-        remove_older(folder, name, older, {target for _, target in places})
+        remove_older(folder, name, older, {target for _, target in moves})
         if thumbnail is None:
             thumbnail_path(folder, name).unlink(missing_ok=True)
     except OSError as error:
@@ -99,8 +118,8 @@ def read_record(folder: Path, name: str) -> dict[str, Any] | None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what runs that were killed had not finished."""
-    for place in (folder, folder / THUMBNAILS):
-        remove_leftovers(place)
+    for each in (folder, folder / THUMBNAILS):
+        remove_leftovers(each)
 
 
 @contextmanager
@@ -140,7 +159,16 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
 
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:
-    """Whether a JSON is that of this output, made without an error, its files as they were written."""
+    """Return whether a JSON is that of this output, made without an error, its files as they were written.
+
+    Parameters
+    ----------
+    record : mapping
+        The JSON.
+    task : mapping
+    output : mapping
+        One of the task's outputs.
+    """
     expected: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
     sizes = record.get("file_bytes")
     return (

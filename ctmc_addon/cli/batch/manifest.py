@@ -37,7 +37,7 @@ class CaseInput:
 
 
 def manifest_inputs(path: Path) -> list[CaseInput]:
-    """The rows of a manifest.
+    """Read the rows of a manifest.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def require_columns(names: list[str], where: str) -> None:
 
 
 def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    """One line of the manifest."""
+    """Read one line of the manifest."""
     values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:

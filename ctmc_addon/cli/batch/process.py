@@ -76,7 +76,7 @@ class CaseProcess:
         return True
 
     def wait(self) -> None:
-        """Wait for the end."""
+        """Wait until the process has ended."""
         self.process.wait()
         self.ended()
 

@@ -52,8 +52,14 @@ class SummaryRow:
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     """Write summary.csv, summary.json and summary.html.
 
-    While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
-    summary.csv open keeps others from it on Windows, which is no reason to stop.
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    rows : sequence of SummaryRow
+    over : bool
+        Whether the batch is; while it runs, a file that cannot be replaced is left until the next case is over,
+        as a spreadsheet that has summary.csv open keeps others from it on Windows.
     """
     plain = [{name: value for name, value in asdict(row).items() if name != "surfaces" or value} for row in rows]
     cases = [{name: value for name, value in row.items() if name != "surfaces"} for row in plain]
@@ -148,8 +154,8 @@ def numbers(row: SummaryRow) -> list[str]:
 def counts(rows: Sequence[SummaryRow]) -> str:
     """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
     states = [row.status for row in rows]
-    parts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
-    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(parts)}"
+    texts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
+    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
 
 
 def row_of(folder: Path, name: str) -> SummaryRow:

@@ -32,7 +32,24 @@ IN_TURN = (".blend",)  # files that show one surface after the other
 
 
 def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, scheduler: bool) -> None:
-    """Raise `UsageError` where what is asked for is not one surface for each time; `suffix` is empty for a folder."""
+    """Refuse what is not one surface for each time.
+
+    Parameters
+    ----------
+    choices : sequence of int or str
+        Labels.
+    suffix : str
+        Of the output; empty for a folder.
+    figure : bool
+        Whether a figure is asked for.
+    scheduler : bool
+        Whether workers are.
+
+    Raises
+    ------
+    UsageError
+        If it is not.
+    """
     if may_be_several(choices):
         raise UsageError("--time all makes one surface of each time; give one label, or one time")
     if figure or scheduler:

@@ -95,7 +95,7 @@ def run_builtin(mesh: TriangleMesh, item: Measured) -> None:
 
 
 def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
-    """One run of Blender's Decimate."""
+    """Run Blender's Decimate once."""
     gc.collect()
     from ...blender.surface import decimated
 

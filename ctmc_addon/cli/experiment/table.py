@@ -24,9 +24,20 @@ class Column:
     show: Callable[[Row], str]
 
 
-def figures(title: str, key: str, places: int, unit: float = 1.0) -> Column:
-    """A column of numbers with so many places, in this unit; '-' for none."""
-    return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{places}f}")
+def figures(title: str, key: str, digits: int, unit: float = 1.0) -> Column:
+    """Return a column of numbers; '-' stands for none.
+
+    Parameters
+    ----------
+    title : str
+    key : str
+        Of the value in a row.
+    digits : int
+        Behind the point.
+    unit : float
+        What a value is divided by.
+    """
+    return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{digits}f}")
 
 
 LEVEL = Column("level", lambda row: f"{row['level_percent']:g} %")
@@ -119,7 +130,7 @@ def escaped(text: str) -> str:
 
 
 def runs_text(repeats: int) -> str:
-    """How often each was timed.
+    """Return in words how often each was timed.
 
     Examples
     --------
@@ -130,7 +141,7 @@ def runs_text(repeats: int) -> str:
 
 
 def plain(value: float) -> float | int:
-    """A whole number without its point."""
+    """Return a whole number without its point."""
     return int(value) if float(value).is_integer() else value
 
 

@@ -56,7 +56,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def sides_of(word: str) -> tuple[int, int]:
-    """Sides in x and y.
+    """Return sides in x and y, pixels.
 
     Examples
     --------

@@ -36,7 +36,21 @@ def dicom_name(number: int) -> str:
 
 
 def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
-    """Refuse folders that hold slices of something else, which a reader would take for this phantom's."""
+    """Refuse folders that hold slices of something else, which a reader would take for this phantom's.
+
+    Parameters
+    ----------
+    folder : Path
+    formats : list of str
+        Folders in it, such as 'png'.
+    slices : int
+        How many the phantom has.
+
+    Raises
+    ------
+    OutputError
+        If a folder holds others.
+    """
     for name, namer in (("png", png_name), ("dicom", dicom_name)):
         if name not in formats or not (folder / name).is_dir():
             continue
@@ -152,8 +166,8 @@ def decimal(number: float) -> str:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    with whole_file(path) as beside:
-        beside.write_bytes(content)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def library(module: str, package: str) -> Any:

@@ -180,7 +180,18 @@ class DecodingProcess:
 
 
 def started_steps(pixels: int) -> Steps[DecodingProcess | None]:
-    """A process that is ready to decode; None where this system, or whoever runs it, allows none."""
+    """Start a process that is ready to decode.
+
+    Parameters
+    ----------
+    pixels : int
+        How many pixels its largest picture has.
+
+    Returns
+    -------
+    DecodingProcess or None
+        None where this system, or whoever runs it, allows no further process.
+    """
     python = interpreter()
     if python is None:
         return None
@@ -222,7 +233,7 @@ def is_readable(handle: int) -> bool:
 
 
 def how_it_ended(status: int) -> str:
-    """An exit status in words."""
+    """Return an exit status in words."""
     if status >= 0:
         return f"it ended with exit code {status}"
     try:

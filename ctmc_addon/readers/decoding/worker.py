@@ -80,7 +80,7 @@ def answer(request: dict[str, Any], out: IO[bytes]) -> None:
 
 
 def decoded(path: Path, frame: int) -> NDArray[Any]:
-    """Pixels as stored, (rows, columns)."""
+    """Decode one frame of a file to pixels as stored, (rows, columns)."""
     return next(stored_frames(header_of(path), [frame]))
 
 

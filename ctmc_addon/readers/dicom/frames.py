@@ -36,7 +36,20 @@ class FrameGeometry(NamedTuple):
 
 
 def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
-    """The `count` frames of the file, in the order of its pixels."""
+    """Return position, moment and scale of every frame, in the order of its pixels.
+
+    Parameters
+    ----------
+    dataset : pydicom.Dataset
+        Without pixels.
+    count : int
+        The number of frames.
+
+    Returns
+    -------
+    tuple of FrameGeometry
+        `count` of them; what the file does not say is None in it.
+    """
     shared_groups = dataset.get("SharedFunctionalGroupsSequence", None)
     shared = shared_groups[0] if shared_groups else None
     groups = dataset.get("PerFrameFunctionalGroupsSequence", None)

@@ -277,8 +277,8 @@ def syntax_of(dataset: Any) -> str:
 
 def one_line(value: Any) -> str:
     """Text of an element for a line on a screen: printable, and at most 64 characters."""
-    parts = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
-    words = " ".join("" if part is None else str(part) for part in parts).split()
+    values = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
+    words = " ".join("" if item is None else str(item) for item in values).split()
     return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
 
 
@@ -289,7 +289,17 @@ def sop_class(dataset: Any) -> str:
 
 
 def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
-    """What is missing where a file or its pixels' `length` hold fewer than the header tells of; else empty."""
+    """Return in words which pixels are missing from a file; empty where none are.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        What the header says of them.
+    length : int
+        Bytes of the pixel element.
+    file_bytes : int
+        Bytes of the file.
+    """
     options, frames = pixels.options, pixels.options["number_of_frames"]
     if pixels.compressed:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
@@ -298,8 +308,8 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
     size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
     needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
-    there = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
-    return f"{max(0, there)} of {needed_bytes} bytes of pixels" if there < needed_bytes else ""
+    present_bytes = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
+    return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
 
 
 def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
@@ -354,7 +364,21 @@ def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
 
 
 def as_stored(value: Any, bits: int, signed: bool) -> int | None:
-    """A padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+    """Return a padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+
+    Parameters
+    ----------
+    value : int or bytes or None
+        As pydicom gives it.
+    bits : int
+        Bits allocated to a pixel.
+    signed : bool
+        Whether pixels are signed.
+
+    Returns
+    -------
+    int or None
+        None where the element is missing or holds no number.
 
     Examples
     --------

@@ -52,9 +52,9 @@ class DicomSource(VolumeSource):
     def __init__(self, path: Path, content: FolderContent) -> None:
         self.content = content
         images = {ct_slice.image.path: ct_slice.image for slices in content.series.values() for ct_slice in slices}
-        alone = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
+        multi_frame = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
         # A slice's own name often is an identifier.
-        named_path = path if path.is_dir() or alone else path.absolute().parent
+        named_path = path if path.is_dir() or multi_frame else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
         super().__init__(path, listed(content.series, path), [*images, *unused], stem(named_path))
 
@@ -141,7 +141,24 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
 
 
 def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSource]:
-    """Headers of every DICOM image in the folder, of its `files` if given, or of the file's series in its folder."""
+    """Read the headers of the DICOM images at a path.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, or a file, which stands for its series in its folder.
+    files : sequence of Path, optional
+        Only these files of the folder.
+
+    Returns
+    -------
+    DicomSource
+
+    Raises
+    ------
+    ReadError
+        If a file at `path` is no DICOM image or is damaged.
+    """
     stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
@@ -172,7 +189,12 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
 
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
-    """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
+    """Read the header of every DICOM image among files, in their order; other files are passed over.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    """
     headers = yield from quiet_batches_steps(read_header, files, "Reading headers", 16)
     return [header for header in headers if header is not None]
 
@@ -240,7 +262,20 @@ def truncated(broken: Broken) -> ReadError:
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
-    """The largest group of slices of one size, orientation and spacing, and what was left out."""
+    """Return the largest group of slices of one size, orientation and spacing, and notes of what was left out.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one series.
+    path : Path
+        For errors.
+
+    Raises
+    ------
+    ReadError
+        If the slices cannot be told apart into stacks.
+    """
     placed = [ct_slice for ct_slice in slices if is_placed(ct_slice)]
     scouts = sum(map(is_scout, placed))
     best = largest_group(slices, path)

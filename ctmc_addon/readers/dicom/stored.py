@@ -94,6 +94,17 @@ def needs_process(ct_slice: Slice) -> bool:
 
 
 def frames_of(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
-    """All pixels decoded here; a file is opened once for frames that follow one another."""
+    """Yield the pixels of slices that are decoded in this process.
+
+    A file is opened once for frames that follow one another.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+
+    Returns
+    -------
+    iterator of (rows, columns) arrays
+    """
     groups = groupby(slices, key=lambda ct_slice: ct_slice.image)
     return chain.from_iterable(stored_frames(image, [one.frame for one in group]) for image, group in groups)

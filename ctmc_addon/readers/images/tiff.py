@@ -132,7 +132,7 @@ def open_tiff(path: Path) -> Any:
     tiff: Any = None
     damage = ""
     try:
-        tiff = tifffile.TiffFile(path, **alone(tifffile))
+        tiff = tifffile.TiffFile(path, **without_companions(tifffile))
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
     except (*DAMAGE, tifffile.TiffFileError) as error:
@@ -145,7 +145,7 @@ def open_tiff(path: Path) -> Any:
     return tiff
 
 
-def alone(tifffile: Any) -> dict[str, bool]:
+def without_companions(tifffile: Any) -> dict[str, bool]:
     """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
     kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
     # In versions of 2023 some are properties, which cannot be set.

@@ -45,7 +45,21 @@ class Pages(NamedTuple):
 
 
 def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
-    """The slices and times among the pages of a series; of several channels the first is taken.
+    """Return the slices and times among the pages of a series; of several channels the first is taken.
+
+    Parameters
+    ----------
+    axes : str
+        A letter for each axis, as tifffile names them.
+    shape : tuple of int
+        The size along each.
+    path : Path
+        For errors.
+
+    Raises
+    ------
+    ReadError
+        If there is a single slice, or more than one time and channel that cannot be told apart.
 
     Examples
     --------

@@ -107,11 +107,11 @@ class NrrdFile(VolumeSource):
             )
         shape = (stored_slices // len(files), rows, stored_columns)  # in each data file
         start = 0 if self.data_files else self.data_start
-        parts = []
+        readers = []
         for number, file in enumerate(files):
-            part = stored_steps(file, self.path, start, self.header, shape, self.dtype)
-            parts.append((yield from equal_part(part, number, len(files))))
-        stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
+            opening = stored_steps(file, self.path, start, self.header, shape, self.dtype)
+            readers.append((yield from equal_part(opening, number, len(files))))
+        stored = readers[0] if len(readers) == 1 else JoinedSlices(readers)
         if self.times == 1:
             return stored
         if self.interleaved:
@@ -165,9 +165,23 @@ def header_lines(stream: IO[bytes], name: str) -> tuple[list[bytes], list[str]]:
 
 
 def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int], int, bool]:
-    """Size along the three axes of space, which axes those are, and the number of volumes along a fourth.
+    """Return the size along the three axes of space, which axes those are, and the number of volumes along a fourth.
 
-    The last is whether a voxel's values of all volumes lie together. A `ReadError` for anything else.
+    Parameters
+    ----------
+    header : mapping
+        As pynrrd reads it.
+    name : str
+        Of the file, for errors.
+
+    Returns
+    -------
+    size, axes, count, and whether a voxel's values of all volumes lie together
+
+    Raises
+    ------
+    ReadError
+        For anything else.
     """
     sizes = [int(side) for side in header["sizes"]]
     kept = [axis for axis, side in enumerate(sizes) if side > 1 or len(sizes) <= 3]
@@ -314,7 +328,21 @@ def stored_steps(
 
 
 def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
-    """Fill `values` (n,) from numbers in words; too few, too many and other words are a `ReadError`."""
+    """Fill values from numbers in words.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Is filled.
+    stream : binary file
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        For too few, too many and other words.
+    """
     done, unfinished_word, more = 0, b"", True
     while more:
         yield Step(min(1.0, done / len(values)), f"Reading {name}")

@@ -208,7 +208,7 @@ def image_folder(path: Path) -> Path:
 
 
 def images_of(about: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The images of a well."""
+    """Return the images of a well."""
     well = about.get("well")
     return [image for image in listed(well, "images") if isinstance(image, dict)] if isinstance(well, dict) else []
 

@@ -62,7 +62,7 @@ class ArrayHeader(NamedTuple):
 
     @property
     def chunk_bytes(self) -> int:
-        """Bytes of a decoded chunk."""
+        """Return how many bytes a decoded chunk has."""
         return math.prod(self.chunks) * self.dtype.itemsize
 
 
@@ -279,8 +279,8 @@ class ZarrSlices(SliceReader):
         _, y, x = (self.header.chunks[axis] for axis in self.axes)
         chunks = max(1, BLOCK // self.header.chunk_bytes)
         across = columns[-1] // x - columns[0] // x + 1
-        for row, own_rows in parts(rows, y * max(1, chunks // across)):
-            for column, own_columns in parts(columns, x * min(chunks, across)):
+        for row, own_rows in chunk_ranges(rows, y * max(1, chunks // across)):
+            for column, own_columns in chunk_ranges(columns, x * min(chunks, across)):
                 block = self._selected(slices, own_rows, own_columns)
                 out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
 
@@ -316,12 +316,12 @@ class ZarrSlices(SliceReader):
                 )
 
 
-def parts(numbers: range, side: int) -> Iterator[tuple[int, range]]:
+def chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
     """The numbers in each stretch of `side`, counted from 0, and the first one's place among all.
 
     Examples
     --------
-    >>> list(parts(range(3, 10, 2), 4))
+    >>> list(chunk_ranges(range(3, 10, 2), 4))
     [(0, range(3, 5, 2)), (1, range(5, 9, 2)), (3, range(9, 11, 2))]
     """
     first = 0

@@ -23,6 +23,15 @@ def unpacks_beyond(path: Path, codec: str, most: int) -> bool:
     """Whether a file unpacks to more than `most` bytes, and to more than is harmless; False where there is none.
 
     Of Zstandard and the others with a length in their first bytes it is this length, which is all that is unpacked.
+
+    Parameters
+    ----------
+    path : Path
+        Of a chunk.
+    codec : str
+        Its name in the array's metadata.
+    most : int
+        Bytes that the chunk should have.
     """
     if not path.is_file():
         return False

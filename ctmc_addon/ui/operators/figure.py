@@ -33,7 +33,7 @@ from ...blender.figure.spec import (
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
 from ...blender.materials import material_color
-from ...blender.rulers import is_ruler, places_of, text_of
+from ...blender.rulers import is_ruler, points_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
@@ -78,7 +78,7 @@ class FigureOperator(jobs.LongOperator):
         return {"RUNNING_MODAL"}
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         return f"{subject(context)}_{self.named}.png"
 
     def plan(self: Any, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
@@ -173,7 +173,7 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
     slices = tuple(obj for obj in seen if is_slice(obj))
     marks = tuple(
-        RulerMark(tuple(place.to_tuple() for place in places_of(obj)), text_of(obj)) for obj in seen if is_ruler(obj)
+        RulerMark(tuple(point.to_tuple() for point in points_of(obj)), text_of(obj)) for obj in seen if is_ruler(obj)
     )
     return Cell(shown, slices=slices, rulers=marks), caption
 
@@ -223,7 +223,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Every setting in a cell."""
+        """Render a cell for every setting."""
         volume, settings = volumes.require_loaded(context.scene).full, context.scene.ctmc.all_settings()[0]
         comparison = Comparison(
             parsed_strides(panel.strides) if panel.use_strides else (),

@@ -32,7 +32,7 @@ class SaveDialog:
         return self.suffixes[0]
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         raise NotImplementedError
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

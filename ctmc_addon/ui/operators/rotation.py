@@ -64,7 +64,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     needs = (is_mesh, jobs.idle)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Levels, then rounds."""
+        """Return what to time: levels, then rounds."""
         scene, obj = context.scene, context.view_layer.objects.active
         panel = scene.ctmc
         levels = parsed_levels(panel.rotation_levels)
@@ -194,7 +194,7 @@ class CTMC_OT_rotation_save(Needs, SaveDialog, bpy.types.Operator):
     needs = (has_table,)
 
     def suggestion(self, _context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         return "rotation_test.csv"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

@@ -38,7 +38,7 @@ class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
 
 
 class CTMC_PT_presets(PresetPanel, SidePanel, bpy.types.Panel):
-    """The list of presets."""
+    """Panel with the list of presets."""
 
     bl_idname = "CTMC_PT_presets"
     bl_label = "CTMC Presets"

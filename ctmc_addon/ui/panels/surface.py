@@ -72,7 +72,7 @@ def threshold_text(scene: bpy.types.Scene) -> str:
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:
-    """The threshold with its unit."""
+    """Return the threshold with its unit."""
     volume = volumes.current(scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")
@@ -108,7 +108,7 @@ class CTMC_UL_labels(bpy.types.UIList):
         _index: int,
         _flag: int,
     ) -> None:
-        """One line."""
+        """Draw the line of a label."""
         row = layout.row(align=True)
         row.use_property_split = False
         row.prop(item, "chosen", text="")

@@ -40,7 +40,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 def all_properties() -> dict[str, Any]:
-    """Every property of `scene.ctmc_figure`."""
+    """Return every property of `scene.ctmc_figure`."""
     return generated_properties() | panel_properties()
 
 
@@ -66,7 +66,7 @@ def generated_properties() -> dict[str, Any]:
 
 
 def panel_properties() -> dict[str, Any]:
-    """What the panel alone asks."""
+    """Return the properties that the panel alone asks for."""
     from ...blender.figure.spec import VIDEO_FORMATS, Comparison
 
     frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")

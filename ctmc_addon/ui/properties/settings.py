@@ -192,7 +192,7 @@ class CTMCLabel(PropertyGroup):
 
 
 def all_properties() -> dict[str, Any]:
-    """Every property of `scene.ctmc`."""
+    """Return every property of `scene.ctmc`."""
     properties: dict[str, Any] = {}
     for name, about in SETTINGS.items():
         if optional(name):

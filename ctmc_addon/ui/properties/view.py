@@ -42,7 +42,15 @@ def window_and_level(view: Any) -> tuple[float, float]:
 
 
 def choose(view: Any, window: float, level: float) -> None:
-    """Store window and level for the present volume."""
+    """Store window and level for the present volume.
+
+    Parameters
+    ----------
+    view : scene.ctmc_view
+    window : float
+        In the values' unit.
+    level : float
+    """
     view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
     notify(view.id_data.ctmc, "window")

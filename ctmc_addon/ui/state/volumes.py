@@ -147,7 +147,7 @@ def has_volume(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-def there(path: str) -> bool:
+def exists(path: str) -> bool:
     """Return whether a file or folder exists at a path that a .blend has noted."""
     return Path(bpy.path.abspath(path)).exists()
 
@@ -157,9 +157,9 @@ def name_of(path: str) -> str:
     return path.replace("\\", "/").rstrip("/").rpartition("/")[2]
 
 
-def stored_path(path: Path, beside: str = "") -> str:
-    """How a file notes a path: relative to the .blend `beside`, by default the present one, where that is possible."""
-    blend = beside or bpy.data.filepath
+def stored_path(path: Path, blend_path: str = "") -> str:
+    """Return how a file notes a path: relative to `blend_path`, by default the present .blend, where possible."""
+    blend = blend_path or bpy.data.filepath
     if not blend:
         return str(path)
     try:

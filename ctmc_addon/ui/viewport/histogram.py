@@ -58,7 +58,7 @@ _open: list[Open] = []  # at most one
 
 
 def current() -> Open | None:
-    """The histogram that is open."""
+    """Return the histogram that is open."""
     return _open[0] if _open else None
 
 
@@ -85,7 +85,7 @@ def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
 
 
 def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:
-    """What `restore_limits` brings back."""
+    """Return what `restore_limits` brings back."""
     settings = scene.ctmc
     return settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label
 
@@ -115,7 +115,15 @@ def bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str
 
 
 def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
-    """Whether a press at this pixel takes the upper limit; else the threshold."""
+    """Return whether a press takes the upper limit; else it takes the threshold.
+
+    Parameters
+    ----------
+    strip : Strip
+    scene : bpy.types.Scene
+    x : float
+        Pixel in the viewport.
+    """
     threshold, upper = limits_of(scene)
     value = strip.value_at(x)
     known = value if threshold is None else threshold
@@ -129,7 +137,17 @@ def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
 
 
 def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None:
-    """Bring a line to a pixel."""
+    """Bring a line of the histogram to a pixel, and with it the threshold or the upper limit.
+
+    Parameters
+    ----------
+    strip : Strip
+    scene : bpy.types.Scene
+    is_upper : bool
+        Whether it is the upper limit's line.
+    x : float
+        Pixel in the viewport.
+    """
     settings = scene.ctmc
     threshold, upper = limits_of(scene)
     value = strip.value_at(x)
@@ -177,7 +195,7 @@ def with_unit(value: float, is_hu: bool) -> str:
 
 
 def title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
-    """The limits in words."""
+    """Return the limits in words."""
     threshold, upper = limits_of(scene)
     words = {"Threshold": threshold, "Upper Limit": upper}
     said = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]

@@ -63,20 +63,20 @@ def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     """The slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
-    place = slice_at(volume, view.plane, view.position)
+    shown_slice = slice_at(volume, view.plane, view.position)
     labels = wanted_labels(settings)
     above = None if labels else used_threshold(scene)
     upper = settings.upper if settings.use_upper and not labels else None
     window, level = window_and_level(view)
     scale = machine().scale
     colors = label_colors(settings) if labels and volume.kind == ValueKind.LABEL else {}
-    key = (place, window, level, above, upper, labels, scale, tuple(colors.items()))
+    key = (shown_slice, window, level, above, upper, labels, scale, tuple(colors.items()))
     if _last.get("volume") is not volume or _last.get("key") != key:
-        values = slice_values(volume, place)
+        values = slice_values(volume, shown_slice)
         shown = windowed(values, window, level, above, labels, upper)
         if colors:
             shown = in_label_colors(values, colors, labels)
-        drawn = Picture(shown, slice_corners(volume, place) * scale)
+        drawn = Picture(shown, slice_corners(volume, shown_slice) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
     return last

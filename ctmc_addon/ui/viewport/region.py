@@ -58,7 +58,7 @@ class RegionFace:
         self.settings.region = with_moved_face(tuple(self.settings.region), self.face, value, self.limits)
 
     def matrix(self) -> Matrix:
-        """The arrow's base, pointing outwards."""
+        """Return the matrix of the arrow's base, which points outwards."""
         turned = Vector(self.direction).to_track_quat("Z", "Y").to_matrix().to_4x4()
         return Matrix.Translation(Vector(self.base)) @ turned
 
@@ -94,7 +94,7 @@ def read_middle() -> tuple[float, float, float]:
     return (x, y, z)
 
 
-def write_middle(place: Any) -> None:
+def write_middle(point: Any) -> None:
     """Bring the box's middle to a place in the viewport."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
@@ -103,7 +103,7 @@ def write_middle(place: Any) -> None:
     settings = scene.ctmc
     region = tuple(settings.region)
     limits = region_limits(volume, settings.region_unit)
-    shift = region_shift(volume, settings.region_unit, (np.array(place) - np.array(read_middle())) / machine().scale)
+    shift = region_shift(volume, settings.region_unit, (np.array(point) - np.array(read_middle())) / machine().scale)
     for axis in range(3):
         region = moved_region(region, axis, float(shift[axis]), limits)
     settings.region = region

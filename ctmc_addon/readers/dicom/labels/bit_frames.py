@@ -35,7 +35,7 @@ def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
 def read_frames(
     image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
 ) -> Iterator[NDArray[Any]]:
-    """Frames from the opened file."""
+    """Yield the frames of a file that is open."""
     with opened(image.path) as (elements, _):
         elements.file.seek(image.pixels.start)
         yield from read(elements.file, image)
@@ -117,7 +117,23 @@ def encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
 
 
 def values_of(piece: bytes, bits: int, first_bit: int, image: ImageFile) -> NDArray[Any]:
-    """The pixels (rows, columns) in some bytes."""
+    """Unpack the pixels of one frame.
+
+    Parameters
+    ----------
+    piece : bytes
+        Bytes in which the frame lies.
+    bits : int
+        Bits of a pixel: 1, 8 or 16.
+    first_bit : int
+        Where in the first byte the frame begins.
+    image : ImageFile
+        It knows rows and columns.
+
+    Returns
+    -------
+    (rows, columns) uint8 or uint16
+    """
     size = image.rows * image.columns
     if len(piece) * 8 < first_bit + size * bits:
         raise Damaged(f"{len(piece)} bytes of a frame of {image.columns} x {image.rows} pixels")

@@ -49,7 +49,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
     """The slices of the referenced series that lie near `path`; none where there are too few."""
     if not any(reference):
         return []
-    for files in (below(path.parent, DEEPEST_BELOW), beside(path.parent)):
+    for files in (below(path.parent, DEEPEST_BELOW), neighbors(path.parent)):
         listed = [file for _, file in zip(range(MOST_FILES), files, strict=False)]
         headers = yield from headers_steps(listed)
         images = reference.matches([header for header in headers if isinstance(header, ImageFile)])
@@ -75,7 +75,14 @@ def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, l
 
 
 def below(folder: Path, deepest: int) -> Iterator[Path]:
-    """Files of a folder and of those in it; hidden ones and what cannot be listed are passed over."""
+    """Yield the files of a folder and of those in it; hidden ones and what cannot be listed are passed over.
+
+    Parameters
+    ----------
+    folder : Path
+    deepest : int
+        How many folders deep to look.
+    """
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
@@ -93,7 +100,7 @@ def below(folder: Path, deepest: int) -> Iterator[Path]:
             yield from below(path, deepest - 1)
 
 
-def beside(folder: Path) -> Iterator[Path]:
+def neighbors(folder: Path) -> Iterator[Path]:
     """Files of the folders beside `folder`; none where those would be a home's or the whole disk's."""
     folder = folder.resolve()
     around = folder.parent

@@ -57,7 +57,14 @@ def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
 
 
 def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tuple[dict[int, str], dict[int, RGB]]:
-    """Names and colors by label."""
+    """Return names and colors by label.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+    labels : sequence of int
+        The label of each.
+    """
     names = {label: segment.name for label, segment in zip(labels, segments, strict=True)}
     colors = {label: segment.color for label, segment in zip(labels, segments, strict=True) if segment.color}
     return names, colors
@@ -73,9 +80,21 @@ class Layered(NamedTuple):
 
 
 def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[Layered]:
-    """One label volume (slices, rows, columns) of segments in layers; where they overlap the later one keeps the voxel.
+    """Join segments in layers to one label volume; where they overlap, the later one keeps the voxel.
 
-    Labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
+    Parameters
+    ----------
+    layers : sequence of SliceReader
+        (slices, rows, columns) each.
+    segments : sequence of Segment
+        With layer and value.
+    name : str
+        Of the file, for errors and notes.
+
+    Returns
+    -------
+    Layered
+        Its labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
     """
     values = [segment.value for segment in segments]
     missing = [segment.layer for segment in segments if segment.layer >= len(layers)]

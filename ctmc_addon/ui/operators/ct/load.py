@@ -214,8 +214,8 @@ def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct:
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    place = (volumes.stored_path(folder), folder.name or loaded.volume.name)
-    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, place)
+    names = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:
             obj.select_set(False)

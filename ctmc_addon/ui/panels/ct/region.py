@@ -13,7 +13,7 @@ from ..layout import SubPanel, prepare
 
 
 class CTMC_PT_region(SubPanel, bpy.types.Panel):
-    """The region's numbers."""
+    """Panel with the region's numbers."""
 
     bl_idname = "CTMC_PT_region"
     bl_label = "Region"
