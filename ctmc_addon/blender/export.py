@@ -108,7 +108,7 @@ def write_obj(
     collection: str,
     frames: Sequence[int],
 ) -> tuple[int, int]:
-    """An OBJ without a material file; returns its faces, and the faces it should have.
+    """Write an OBJ without a material file; return its faces, and the faces it should have.
 
     Without normals, which Blender 4.2 keeps less exactly: the same surface gives the same lines in every version.
     """
@@ -180,7 +180,7 @@ def write_glb(
 
 
 def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
-    """A GLB whose nodes and meshes are called by other `names`.
+    """Write a GLB whose nodes and meshes are called by other `names`.
 
     glTF 2.0, 4.4: a header, a chunk of JSON in groups of 4 bytes, the rest.
     """
@@ -208,7 +208,7 @@ def write_blend(
     collection: str,
     frames: Sequence[int],
 ) -> tuple[int, int]:
-    """A .blend with the live objects, framed; nothing else of the present file goes in.
+    """Write a .blend with the live objects, framed; nothing else of the present file goes in.
 
     It has no windows of its own, so whoever opens it keeps theirs, and Blender warns of a "Library file, loading
     empty scene", which it is not: the scene in the file becomes the present one.

@@ -27,12 +27,12 @@ Point = Sequence[float]
 
 
 def is_ruler(obj: bpy.types.Object | None) -> bool:
-    """Whether an object is a distance or an angle."""
+    """Return whether an object is a distance or an angle."""
     return obj is not None and hasattr(obj.get(PROPERTY), "keys") and obj[PROPERTY].get("kind") in KINDS
 
 
 def rulers_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The rulers of a scene, as they were made."""
+    """Return the rulers of a scene, as they were made."""
     return [obj for obj in scene.objects if is_ruler(obj)]
 
 
@@ -53,18 +53,18 @@ def text_of(ruler: bpy.types.Object) -> str:
 
 
 def place_of(ruler: bpy.types.Object) -> Vector:
-    """Where a ruler says it: the middle of a distance, the corner of an angle; world space."""
+    """Return where a ruler says it: the middle of a distance, the corner of an angle; world space."""
     world_points = points_of(ruler)
     return world_points[1] if ruler[PROPERTY]["kind"] == "angle" else (world_points[0] + world_points[1]) / 2
 
 
 def points_of(ruler: bpy.types.Object) -> list[Vector]:
-    """The points of a ruler; world space."""
+    """Return the points of a ruler; world space."""
     return [ruler.matrix_world @ point.co.to_3d() for point in ruler.data.splines[0].points]
 
 
 def patient_mm(obj: bpy.types.Object | None, world_point: Point, scale: float) -> tuple[float, float, float]:
-    """Where a place in world space is in the patient, RAS+ mm.
+    """Return where a place in world space is in the patient, RAS+ mm.
 
     On a surface of ours that is the place on it as it was reconstructed, however the object was moved or made larger.
     """
@@ -78,7 +78,7 @@ def patient_mm(obj: bpy.types.Object | None, world_point: Point, scale: float) -
 
 
 def measured(points_mm: Sequence[Point]) -> float:
-    """The distance of two points in mm, or the angle at the second of three in degrees.
+    """Return the distance of two points in mm, or the angle at the second of three in degrees.
 
     Raises
     ------

@@ -12,7 +12,7 @@ LARGEST_COUNT = 2**63
 
 
 def parsed_json(text: Any) -> dict[str, Any]:
-    """The JSON object that a text holds.
+    """Return the JSON object that a text holds.
 
     Examples
     --------
@@ -44,7 +44,7 @@ def finite(value: Any) -> float:
 
 
 def measured(value: Any) -> float:
-    """A finite number, or NaN for what cannot be measured, as the volume of an open surface."""
+    """Return a finite number, or NaN for what cannot be measured, as the volume of an open surface."""
     return value if isinstance(value, float) and math.isnan(value) else finite(value)
 
 
@@ -57,7 +57,7 @@ def positive(value: Any) -> float:
 
 
 def whole(value: Any, lowest: int = 0) -> int:
-    """A whole number of at least `lowest`, and small enough for every table.
+    """Return a whole number of at least `lowest`, and small enough for every table.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def texts(values: Any) -> tuple[str, ...]:
 
 
 def from_stored(kind: Any, values: Any) -> Any:
-    """A dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
+    """Return a dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ def from_stored(kind: Any, values: Any) -> Any:
     readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
     if not isinstance(values, dict):
         raise ValueError(f"{type(values).__name__} is not a dictionary")
-    known = {field.name: readers[str(field.type)] for field in fields(kind)}
-    return kind(**{name: known[name](value) for name, value in values.items()})
+    field_readers = {field.name: readers[str(field.type)] for field in fields(kind)}
+    return kind(**{name: field_readers[name](value) for name, value in values.items()})
 
 
 def truth(value: Any) -> bool:

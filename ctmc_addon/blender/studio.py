@@ -64,7 +64,7 @@ def prepare_scene(
 
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
-    """All vertices of an object as it is shown, (n, 3), in the scene."""
+    """Return all vertices of an object as it is shown, (n, 3), in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 

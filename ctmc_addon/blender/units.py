@@ -38,6 +38,6 @@ def shows_mm(scene: bpy.types.Scene, scale: float) -> bool:
 
 
 def has_blenders_units(scene: bpy.types.Scene) -> bool:
-    """Whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
+    """Return whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
     units = scene.unit_settings
     return all(getattr(units, name) == value for name, value in NEW.items())

@@ -20,7 +20,7 @@ BLENDER_BYTES = 1250 << 20  # of address space, from 4.2 to 5.2
 
 
 def has_blender() -> bool:
-    """Whether Blender can be imported, without doing so."""
+    """Return whether Blender can be imported, without doing so."""
     try:
         return importlib.util.find_spec("bpy") is not None
     except ValueError:  # `sys.modules["bpy"]` is None: it is blocked
@@ -56,7 +56,7 @@ def blender_at_work() -> Iterator[None]:
 
 
 def quiet_steps(steps: Steps[T]) -> Steps[T]:
-    """The same steps, Blender at work in each."""
+    """Return the same steps, Blender at work in each."""
     try:
         while True:
             with blender_at_work():

@@ -46,7 +46,7 @@ class Outputs:
     suffix: str = ""
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
-        """Every file with surfaces, and the numbers of those in it."""
+        """Return every file with surfaces, and the numbers of those in it."""
         everything = list(range(len(surfaces.results)))
         files = dict.fromkeys(self.surfaces, everything)
         for path in files:
@@ -57,12 +57,12 @@ class Outputs:
         return files
 
     def paths(self, surfaces: Surfaces) -> list[Path]:
-        """All files, in the order in which they are written."""
+        """Return all files, in the order in which they are written."""
         companions = [path for path in (self.figure, self.report) if path is not None]
         return [*self.surfaces_in(surfaces), *companions]
 
     def blender_needed_for(self, simplifier: str) -> str:
-        """What Blender is needed for, empty if for nothing."""
+        """Return what Blender is needed for, empty if for nothing."""
         if simplifier == "decimate":
             return "--simplifier decimate"
         own = [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
@@ -97,7 +97,7 @@ class Outputs:
 
 
 def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
-    """The fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
+    """Return the fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
 
     Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
 
@@ -107,8 +107,8 @@ def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
         If it is neither, cannot be written to, or is a file that cannot hold several surfaces.
     """
     path = Path(text)
-    known = path.suffix.lower() in mesh_files.SURFACE_SUFFIXES
-    if text.endswith(("/", "\\")) or (text and path.is_dir() and not known):
+    is_surface = path.suffix.lower() in mesh_files.SURFACE_SUFFIXES
+    if text.endswith(("/", "\\")) or (text and path.is_dir() and not is_surface):
         require_writable(path / f"surface{suffix}" if path.is_dir() else path)
         return {"folder": path, "suffix": suffix}
     if several and text and not path.suffix:

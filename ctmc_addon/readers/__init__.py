@@ -221,7 +221,7 @@ def existing_path(path: PathLike) -> Path:
 
 
 def format_at(path: Path) -> str:
-    """The name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
+    """Return the name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
     if path.is_dir():
         return folder_format(path)
     if not path.stat().st_size:
@@ -270,7 +270,7 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
 
 
 def holds_slices(folder: Path) -> bool:
-    """Whether image slices, or files that look like DICOM, lie in this folder itself."""
+    """Return whether image slices, or files that look like DICOM, lie in this folder itself."""
     files = (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file())
     return any(suffix(file) in IMAGE_SUFFIXES or may_be_dicom(file) for file in files)
 

@@ -101,7 +101,7 @@ def _mapped(work: Callable[[Item], Result], batch: Sequence[Item], threads: int)
 
 
 def reason(error: BaseException) -> str:
-    """The first line of a library's complaint, short enough for one sentence."""
+    """Return the first line of a library's complaint, short enough for one sentence."""
     lines = str(error).strip().splitlines()
     text = lines[0].strip().rstrip(".") if lines else type(error).__name__
     return text if len(text) <= 160 else text[:157] + "..."

@@ -23,14 +23,14 @@ STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip a
 
 
 def is_packed(path: Path) -> bool:
-    """Whether the first bytes say gzip or bzip2."""
+    """Return whether the first bytes say gzip or bzip2."""
     with path.open("rb") as file:
         head = file.read(3)
     return head[:2] == b"\x1f\x8b" or head == b"BZh"
 
 
 def opened(path: Path) -> IO[bytes]:
-    """The file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
+    """Return the file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
     if not is_packed(path):
         return path.open("rb")
     with path.open("rb") as file:
@@ -39,7 +39,7 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:
-    """What follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
+    """Return what follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
     opener = gzip.open if encoding.startswith("gz") else bz2.open
     return cast(IO[bytes], opener(stream, "rb"))
 

@@ -108,7 +108,7 @@ def scaled_steps(
 
 
 def scaled_integer(low: float, high: float, slope: float, intercept: float) -> np.dtype[Any]:
-    """The smallest type for scaled integers from `low` to `high`."""
+    """Return the smallest type for scaled integers from `low` to `high`."""
     ends = [int(end) * int(slope) + int(intercept) for end in (low, high)]
     return np.dtype(smallest_integer(min(ends), max(ends)) or np.float32)
 
@@ -172,7 +172,7 @@ class Seen:
 
     @property
     def few(self) -> bool:
-        """Whether the values may be labels: few whole numbers from 0 to 255."""
+        """Return whether the values may be labels: few whole numbers from 0 to 255."""
         return self.integer and self.low >= 0 and self.high <= 255 and int(self.small.sum()) <= MOST_LABELS
 
     def add(self, values: NDArray[Any]) -> bool:
@@ -183,7 +183,7 @@ class Seen:
 
 
 def is_label_name(name: str) -> bool:
-    """Whether a file's stem is one that label files have.
+    """Return whether a file's stem is one that label files have.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def is_label_name(name: str) -> bool:
 
 
 def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[ValueKind]:
-    """What the values mean, where the file does not say it.
+    """Return what the values mean, where the file does not say it.
 
     Labels: the file names them; or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.

@@ -104,5 +104,5 @@ def in_lines(text: str, width: float, measure: Callable[[str], float] | None = N
 
 
 def letters(text: str) -> int:
-    """How many Latin letters take the room of a text."""
+    """Return how many Latin letters take the room of a text."""
     return sum(2 if east_asian_width(letter) in "FW" else 1 for letter in text)

@@ -55,7 +55,7 @@ class Board:
     inks: dict[Color, bpy.types.Material] = field(default_factory=dict)
 
     def ink(self, color: Color = INK) -> bpy.types.Material:
-        """The flat material of a color."""
+        """Return the flat material of a color."""
         if color not in self.inks:
             self.inks[color] = flat_material("CTMC Ink", color)
             self.blocks.append(self.inks[color])
@@ -108,7 +108,7 @@ class Board:
         return width
 
     def lines_of(self, body: str, width_mm: float, size: float = 1.0) -> list[str]:
-        """The text in lines that fit a width, not broken at no-break spaces; a wider word stays whole."""
+        """Return the text in lines that fit a width, not broken at no-break spaces; a wider word stays whole."""
         out = []
         for line in body.splitlines():
             words = line.split(" ")

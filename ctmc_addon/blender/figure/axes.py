@@ -42,7 +42,7 @@ def reach_mm(font_mm: float) -> float:
 
 
 def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bool, clear: bool) -> Any:
-    """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
+    """Draw the patient's axes about (x, y), their letters R L A P S I facing the camera; return their pivot.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
 
 
 def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
-    """A flat color that becomes another, or clear, from one distance before the camera to the next."""
+    """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
     material = surface_material("CTMC Ink by Depth", near)
     share = depth_share(material, limits)
     last = clear_socket(material) if far is None else emission(material, far)
@@ -104,7 +104,7 @@ def page_ink(clear: bool, limits: list[float]) -> bpy.types.Material:
 
 
 def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
-    """The socket of 0 at the first distance before the camera to 1 at the second."""
+    """Return the socket of 0 at the first distance before the camera to 1 at the second."""
     tree = material.node_tree
     camera, share = tree.nodes.new("ShaderNodeCameraData"), tree.nodes.new("ShaderNodeMapRange")
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits

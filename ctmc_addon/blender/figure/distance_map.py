@@ -73,7 +73,7 @@ def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> C
 
 
 def rounded_up(value: float) -> float:
-    """The smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
+    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> 
 
 
 def painted_mm(obj: bpy.types.Object | None) -> float | None:
-    """The largest distance that an object's colors show, mm; None where it shows none."""
+    """Return the largest distance that an object's colors show, mm; None where it shows none."""
     if obj is None or obj.type != "MESH" or obj.data.color_attributes.active_color_name != COLORS:
         return None
     largest = obj.data.get(LARGEST)
@@ -129,7 +129,7 @@ def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def linear(color: str) -> tuple[float, float, float, float]:
-    """The linear RGBA of an sRGB color such as 'fde725' (IEC 61966-2-1)."""
+    """Return the linear RGBA of an sRGB color such as 'fde725' (IEC 61966-2-1)."""
     parts = [int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)]
     red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return red, green, blue, 1.0

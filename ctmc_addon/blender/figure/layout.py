@@ -41,7 +41,7 @@ class Layout:
     legend_columns: int = 1
 
     def center(self, which: int) -> tuple[float, float]:
-        """The middle of a cell's picture."""
+        """Return the middle of a cell's picture."""
         left, bottom, right, top = self.pictures[which]
         return (left + right) / 2, (bottom + top) / 2
 

@@ -69,7 +69,7 @@ def ends(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
 
 
 def arc(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The arc of an angle, the shorter way round."""
+    """Return the arc of an angle, the shorter way round."""
     sides = points[[0, 2]] - points[1]
     first, last = np.arctan2(sides[:, 1], sides[:, 0])
     way = (last - first + math.pi) % (2 * math.pi) - math.pi
@@ -114,7 +114,7 @@ def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_line(board: Board, line: NDArray[np.float64], width: float, color: Color, behind: float) -> bpy.types.Object:
-    """A line through places of the page, its ends half its width beyond the first and the last."""
+    """Return a line through places of the page, its ends half its width beyond the first and the last."""
     steps = np.diff(line, axis=0)
     along = steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None] * width / 2
     across = np.column_stack([-along[:, 1], along[:, 0]])

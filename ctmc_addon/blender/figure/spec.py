@@ -287,7 +287,7 @@ class FigureStyle(Described):
 
     @property
     def edge(self) -> Color | None:
-        """The color of triangle edges, None for no edges."""
+        """Return the color of triangle edges, None for no edges."""
         own = STYLES[self.style].edge
         if self.edges is False or (self.edges is None and own is None):
             return None
@@ -383,7 +383,7 @@ class Turn(Described):
         return round(self.seconds * self.fps)
 
     def degrees(self, frame: int) -> float:
-        """How far the surface has turned in frame 0, 1, ..."""
+        """Return how far the surface has turned in frame 0, 1, ..."""
         return 360.0 * self.revolutions * frame / self.frames
 
 

@@ -31,7 +31,7 @@ def require_video(path: Path, transparent: bool) -> None:
 
 
 def has_format(suffix: str) -> bool:
-    """Whether this Blender was built with a video format."""
+    """Return whether this Blender was built with a video format."""
     container, codec = VIDEO_FORMATS[suffix]
     ffmpeg = bpy.types.FFmpegSettings.bl_rna.properties
     supported = container in ffmpeg["format"].enum_items and codec in ffmpeg["codec"].enum_items

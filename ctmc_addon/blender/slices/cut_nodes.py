@@ -35,7 +35,7 @@ EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same
 def cut_nodes(
     name: str, plane: bpy.types.Object, cut: bpy.types.Object, coordinates: NDArray[np.float64], reach: float
 ) -> bpy.types.NodeTree:
-    """A node group that keeps what lies below a plane and caps it.
+    """Return a node group that keeps what lies below a plane and caps it.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def cut_nodes(
     is_outside = {which: nodes.negate(value) for which, value in is_inside.items()}
 
     def crossing_of(outer: str, inner: str) -> Any:
-        """Where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
+        """Return where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
         share = nodes.math("DIVIDE", heights[outer], nodes.math("SUBTRACT", heights[outer], heights[inner]))
         return nodes.between(share, positions[outer], positions[inner])
 

@@ -32,7 +32,7 @@ def slice_material(
     level: float,
     outside: NDArray[np.bool_] | None = None,
 ) -> bpy.types.Material:
-    """A material that shows values (rows, columns) wherever it is put, as they lie in the plane of `obj`.
+    """Return a material that shows values (rows, columns) wherever it is put, as they lie in the plane of `obj`.
 
     `corners` are those of the picture, (4, 3) in the object's space; what is `outside` the body is transparent. The
     first row is at the picture's bottom.

@@ -21,7 +21,7 @@ CORNERS_UV = (0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0)
 
 
 def is_slice(obj: bpy.types.Object | None) -> bool:
-    """Whether an object was made by `add_slice`."""
+    """Return whether an object was made by `add_slice`."""
     return obj is not None and obj.type == "MESH" and SLICE in obj
 
 

@@ -25,7 +25,7 @@ STRIP_SETTINGS = (
 
 
 def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
-    """The key `alpha` of a mesh, or None."""
+    """Return the key `alpha` of a mesh, or None."""
     return None if mesh.shape_keys is None else mesh.shape_keys.key_blocks.get(KEY)
 
 
@@ -130,7 +130,7 @@ def require_no_other_keys(obj: bpy.types.Object) -> None:
 
 
 def is_animated(keys: bpy.types.Key) -> bool:
-    """Whether an action, a driver or the NLA moves a mesh's keys."""
+    """Return whether an action, a driver or the NLA moves a mesh's keys."""
     animation = keys.animation_data
     if animation is None:
         return False
@@ -138,7 +138,7 @@ def is_animated(keys: bpy.types.Key) -> bool:
 
 
 def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
+    """Return the vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
     key = alpha_key(mesh)
     if key is None:
         return meshes.read_positions(mesh)

@@ -119,7 +119,7 @@ def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> Non
 
 
 def read_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The mesh's vertices, (V, 3) float32."""
+    """Return the mesh's vertices, (V, 3) float32."""
     return read_vectors(mesh.attributes["position"].data, "vector", len(mesh.vertices))
 
 
@@ -140,7 +140,7 @@ def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
 
 
 def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
-    """The mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
+    """Return the mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
     if len(mesh.loops) == 3 * len(mesh.polygons) > 0:
         out = np.empty(len(mesh.loops), np.int32)
         mesh.attributes[".corner_vert"].data.foreach_get("value", out)
@@ -152,7 +152,7 @@ def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
 
 
 def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The normal Blender shades every corner with, (corners, 3) float32."""
+    """Return the normal Blender shades every corner with, (corners, 3) float32."""
     return read_vectors(mesh.corner_normals, "vector", len(mesh.loops))
 
 
@@ -170,7 +170,7 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """What `write_attribute` kept, (V, 3) float32, or None."""
+    """Return what `write_attribute` kept, (V, 3) float32, or None."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
         return None
@@ -189,7 +189,7 @@ def keep_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
 
 
 def kept_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
-    """The normals kept by `keep_normals`, (V, 3) float32, or None."""
+    """Return the normals kept by `keep_normals`, (V, 3) float32, or None."""
     return read_attribute(mesh, NORMALS)
 
 

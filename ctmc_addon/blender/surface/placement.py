@@ -60,7 +60,7 @@ class Placement:
         return out.astype(np.float32)
 
     def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
-        """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
+        """Return what has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
         if self.applied is not None:
             matrix[:3, :3] = matrix[:3, :3] @ np.array(self.applied)
@@ -89,7 +89,7 @@ def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Place
 def present_placement(
     placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32], location: tuple[float, float, float]
 ) -> Placement:
-    """The placement that the vertices have now: another than at first once a transform was applied to them.
+    """Return the placement that the vertices have now: another than at first once a transform was applied to them.
 
     Blender's Apply and Set Origin move every vertex in local space and leave the kept millimeters alone, so where
     hardly a vertex lies where `placement` says, the move or the affine transform that leads there is looked for.
@@ -123,7 +123,7 @@ def present_placement(
 
 
 def in_place(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
+    """Return which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
     return is_close(local, placement.to_local(kept), kept, placement)
 
 
@@ -168,7 +168,7 @@ def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDA
 
 
 def matrix_of(matrix: Any) -> NDArray[np.float64]:
-    """A matrix of Blender's as an array."""
+    """Return a matrix of Blender's as an array."""
     return np.array([list(row) for row in matrix], np.float64)
 
 

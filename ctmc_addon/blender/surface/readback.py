@@ -77,7 +77,7 @@ def positions_mm(
 def evaluated_triangles(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None, space: str = "ras"
 ) -> TriangleMesh:
-    """The surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
+    """Return the surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
 
     Raises
     ------
@@ -129,7 +129,7 @@ def placement_of(obj: bpy.types.Object) -> Placement:
 
 
 def read_back(obj: bpy.types.Object) -> Reconstruction | None:
-    """The full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
+    """Return the full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
     provenance, mesh = read_provenance(obj), obj.data
     if (
         provenance is None
@@ -159,7 +159,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
 
 
 def own_mesh(obj: bpy.types.Object) -> TriangleMesh:
-    """The object's own triangles at its present alpha, before any modifier, RAS+ mm."""
+    """Return the object's own triangles at its present alpha, before any modifier, RAS+ mm."""
     mesh, key = obj.data, alpha_key(obj.data)
     alpha = 0.0 if key is None else value_of(key)
     vertices, _ = positions_mm(mesh, mixed_positions(mesh), placement_of(obj), alpha)
@@ -186,7 +186,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
 def reconstruction_of(
     mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, provenance: Provenance
 ) -> Reconstruction:
-    """The reconstruction that an object was made from, with this mesh."""
+    """Return the reconstruction that an object was made from, with this mesh."""
     return Reconstruction(
         mesh=mesh,
         surface=surface,

@@ -76,7 +76,7 @@ class Picture:
 
 
 def nearer(view: Any) -> Matrix:
-    """What brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
+    """Return what brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
     eye = view.view_matrix.inverted()
     if not view.is_perspective:
         return Matrix.Translation(eye.col[2].xyz * view.view_distance * NEARER)

@@ -71,7 +71,7 @@ def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[f
 
 
 def surface_shader() -> Any:
-    """The shader, made once while Blender draws."""
+    """Return the shader, made once while Blender draws."""
     if not _shader:
         import gpu
 

@@ -65,30 +65,30 @@ class Strip:
 
     @property
     def axis(self) -> tuple[float, float]:
-        """The pixels of `low` and `high`."""
+        """Return the pixels of `low` and `high`."""
         return self.left + SIDE * self.scale, self.right - SIDE * self.scale
 
     @property
     def pixel(self) -> float:
-        """What a pixel is worth, in values."""
+        """Return what a pixel is worth, in values."""
         first, last = self.axis
         return (self.high - self.low) / max(1.0, last - first)
 
     @property
     def reach(self) -> float:
-        """How far from a line the mouse still takes it, in values."""
+        """Return how far from a line the mouse still takes it, in values."""
         return REACH * self.scale * self.pixel
 
     def x_of(self, value: float) -> float:
-        """The pixel of a value; one beyond an end stands at that end."""
+        """Return the pixel of a value; one beyond an end stands at that end."""
         return self.axis[0] + (min(max(value, self.low), self.high) - self.low) / self.pixel
 
     def value_at(self, x: float) -> float:
-        """The value at a pixel; beyond an end it is that end's."""
+        """Return the value at a pixel; beyond an end it is that end's."""
         return min(max(self.low + (x - self.axis[0]) * self.pixel, self.low), self.high)
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a pixel lies in the strip."""
+        """Return whether a pixel lies in the strip."""
         return self.left <= x <= self.right and self.bottom <= y <= self.top
 
 
@@ -139,7 +139,7 @@ def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: float) -> NDArray[np.float64]:
-    """The boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
+    """Return the boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
     ends = start + width * np.arange(len(heights) + 1)
     pixels = strip.axis[0] + (np.clip(ends, strip.low, strip.high) - strip.low) / strip.pixel
     foot = strip.bottom + TICKS * strip.scale
@@ -158,7 +158,7 @@ class Name:
 
 
 def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]]], width: Width) -> list[Name]:
-    """Where the names of bands are written: every band has one.
+    """Return where the names of bands are written: every band has one.
 
     A name stands in its band if any of its texts fits, else above it, in the lowest row that is free from there on.
     Names are placed from the right, so that no line crosses a name.

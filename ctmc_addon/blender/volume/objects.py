@@ -53,7 +53,7 @@ def add_volume(
 
 
 def of_ct(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
-    """The Volume objects of a CT in a scene."""
+    """Yield the Volume objects of a CT in a scene."""
     for obj in scene.objects:
         if obj.type == "VOLUME" and fingerprint and obj.get(CT) == fingerprint:
             yield obj

@@ -167,7 +167,7 @@ class Case:
         return {"surfaces": (own / f"{name}{suffix}",)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
-        """The volume that the label is in, kept for the outputs to come."""
+        """Return the volume that the label is in, kept for the outputs to come."""
         path = Path(self.task["input"])
         source = source_of(path, settings.label)
         if self.volume is None or self.source != source:
@@ -182,7 +182,7 @@ class Case:
 
 
 def report_of(surfaces: Surfaces) -> dict[str, Any]:
-    """What a JSON says of surfaces; of several also how many triangles they have together."""
+    """Return what a JSON says of surfaces; of several also how many triangles they have together."""
     report = surfaces.report()
     if not surfaces.are_several:
         return report
@@ -191,7 +191,7 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
 
 
 def can_render() -> bool:
-    """Whether there is a Blender with the engine for thumbnails; without it there are none."""
+    """Return whether there is a Blender with the engine for thumbnails; without it there are none."""
     if not has_blender():
         return False
     import bpy

@@ -53,7 +53,7 @@ class Case:
 def collect(
     inputs: Sequence[str], settings: Mapping[str, Any], reading: ReadingOptions, aside: Path | None = None
 ) -> list[Case]:
-    """The cases in the order of the inputs, those of a folder in natural order.
+    """Return the cases in the order of the inputs, those of a folder in natural order.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def collect(
 
 
 def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
-    """The volumes that one input stands for."""
+    """Return the volumes that one input stands for."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
@@ -96,7 +96,7 @@ def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
 
 
 def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
-    """The volumes in a folder, or the one that a file is."""
+    """Return the volumes in a folder, or the one that a file is."""
     if not input_path.is_dir() or readers.folder_format(input_path):
         return [CaseInput(input_path, readers.volume_name(input_path))]
     volumes = volumes_in(input_path, aside, DEEPEST)
@@ -141,7 +141,7 @@ def volume_files(folder: Path) -> list[Path]:
 
 
 def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
-    """The case of an input: a surface for each of its labels, or one."""
+    """Return the case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
     choices = choices_of(values)
     numbers = [choice for choice in choices if isinstance(choice, int)]

@@ -36,7 +36,7 @@ def record_path(folder: Path, name: str) -> Path:
 
 
 def thumbnail_path(folder: Path, name: str) -> Path:
-    """The small picture of an output."""
+    """Return the small picture of an output."""
     return folder / THUMBNAILS / f"{name}.png"
 
 
@@ -108,7 +108,7 @@ def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> 
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:
-    """The JSON of an output, None if there is none that can be read."""
+    """Return the JSON of an output, None if there is none that can be read."""
     try:
         record = json.loads(record_path(folder, name).read_text("utf-8"))
     except (OSError, ValueError):
@@ -146,7 +146,7 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
-    """What a JSON must carry, besides the key of the input, to stand for this output."""
+    """Return what a JSON must carry, besides the key of the input, to stand for this output."""
     reading = options_of(task)
     return {
         "version": VERSION,
@@ -188,7 +188,7 @@ def size_of(path: Path) -> int | None:
 
 
 def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
-    """The settings of a task's output; of several labels with one of them, or any."""
+    """Return the settings of a task's output; of several labels with one of them, or any."""
     labels = output["labels"]
     return ReconstructionSettings.from_dict(
         output["settings"] | ({"label": label_for_checks(labels)} if labels else {})
@@ -196,14 +196,14 @@ def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
 
 
 def options_of(task: Mapping[str, Any]) -> ReadingOptions:
-    """How a task's input is read."""
+    """Return how a task's input is read."""
     return ReadingOptions.from_dict(task["reading"])
 
 
 def failed_record(
     task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None
 ) -> dict[str, Any]:
-    """The JSON of an output that did not come about."""
+    """Return the JSON of an output that did not come about."""
     return {
         "case": output["name"],
         "status": "failed",
@@ -241,7 +241,7 @@ def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
 
 
 def key_or_empty(path: Path, verify: bool, allow_outside: bool = False) -> dict[str, str]:
-    """The key of the input at a path; empty where it cannot be opened."""
+    """Return the key of the input at a path; empty where it cannot be opened."""
     try:
         return input_key(open_volume(path, allow_outside), verify)
     except (CtmcError, OSError):
@@ -249,13 +249,13 @@ def key_or_empty(path: Path, verify: bool, allow_outside: bool = False) -> dict[
 
 
 def is_same_input(record: Mapping[str, Any], key: Mapping[str, str]) -> bool:
-    """Whether the input is the one that a JSON's surface was made from: by its content if that is known."""
+    """Return whether the input is the one that a JSON's surface was made from: by its content if that is known."""
     name = "content_hash" if "content_hash" in key else "fingerprint"
     return name in key and record.get(name) == key[name]
 
 
 def without_folders(text: str, task: Mapping[str, Any]) -> str:
-    r"""A sentence on one line, its absolute paths shortened to their last part.
+    r"""Return a sentence on one line, its absolute paths shortened to their last part.
 
     Examples
     --------

@@ -115,7 +115,7 @@ def html_row(folder: Path, row: SummaryRow) -> str:
 
 
 def labels_table(row: SummaryRow) -> str:
-    """The surfaces of several labels, to be unfolded."""
+    """Return the surfaces of several labels, to be unfolded."""
     if not row.surfaces:
         return ""
     lines = [
@@ -127,12 +127,12 @@ def labels_table(row: SummaryRow) -> str:
 
 
 def milliliters(surface: Mapping[str, Any]) -> str:
-    """The volume of a surface for a person."""
+    """Return the volume of a surface for a person."""
     return "-" if surface["volume_mm3"] is None else f"{surface['volume_mm3'] / 1000:.3f}"
 
 
 def picture(folder: Path, row: SummaryRow) -> str:
-    """The thumbnail as part of the page."""
+    """Return the thumbnail as part of the page."""
     if row.status != "done":
         return ""
     try:
@@ -152,14 +152,14 @@ def numbers(row: SummaryRow) -> list[str]:
 
 
 def counts(rows: Sequence[SummaryRow]) -> str:
-    """How many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
+    """Return how many are done, failed, running and waiting: '20 cases: 17 done, 3 failed'."""
     states = [row.status for row in rows]
     texts = [f"{states.count(state)} {state}" for state in ("done", "failed", "running", "waiting") if state in states]
     return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
 
 
 def row_of(folder: Path, name: str) -> SummaryRow:
-    """The row of an output that is over."""
+    """Return the row of an output that is over."""
     row = SummaryRow(name)
     row.fill(read_record(folder, name))
     return row

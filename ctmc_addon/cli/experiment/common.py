@@ -37,7 +37,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def bare_settings_from(args: argparse.Namespace) -> ReconstructionSettings:
-    """The settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
+    """Return the settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
     settings = settings_from(args)
     automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
     return replace(settings, smoothing="none") if automatic else settings
@@ -56,7 +56,7 @@ def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> Non
 
 
 def level(word: str) -> float | int:
-    """A share of the triangles, per cent."""
+    """Return a share of the triangles, per cent."""
     percent = float(word)
     if not 0 <= percent <= 99:
         raise argparse.ArgumentTypeError(f"a level is from 0 to 99 per cent of the triangles to remove, not {word}")

@@ -43,7 +43,7 @@ class Panel:
 
 
 def panel_of(title: str, across: str, labels: Sequence[str], rows: Sequence[Mapping[str, Any]], **series: str) -> Panel:
-    """A chart of a table's rows; `series` are names in the legend and the keys of their values."""
+    """Return a chart of a table's rows; `series` are names in the legend and the keys of their values."""
     return Panel(title, across, labels, {name: [row[key] for row in rows] for name, key in series.items()})
 
 

@@ -74,7 +74,7 @@ class Table:
 
     @property
     def cells(self) -> list[list[str]]:
-        """The shown table, its titles first."""
+        """Return the shown table, its titles first."""
         shown = [[column.show(row) for column in self.columns] for row in self.rows]
         return [[column.title for column in self.columns], *shown]
 
@@ -146,7 +146,7 @@ def plain(value: float) -> float | int:
 
 
 def unique(values: Sequence[Any], first: Any = None) -> list[Any]:
-    """The values in their order, each once, `first` ahead of all if it is given.
+    """Return the values in their order, each once, `first` ahead of all if it is given.
 
     Examples
     --------

@@ -46,30 +46,30 @@ def add_common(parser: argparse.ArgumentParser, output: str, kind: str) -> None:
 
 
 def values_of(args: argparse.Namespace, kind: type) -> dict[str, Any]:
-    """The values that the flags and the table `[figure]` of --settings give a described dataclass, by name."""
+    """Return the values that the flags and the table `[figure]` of --settings give a described dataclass, by name."""
     return {name: value for name, value in given_table(args, "figure").items() if name in descriptions(kind)}
 
 
 def page_of(args: argparse.Namespace) -> Page:
-    """The page that the flags give."""
+    """Return the page that the flags give."""
     with flags_checked():
         return replace(PAGES[args.kind], **values_of(args, Page))
 
 
 def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
-    """How the flags have one or several surfaces look."""
+    """Return how the flags have one or several surfaces look."""
     with flags_checked():
         return FigureStyle(**({"style": "clinical"} if several else {}) | values_of(args, FigureStyle))
 
 
 def map_of(args: argparse.Namespace) -> DistanceMap:
-    """Whether the flags ask for a map of distances, and where its colors end."""
+    """Return whether the flags ask for a map of distances, and where its colors end."""
     with flags_checked():
         return DistanceMap(**values_of(args, DistanceMap))
 
 
 def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
-    """The settings of the only surface, or a `UsageError`."""
+    """Return the settings of the only surface, or a `UsageError`."""
     settings, choices = settings_and_labels(args)
     if may_be_several(choices):
         count = "all" if ALL in choices else len(choices)
@@ -204,6 +204,6 @@ def size_of(page: Page, size: tuple[int, int]) -> str:
 
 
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
-    """What came out, for a person: facts, notes, and the files that were written."""
+    """Return what came out, for a person: facts, notes, and the files that were written."""
     written = ", ".join(file.name for file in files if file is not None)
     return listing([*facts, *titled("note", list(dict.fromkeys(notes))), ("written", written)])

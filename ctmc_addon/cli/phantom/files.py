@@ -109,7 +109,7 @@ def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 
 
 def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, root: str) -> Any:
-    """The dataset of slice `k`, with the attributes that CT Image Storage asks for."""
+    """Return the dataset of slice `k`, with the attributes that CT Image Storage asks for."""
 
     def uid(purpose: str) -> Any:
         return pydicom.uid.generate_uid(entropy_srcs=[root, purpose])
@@ -159,7 +159,7 @@ def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, 
 
 
 def decimal(number: float) -> str:
-    """A decimal string, at most 16 characters long (PS3.5 6.2)."""
+    """Return a decimal string, at most 16 characters long (PS3.5 6.2)."""
     text = f"{number:.10g}"
     return text if len(text) <= 16 else f"{number:.8g}"
 
@@ -171,7 +171,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def library(module: str, package: str) -> Any:
-    """The module, or a sentence about the package that is missing."""
+    """Return the module, or a sentence about the package that is missing."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -85,6 +85,6 @@ def write_tiff(volume: Volume, path: Path) -> None:
 
 
 def slabs(volume: Volume) -> Iterator[NDArray[np.uint8]]:
-    """The values, a few slices at a time."""
+    """Yield the values, a few slices at a time."""
     for low in range(0, volume.shape[0], SLICES_AT_ONCE):
         yield volume.slab(low, min(low + SLICES_AT_ONCE, volume.shape[0]))

@@ -89,7 +89,7 @@ class DecodingProcess:
         return True
 
     def picture_steps(self, shape: tuple[int, int], step: Step) -> Steps[NDArray[Any]]:
-        """The picture asked for last, (rows, columns); `step` is yielded while it is decoded.
+        """Return the picture asked for last, (rows, columns); `step` is yielded while it is decoded.
 
         Raises
         ------
@@ -220,7 +220,7 @@ def interpreter() -> Path | None:
 
 
 def is_readable(handle: int) -> bool:
-    """Whether a pipe has something to read or has ended, after at most `TICK` seconds."""
+    """Return whether a pipe has something to read or has ended, after at most `TICK` seconds."""
     if sys.platform != "win32":
         return bool(select.select([handle], [], [], TICK)[0])
     import _winapi

@@ -86,7 +86,7 @@ def decoded(path: Path, frame: int) -> NDArray[Any]:
 
 @lru_cache(1)
 def header_of(path: Path) -> ImageFile:
-    """The header, kept for a file's next frame."""
+    """Return the header, kept for a file's next frame."""
     if label_class(path) == SEGMENTATION:
         return finish(header_steps(path)).image
     header = read_header(path)

@@ -64,7 +64,7 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
 
 def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:
     def value_of(sequence: str, keyword: str, top_level: bool = True) -> Any:
-        """The value of the frame's own group, else of the shared one, else of the file."""
+        """Return the value of the frame's own group, else of the shared one, else of the file."""
         for group in groups:
             items = group.get(sequence, None) if group is not None else None
             value = items[0].get(keyword, None) if items else None

@@ -102,7 +102,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
 
 
 def folder_of(folders: set[Path], path: Path) -> str:
-    """Where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
+    """Return where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
     if len(folders) > 1:
         return f"{len(folders)} folders"
     folder = next(iter(folders))
@@ -112,12 +112,12 @@ def folder_of(folders: set[Path], path: Path) -> str:
 
 
 def is_placed(ct_slice: Slice) -> bool:
-    """Whether a slice has a position and a direction."""
+    """Return whether a slice has a position and a direction."""
     return bool(ct_slice.geometry.position and ct_slice.geometry.orientation)
 
 
 def is_scout(ct_slice: Slice) -> bool:
-    """Whether a slice is a picture to plan the scan by."""
+    """Return whether a slice is a picture to plan the scan by."""
     return ct_slice.image.scout or ct_slice.geometry.scout
 
 
@@ -134,7 +134,7 @@ def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def alike(first: Slice, second: Slice) -> bool:
-    """Whether two slices can belong to one volume."""
+    """Return whether two slices can belong to one volume."""
     if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
     a, b = first.geometry, second.geometry

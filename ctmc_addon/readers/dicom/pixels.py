@@ -49,7 +49,7 @@ def check_codec(image: ImageFile) -> None:
 
 
 def syntax_name(syntax: str) -> str:
-    """The transfer syntax in words, or its UID where it is a private one."""
+    """Return the transfer syntax in words, or its UID where it is a private one."""
     with quiet():  # a damaged one
         return str(needed("pydicom.uid", "pydicom", "DICOM").UID(syntax).name)
 
@@ -132,7 +132,7 @@ def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]
 
 
 def padding_mark(dtype: Any) -> Any:
-    """What stands for padding until the lowest real value is known.
+    """Return what stands for padding until the lowest real value is known.
 
     The type's own lowest value: a real pixel that holds it is then the lowest anyway.
     """

@@ -59,7 +59,7 @@ class DicomSource(VolumeSource):
         super().__init__(path, listed(content.series, path), [*images, *unused], stem(named_path))
 
     def selected_series(self, series: str | int | None) -> Series | None:
-        """The series that would be read; by default the one with the most slices that have a place."""
+        """Return the series that would be read; by default the one with the most slices that have a place."""
         requested_series = "" if series is None else str(series).strip()
         matching = [line for line in self.series if requested_series in ("", line.uid, str(line.number))]
         return max(
@@ -125,7 +125,7 @@ class DicomSource(VolumeSource):
 
 
 def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
-    """How the slices become a volume, and words about a spacing of the file that cannot be used."""
+    """Return how the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or min(pixel_spacing) <= 0:
@@ -231,7 +231,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
 
 
 def name_pattern(path: Path) -> str:
-    """What the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
+    """Return what the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def name_pattern(path: Path) -> str:
 
 
 def is_named_dicom(path: Path) -> bool:
-    """Whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
+    """Return whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
     return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
@@ -256,7 +256,7 @@ def check_whole(content: FolderContent, uid: str) -> None:
 
 
 def truncated(broken: Broken) -> ReadError:
-    """The error for a DICOM file that cannot be read to its end."""
+    """Return the error for a DICOM file that cannot be read to its end."""
     damage = broken.damage or f"{broken.path.stat().st_size} bytes"
     return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); copy it again")
 

@@ -165,7 +165,7 @@ def limits(ct_slice: Slice) -> tuple[float, float]:
 
 
 def fits(low: float, high: float, dtype: Any) -> bool:
-    """Whether a type holds values from `low` to `high`."""
+    """Return whether a type holds values from `low` to `high`."""
     if np.dtype(dtype).kind == "f" or low > high:
         return True
     return bool(np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max)
@@ -194,7 +194,7 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
 
 
 def padding_notes(seen: SliceRead) -> list[str]:
-    """The note that says what padding became, if there is any."""
+    """Return the note that says what padding became, if there is any."""
     if not seen.padded:
         return []
     if seen.lowest == math.inf:

@@ -50,7 +50,7 @@ class Stack:
 
     @property
     def resampled(self) -> bool:
-        """Whether slices of the volume lie between slices of the stack."""
+        """Return whether slices of the volume lie between slices of the stack."""
         return bool(self.weight.any())
 
 
@@ -232,7 +232,7 @@ def _resampling(
 
 
 def named_gaps(gaps: NDArray[np.float64], most: int = 6) -> str:
-    """The different gaps in words, to 0.01 mm: '1.08, 4, 7'.
+    """Return the different gaps in words, to 0.01 mm: '1.08, 4, 7'.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class StoredPixels:
         self.process, self.asked = None, None
 
     def slice_steps(self, number: int, step: Step) -> Steps[NDArray[Any]]:
-        """A slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
+        """Return a slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
         if not self.decodes_here and self.process is None:
             self.process = yield from started_steps(max(one.image.rows * one.image.columns for one in self.slices))
             self.decodes_here = self.process is None
@@ -89,7 +89,7 @@ class StoredPixels:
 
 
 def needs_process(ct_slice: Slice) -> bool:
-    """Whether a slice is decoded by a library in C."""
+    """Return whether a slice is decoded by a library in C."""
     return ct_slice.image.pixels.syntax not in (*UNCOMPRESSED, RLE)
 
 

@@ -80,7 +80,7 @@ def grouped(numbers: Iterable[int], keys: Sequence[str]) -> list[list[int]]:
 
 
 def by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.float64]) -> list[list[int]]:
-    """The acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
+    """Return the acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
     pieces = grouped(group, keys)
     if min(map(len, pieces)) < FEWEST:
         return [group]
@@ -89,7 +89,7 @@ def by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.floa
 
 
 def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    """Whether two sets of heights share more than half of the shorter one's extent."""
+    """Return whether two sets of heights share more than half of the shorter one's extent."""
     shared = min(first.max(), second.max()) - max(first.min(), second.min())
     return bool(shared > OVERLAP * min(np.ptp(first), np.ptp(second)))
 
@@ -126,7 +126,7 @@ def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[i
 
 
 def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
-    """Whether sorted keys of each place give times that cannot be mixed.
+    """Return whether sorted keys of each place give times that cannot be mixed.
 
     They differ at each place, and each time ends before the next begins, or each place before the next.
     """

@@ -66,7 +66,7 @@ def _three_numbers(words: Sequence[str]) -> list[float] | None:
 
 
 def rgb_of_cielab(stored: Sequence[int]) -> RGB:
-    """The sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
+    """Return the sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Edges(NamedTuple):
 
     @property
     def crossings(self) -> NDArray[np.int64]:
-        """How many rows each edge touches: what the work is measured by."""
+        """Return how many rows each edge touches: what the work is measured by."""
         return np.maximum(0, self.last - self.first + 1)
 
 

@@ -96,7 +96,7 @@ class LabelMap:
         np.maximum(window, labels, out=window, casting="unsafe")
 
     def overlap_note(self, unit: str, kept: str) -> list[str]:
-        """What overlapped: `unit` is such as 'segments', `kept` says which of two keeps a voxel."""
+        """Return what overlapped: `unit` is such as 'segments', `kept` says which of two keeps a voxel."""
         losers = np.flatnonzero(self.lost).tolist()
         if not losers:
             return []
@@ -104,7 +104,7 @@ class LabelMap:
         return [f"{unit} overlap, and {kept} keeps the voxel: lost to others are {limited(lost, ' voxels')}"]
 
     def empty_note(self, unit: str) -> list[str]:
-        """Which labels have no voxel at all."""
+        """Return which labels have no voxel at all."""
         empty = [self.name(label) for label in sorted(self.names) if not self.painted[label]]
         if not empty:
             return []
@@ -113,7 +113,7 @@ class LabelMap:
         ]
 
     def undescribed_note(self) -> list[str]:
-        """Which labels have voxels and no name."""
+        """Return which labels have voxels and no name."""
         undescribed = [
             str(label) for label in np.flatnonzero(self.painted).tolist() if label and label not in self.names
         ]
@@ -124,19 +124,19 @@ class LabelMap:
         ]
 
     def name(self, label: int) -> str:
-        """A label's name, or its number."""
+        """Return a label's name, or its number."""
         return self.names.get(label) or f"label {label}"
 
 
 def limited(texts: Iterable[str], end: str = "") -> str:
-    """The first texts, and how many more there are."""
+    """Return the first texts, and how many more there are."""
     listed = list(texts)
     more = f"{end} and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else end
     return ", ".join(listed[:MOST_NAMED]) + more
 
 
 def clean_name(text: object, fallback: str) -> str:
-    r"""A name from a file, fit for one line.
+    r"""Return a name from a file, fit for one line.
 
     Examples
     --------

@@ -62,7 +62,7 @@ class AnalyzeFile(VolumeSource):
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
-    """The volume of a `.hdr`, or of the `.img` beside it."""
+    """Return the volume of a `.hdr`, or of the `.img` beside it."""
     header_path = path.with_suffix(".hdr")
     data_path = next((file for file in map(header_path.with_suffix, DATA_SUFFIXES) if file.is_file()), None)
     for missing, exists in ((".hdr", header_path.is_file()), (".img", data_path is not None)):

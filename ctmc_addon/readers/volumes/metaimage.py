@@ -129,7 +129,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
 
 
 def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: str) -> list[float] | None:
-    """The `count` numbers of the first of `keys` that there is, or None."""
+    """Return the `count` numbers of the first of `keys` that there is, or None."""
     key = next((key for key in keys if key.lower() in fields), None)
     if key is None:
         return None
@@ -186,7 +186,7 @@ def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, 
 
 
 def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
-    """The type of the values in the file, with its byte order."""
+    """Return the type of the values in the file, with its byte order."""
     word = fields.get("elementtype", "").upper()
     code = TYPES.get(word.removeprefix("MET_"))
     if code is None:

@@ -152,7 +152,7 @@ def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int],
 
 
 def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
-    """The type of the values in the file, or a `ReadError` for color, complex and long double."""
+    """Return the type of the values in the file, or a `ReadError` for color, complex and long double."""
     dtype: np.dtype[Any] = header.get_data_dtype()
     if dtype.names is not None:
         raise ReadError(f"{name} has RGB voxels; convert it to gray values or labels (one number a voxel)")

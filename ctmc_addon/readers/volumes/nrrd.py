@@ -87,8 +87,10 @@ class NrrdFile(VolumeSource):
             layers = []
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
-            made = yield from layered_steps(layers, self.segments, self.path.name)
-            return RawValues(made.values, affine, (*notes, *made.notes), ValueKind.LABEL, made.names, made.colors)
+            joined = yield from layered_steps(layers, self.segments, self.path.name)
+            return RawValues(
+                joined.values, affine, (*notes, *joined.notes), ValueKind.LABEL, joined.names, joined.colors
+            )
         values = yield from self._time_steps(request.time - 1)
         segments = [segment for segment in self.segments if not segment.layer]
         names, colors = names_and_colors(segments, [segment.value for segment in segments])
@@ -206,7 +208,7 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
 
 
 def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
-    """The type of the values in the file, with its byte order."""
+    """Return the type of the values in the file, with its byte order."""
     word = str(header["type"]).strip().lower()
     code = next((code for code, words in TYPES.items() if word in words), None)
     if code is None:
@@ -223,7 +225,7 @@ def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
 
 
 def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]:
-    """The files that hold the values, in order; none where they follow the header.
+    """Return the files that hold the values, in order; none where they follow the header.
 
     `data file` is a name, a list under `LIST`, or a pattern `name%d first last step [dimension]`. Each lies in the
     header's folder or below: a header that came by mail must not name another file of the machine, or of the network.
@@ -244,7 +246,7 @@ def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]
 
 
 def outside_allowed_steps(steps: Steps[Result]) -> Steps[Result]:
-    """The same steps, in which headers may name data files anywhere; between two steps they may not."""
+    """Return the same steps, in which headers may name data files anywhere; between two steps they may not."""
     context = copy_context()
     context.run(_outside.set, True)
     with closing(steps):
@@ -258,7 +260,7 @@ def outside_allowed_steps(steps: Steps[Result]) -> Steps[Result]:
 
 
 def inner_path(name: str, header_name: str) -> PurePath:
-    """A data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
+    """Return a data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
     if _outside.get() and "\0" not in name:
         return PurePath(name)
     inner = PurePosixPath(name.replace("\\", "/"))
@@ -272,7 +274,7 @@ def inner_path(name: str, header_name: str) -> PurePath:
 
 
 def open_data_file(file: Path, header: Path) -> IO[bytes]:
-    """A data file for reading, or a `ReadError` if there is no such file."""
+    """Return a data file for reading, or a `ReadError` if there is no such file."""
     if not file.is_file():
         raise ReadError(f"{header.name} names the data file {file.name[:80]}, which is missing; keep the two together")
     return file.open("rb")
@@ -286,7 +288,7 @@ def stored_steps(
     shape: tuple[int, int, int],
     dtype: np.dtype[Any],
 ) -> Steps[SliceReader]:
-    """What reads the values of one data file, which begin behind byte `start` and what the header skips.
+    """Return what reads the values of one data file, which begin behind byte `start` and what the header skips.
 
     Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
     """

@@ -28,7 +28,7 @@ class SaveDialog:
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
 
     def ending(self) -> str:
-        """The suffix of a name without one."""
+        """Return the suffix of a name without one."""
         return self.suffixes[0]
 
     def suggestion(self, context: bpy.types.Context) -> str:

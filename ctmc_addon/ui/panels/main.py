@@ -118,7 +118,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 def alpha_matters(settings: Any) -> bool:
-    """Whether alpha has an effect; settings that contradict each other are said elsewhere."""
+    """Return whether alpha has an effect; settings that contradict each other are said elsewhere."""
     try:
         matters: bool = settings.to_settings().alpha_matters
     except SettingsError:
@@ -151,7 +151,7 @@ def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> Non
 
 
 def removed_text(context: bpy.types.Context, settings: Any) -> str:
-    """What the goal removes, of how many triangles."""
+    """Return what the goal removes, of how many triangles."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
     if settings.goal == "reduction":

@@ -54,7 +54,7 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
 
 
 def threshold_text(scene: bpy.types.Scene) -> str:
-    """Which threshold is used: Otsu's, or that of a tissue."""
+    """Return which threshold is used: Otsu's, or that of a tissue."""
     volume, value = volumes.current(scene), threshold.used_threshold(scene)
     unit = " HU" if holds_hu(scene) else ""
     if not scene.ctmc.use_threshold:

@@ -45,7 +45,7 @@ def all_properties() -> dict[str, Any]:
 
 
 def generated_properties() -> dict[str, Any]:
-    """What is made from the fields of blender.figure.spec."""
+    """Return what is made from the fields of blender.figure.spec."""
     from ...blender.figure.spec import FIGURE_SETTINGS, PAGES
 
     properties: dict[str, Any] = {}
@@ -101,7 +101,7 @@ def panel_properties() -> dict[str, Any]:
 
 
 def values_of(panel: Any, kind: type, page_kind: str = "") -> dict[str, Any]:
-    """The values of a described dataclass's fields in the panel, by name; those of a page are of `page_kind`."""
+    """Return the values of a described dataclass's fields in the panel, by name; those of a page are of `page_kind`."""
     values = {}
     own = defaults(kind)
     for name, about in descriptions(kind).items():

@@ -71,7 +71,7 @@ def object_of(uid: int | None) -> bpy.types.Object | None:
 
 
 def viewports() -> Iterator[bpy.types.Area]:
-    """The 3D viewports of all windows."""
+    """Yield the 3D viewports of all windows."""
     for window in bpy.context.window_manager.windows:
         yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
 

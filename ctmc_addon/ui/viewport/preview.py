@@ -52,7 +52,7 @@ def prepare(loaded: volumes.Loaded) -> None:
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
-    """The settings to preview, for what is in memory; None where it is off or they contradict each other."""
+    """Return the settings to preview, for what is in memory; None where it is off or they contradict each other."""
     ct = volumes.loaded(scene)
     try:
         settings = scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
@@ -119,18 +119,18 @@ def is_made(context: bpy.types.Context) -> bool:
     fingerprint = context.scene.ctmc.volume_fingerprint
     if state.key is None:
         return False
-    made = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
+    surfaces = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
     return any(
         provenance.fingerprint == fingerprint
         and key_of(provenance.settings, provenance.threshold) == state.key
         and obj.visible_get()
-        for obj, provenance in made
+        for obj, provenance in surfaces
         if provenance is not None
     )
 
 
 def preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
-    """Where the preview of a scene lies; None where there is none."""
+    """Return where the preview of a scene lies; None where there is none."""
     ct, settings = volumes.loaded(scene), settings_of(scene)
     try:
         return None if ct is None or settings is None else key_of(settings, quick_threshold(ct.volume, settings))
@@ -140,7 +140,7 @@ def preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
 
 @lru_cache(maxsize=256)
 def key_of(settings: ReconstructionSettings, threshold: float | None) -> PreviewKey:
-    """What decides where a surface lies: label or threshold that is used, upper limit, smoothing.
+    """Return what decides where a surface lies: label or threshold that is used, upper limit, smoothing.
 
     All other settings leave out parts or move it by less than a voxel.
     """

@@ -49,7 +49,7 @@ class RegionFace:
         self.base = self.middle - step * (region[self.axis] + region[self.axis + 3]) / 2
 
     def offset(self) -> float:
-        """Where the side is, from the base outwards, Blender units."""
+        """Return where the side is, from the base outwards, Blender units."""
         return float(self.outward * self.settings.region[self.face] * self.unit)
 
     def move(self, offset: float) -> None:
@@ -64,14 +64,14 @@ class RegionFace:
 
 
 def current_face(face: int) -> RegionFace | None:
-    """The side as it is at this moment; Blender keeps handles longer than any scene or volume."""
+    """Return the side as it is at this moment; Blender keeps handles longer than any scene or volume."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
     return None if volume is None else RegionFace(scene, volume, face)
 
 
 def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
-    """What the arrow of a side reads and writes."""
+    """Return what the arrow of a side reads and writes."""
 
     def read() -> float:
         side = current_face(face)
@@ -86,7 +86,7 @@ def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
 
 
 def read_middle() -> tuple[float, float, float]:
-    """The move handle's offset: it stands in the box's middle, as its matrix says."""
+    """Return the move handle's offset: it stands in the box's middle, as its matrix says."""
     side = current_face(0)
     if side is None:
         return (0.0, 0.0, 0.0)

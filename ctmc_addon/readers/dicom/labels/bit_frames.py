@@ -23,7 +23,7 @@ RLE_HEADER = 64  # bytes: the number of segments and where each begins
 
 
 def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
-    """The stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
+    """Yield the stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
     pixels = image.pixels
     if pixels.syntax == DEFLATED_FRAMES:
         return read_frames(image, deflated_frames)
@@ -78,7 +78,7 @@ def packed_sizes(size: int) -> tuple[int, int]:
 
 
 def unpacked_rle(packed: bytes, most: int) -> bytes:
-    r"""The bytes of a frame that is one segment of runs; no more than `most` of them.
+    r"""Return the bytes of a frame that is one segment of runs; no more than `most` of them.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def unpacked_rle(packed: bytes, most: int) -> bytes:
 
 
 def encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
-    """The compressed frames, each as it stands in the file."""
+    """Yield the compressed frames, each as it stands in the file."""
     count = image.pixels.options["number_of_frames"]
     frames = needed("pydicom.encaps", "pydicom", "DICOM").generate_frames(file, number_of_frames=count)
     for number in range(count):

@@ -60,7 +60,7 @@ class Elements:
         self.items = 0
 
     def dataset_steps(self, requested: Requested) -> Steps[Found]:
-        """The wanted elements, and the place of the pixels; steps within long sequences."""
+        """Return the wanted elements, and the place of the pixels; steps within long sequences."""
         found: Found = {}
         while self.at < self.size:
             tag, vr, length = self._header(self.implicit)

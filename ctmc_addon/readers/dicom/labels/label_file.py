@@ -107,7 +107,7 @@ def whole(value: bytes) -> int:
 
 
 def shown(value: bytes) -> str:
-    """The beginning of a damaged value, for an error."""
+    """Return the beginning of a damaged value, for an error."""
     text = value.rstrip(b"\0 ").decode("ascii", "replace")
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
@@ -137,7 +137,7 @@ def uid(value: bytes) -> str:
 
 
 def texts(found: Found) -> Any:
-    """A function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
+    """Return a function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
     charset = needed("pydicom.charset", "pydicom", "DICOM")
     names = [name.strip().decode("ascii", "replace") for name in found.get(0x00080005, b"").split(b"\\")]
 

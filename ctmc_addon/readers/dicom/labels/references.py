@@ -35,7 +35,7 @@ class Reference(NamedTuple):
     frame_of_reference: str
 
     def matches(self, images: list[ImageFile]) -> list[ImageFile]:
-        """The images of the referenced series; of several the one with most of the slices that are named."""
+        """Return the images of the referenced series; of several the one with most of the slices that are named."""
         candidates = [image for image in images if image.gray and not image.scout]
         named = [image for image in candidates if image.uid in self.instances]
         of_series = [image for image in candidates if image.series in self.series]
@@ -46,7 +46,7 @@ class Reference(NamedTuple):
 
 
 def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
-    """The slices of the referenced series that lie near `path`; none where there are too few."""
+    """Return the slices of the referenced series that lie near `path`; none where there are too few."""
     if not any(reference):
         return []
     for files in (below(path.parent, DEEPEST_BELOW), neighbors(path.parent)):
@@ -61,7 +61,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
 
 
 def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, list[str]]:
-    """The grid of the volume that these slices make, and what was done to make it."""
+    """Return the grid of the volume that these slices make, and what was done to make it."""
     slices, notes = one_geometry(slices, path)
     slices = max(times_of(slices), key=len)  # all times stand at the same places
     spacing = slices[0].geometry.spacing

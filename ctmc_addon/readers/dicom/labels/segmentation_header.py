@@ -71,7 +71,7 @@ class Header(NamedTuple):
 
 
 def header_steps(path: Path) -> Steps[Header]:
-    """What the file says of its frames and segments, checked."""
+    """Return what the file says of its frames and segments, checked."""
     with opened(path) as (elements, syntax):
         found = yield from elements.dataset_steps(WANTED)
         kind = uid(found.get(0x00620001, b"")).upper()

@@ -75,7 +75,7 @@ class SliceGrid(NamedTuple):
         return nearest, x, y, along - heights[nearest]
 
     def on_slice(self, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float, float]:
-        """The scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
+        """Return the scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
 
         Then its way to the slice, and how far it leaves a plane parallel to it, mm.
         """
@@ -139,7 +139,7 @@ def grid_of_frames(
     gap_hint: float,
     name: str,
 ) -> tuple[SliceGrid, list[str]]:
-    """An even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
+    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
 
     `gap_hint` is the distance between slices that the file tells, 0 where it tells none. A `ReadError` that calls the
     file `name` where the frames do not stand on an even grid.

@@ -115,7 +115,7 @@ def open_steps(path: Path) -> Steps[StructureSource]:
 
 
 def header_steps(path: Path) -> Steps[Header]:
-    """What the file says of its regions, and where their contours stand."""
+    """Return what the file says of its regions, and where their contours stand."""
     with opened(path) as (elements, _):
         found = yield from elements.dataset_steps(WANTED)
         decoded = texts(found)
@@ -153,7 +153,7 @@ def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
 
 
 def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[list[Planes], Counter[str]]]:
-    """The contours of every region by scanned slice, in pixels, and how many were left out and why."""
+    """Return the contours of every region by scanned slice, in pixels, and how many were left out and why."""
     regions, left_out = [], Counter[str]()
     total = sum(len(region.contours) for region in header.regions)
     done, gap = 0, grid.gap
@@ -188,7 +188,7 @@ def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[lis
 
 
 def positions_of(elements: Elements, location: ValueLocation) -> NDArray[np.float64]:
-    """The positions (n, 3) of one contour, mm; numbers in words, x, y and z in turn."""
+    """Return the positions (n, 3) of one contour, mm; numbers in words, x, y and z in turn."""
     if location.length > LONGEST_CONTOUR:
         raise Damaged(f"a contour of {location.length} bytes, and at most {LONGEST_CONTOUR} are read")
     elements.file.seek(location.start)

@@ -31,7 +31,7 @@ class Segment(NamedTuple):
 
 
 def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
-    """The segments that have a value, in the order of their numbers."""
+    """Return the segments that have a value, in the order of their numbers."""
     keys = (re.fullmatch(r"Segment(\d{1,9})_(?:ID|LabelValue)", key) for key in header)
     numbers = sorted({int(match[1]) for match in keys if match})
     is_old = not any(f"Segment{number}_LabelValue" in header for number in numbers)  # before Slicer 4.11: a mask each

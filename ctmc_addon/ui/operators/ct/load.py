@@ -108,7 +108,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     def steps(
         self, path: Path, reading: ReadingOptions, scene: int, expected: str, chosen: int
     ) -> Steps[jobs.Conclusion]:
-        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any.
+        """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
         So many files of the folder were `chosen`; all of it is read.
         """
@@ -151,7 +151,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
 
 def last_folder(scene: bpy.types.Scene) -> Path | None:
-    """Where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    """Return where the last CT lies, of this file or of the one open before; None where that is not known any more."""
     stored = scene.ctmc.volume_path
     path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None

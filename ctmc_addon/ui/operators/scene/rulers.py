@@ -85,7 +85,7 @@ class Measure:
         return {"PASS_THROUGH"}
 
     def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
-        """The object under the mouse and where it is hit; None where there is none."""
+        """Return the object under the mouse and where it is hit; None where there is none."""
         ray = ray_under(area, event)
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 
