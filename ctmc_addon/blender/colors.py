@@ -19,6 +19,15 @@ LIGHTNESS = (1.0, 0.62, 1.35)  # of the first seven labels, the next seven, the 
 def linear(rgb: tuple[int, int, int]) -> Color:
     """Return the linear color of an sRGB one, 0 to 255 (IEC 61966-2-1).
 
+    Parameters
+    ----------
+    rgb : (red, green, blue) int
+        sRGB, 0 to 255.
+
+    Returns
+    -------
+    (red, green, blue) float, 0 to 1
+
     Examples
     --------
     >>> linear((255, 0, 55))
@@ -46,5 +55,13 @@ def label_rgb(label: int) -> tuple[int, int, int]:
 
 
 def color_of(label: int | None, rgb: tuple[int, int, int] | None = None) -> Color:
-    """Return the color of a label: its own sRGB, else that of its number; of bone for a surface by threshold."""
+    """Return the color of a label: its own sRGB, else that of its number; of bone for a surface by threshold.
+
+    Parameters
+    ----------
+    label : int or None
+        None for a surface by threshold.
+    rgb : (red, green, blue) int, optional
+        sRGB, 0 to 255.
+    """
     return BONE if label is None else linear(rgb or label_rgb(label))

@@ -18,12 +18,12 @@ FOLDER = "ctmc_folder"
 
 
 def is_box(obj: bpy.types.Object) -> bool:
-    """Whether an object is the box of a CT."""
+    """Return whether an object is the box of a CT."""
     return obj.type == "EMPTY" and hasattr(obj.get(PROPERTY), "keys")
 
 
 def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.types.Object | None:
-    """The box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
+    """Return the box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
     boxes = [obj for obj in scene.objects if is_box(obj)]
     same = [obj for obj in boxes if obj[PROPERTY].get("fingerprint") == fingerprint]
     read_before = [obj for obj in boxes if path and obj[PROPERTY].get("path") == path]
@@ -38,7 +38,7 @@ def show_box(
     path: str,
     folder: tuple[str, str],
 ) -> tuple[bpy.types.Object, bool]:
-    """The box of a CT, made where the scene has none yet, else brought to its place; and whether it is new.
+    """Return the box of a CT, made where the scene has none yet, else brought to its place; and whether it is new.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def show_box(
 
 
 def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.Collection:
-    """The collection of a patient's folder in a scene, made where there is none."""
+    """Return the collection of a patient's folder in a scene, made where there is none."""
     for collection in scene.collection.children_recursive:
         if collection.get(FOLDER) == folder:
             return collection
@@ -73,7 +73,7 @@ def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.
 
 
 def collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
-    """Where all that is made of a CT belongs: beside its box, else in the scene's own collection."""
+    """Return where all that is made of a CT belongs: beside its box, else in the scene's own collection."""
     box = box_of(scene, fingerprint) if fingerprint else None
     inside = {collection.session_uid for collection in scene.collection.children_recursive}
     owners = [] if box is None else [owner for owner in box.users_collection if owner.session_uid in inside]

@@ -13,7 +13,7 @@ def remove_blocks(*blocks: bpy.types.ID) -> None:
 
 
 def collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
-    """The collection of `bpy.data` that a data-block lives in."""
+    """Return the collection of `bpy.data` that a data-block lives in."""
     collections = {
         bpy.types.Scene: bpy.data.scenes,
         bpy.types.Object: bpy.data.objects,

@@ -92,12 +92,12 @@ def export_together(
         mesh_files.require_one_surface(target, len(objects))
         evaluated_triangles(objects[0], scene).save(target, space)
         return
-    with whole_file(target) as beside:
+    with whole_file(target) as temporary:
         try:
-            written, expected = WRITERS[suffix](objects, beside, space, scene, collection, frames)
+            written, expected = WRITERS[suffix](objects, temporary, space, scene, collection, frames)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
-        require_complete(beside, written, expected, target.name)
+        require_complete(temporary, written, expected, target.name)
 
 
 def write_obj(
@@ -108,7 +108,7 @@ def write_obj(
     collection: str,
     frames: Sequence[int],
 ) -> tuple[int, int]:
-    """An OBJ without a material file; returns its faces, and the faces it should have.
+    """Write an OBJ without a material file; return its faces, and the faces it should have.
 
     Without normals, which Blender 4.2 keeps less exactly: the same surface gives the same lines in every version.
     """
@@ -180,7 +180,7 @@ def write_glb(
 
 
 def named_glb(content: bytes, names: Mapping[str, str]) -> bytes:
-    """A GLB whose nodes and meshes are called by other `names`.
+    """Write a GLB whose nodes and meshes are called by other `names`.
 
     glTF 2.0, 4.4: a header, a chunk of JSON in groups of 4 bytes, the rest.
     """
@@ -208,7 +208,7 @@ def write_blend(
     collection: str,
     frames: Sequence[int],
 ) -> tuple[int, int]:
-    """A .blend with the live objects, framed; nothing else of the present file goes in.
+    """Write a .blend with the live objects, framed; nothing else of the present file goes in.
 
     It has no windows of its own, so whoever opens it keeps theirs, and Blender warns of a "Library file, loading
     empty scene", which it is not: the scene in the file becomes the present one.

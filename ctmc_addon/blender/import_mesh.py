@@ -25,7 +25,7 @@ KINDS = (
 
 
 def read_mesh(path: Path) -> TriangleMesh:
-    """All meshes of a file as one, in the file's own unit, without normals; the Blender file stays as it was.
+    """Return all meshes of a file as one, in the file's own unit, without normals; the Blender file stays as it was.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_mesh(path: Path) -> TriangleMesh:
 
 
 def import_objects(path: Path) -> list[bpy.types.Object]:
-    """The mesh objects that the file adds to Blender's."""
+    """Return the mesh objects that the file adds to Blender's."""
     before = set(bpy.data.objects)
     suffix, name = path.suffix.lower(), str(path.resolve())
     if suffix == ".stl":
@@ -80,7 +80,7 @@ def append_objects(path: str, name: str) -> None:
 
 
 def world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
-    """An object's evaluated triangles where they stand in the scene."""
+    """Return an object's evaluated triangles where they stand in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
     return TriangleMesh(transform_points(matrix_of(evaluated.matrix_world), vertices).astype(np.float32), faces)

@@ -11,7 +11,7 @@ from .colors import BONE, Color
 
 
 def surface_material(name: str, color: Color) -> bpy.types.Material:
-    """A slightly glossy material of one color."""
+    """Return a slightly glossy material of one color."""
     material = bpy.data.materials.new(name)
     use_nodes(material)
     shader = principled(material)
@@ -23,17 +23,17 @@ def surface_material(name: str, color: Color) -> bpy.types.Material:
 
 
 def principled(material: bpy.types.Material) -> Any:
-    """The shader that a new material has."""
+    """Return the shader that a new material has."""
     return next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
 
 
 def surface_input(material: bpy.types.Material) -> Any:
-    """The socket that takes what a material's surface looks like."""
+    """Return the socket that takes what a material's surface looks like."""
     return next(node for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL").inputs["Surface"]
 
 
 def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
-    """The socket of a mix of two shaders' sockets; `share`, a number or a socket, is the second's."""
+    """Return the socket of a mix of two shaders' sockets; `share`, a number or a socket, is the second's."""
     mix = tree.nodes.new("ShaderNodeMixShader")
     if isinstance(share, float):
         mix.inputs[0].default_value = share
@@ -115,7 +115,7 @@ def headlight(material: bpy.types.Material, color: Any, dimmest: float) -> Any:
 
 
 def material_color(obj: bpy.types.Object) -> Color:
-    """The color of an object's first material; that of bone if it has none."""
+    """Return the color of an object's first material; that of bone if it has none."""
     materials = [material for material in obj.data.materials if material is not None]
     if not materials:
         return BONE

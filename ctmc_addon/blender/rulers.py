@@ -27,17 +27,17 @@ Point = Sequence[float]
 
 
 def is_ruler(obj: bpy.types.Object | None) -> bool:
-    """Whether an object is a distance or an angle."""
+    """Return whether an object is a distance or an angle."""
     return obj is not None and hasattr(obj.get(PROPERTY), "keys") and obj[PROPERTY].get("kind") in KINDS
 
 
 def rulers_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The rulers of a scene, as they were made."""
+    """Return the rulers of a scene, as they were made."""
     return [obj for obj in scene.objects if is_ruler(obj)]
 
 
 def value_text(kind: str, value: float) -> str:
-    """The value with its unit.
+    """Return the value with its unit.
 
     Examples
     --------
@@ -48,37 +48,37 @@ def value_text(kind: str, value: float) -> str:
 
 
 def text_of(ruler: bpy.types.Object) -> str:
-    """What a ruler says."""
+    """Return the text of a ruler: its value with the unit."""
     return value_text(ruler[PROPERTY]["kind"], ruler[PROPERTY]["value"])
 
 
 def place_of(ruler: bpy.types.Object) -> Vector:
-    """Where a ruler says it: the middle of a distance, the corner of an angle; world space."""
-    places = places_of(ruler)
-    return places[1] if ruler[PROPERTY]["kind"] == "angle" else (places[0] + places[1]) / 2
+    """Return where a ruler says it: the middle of a distance, the corner of an angle; world space."""
+    world_points = points_of(ruler)
+    return world_points[1] if ruler[PROPERTY]["kind"] == "angle" else (world_points[0] + world_points[1]) / 2
 
 
-def places_of(ruler: bpy.types.Object) -> list[Vector]:
-    """The points of a ruler; world space."""
+def points_of(ruler: bpy.types.Object) -> list[Vector]:
+    """Return the points of a ruler; world space."""
     return [ruler.matrix_world @ point.co.to_3d() for point in ruler.data.splines[0].points]
 
 
-def patient_mm(obj: bpy.types.Object | None, place: Point, scale: float) -> tuple[float, float, float]:
-    """Where a place in world space is in the patient, RAS+ mm.
+def patient_mm(obj: bpy.types.Object | None, world_point: Point, scale: float) -> tuple[float, float, float]:
+    """Return where a place in world space is in the patient, RAS+ mm.
 
     On a surface of ours that is the place on it as it was reconstructed, however the object was moved or made larger.
     """
     provenance = read_provenance(obj)
     if obj is None or provenance is None:
-        x, y, z = (value / scale for value in place)
+        x, y, z = (value / scale for value in world_point)
         return (x, y, z)
-    local = obj.matrix_world.inverted() @ Vector(place)
+    local = obj.matrix_world.inverted() @ Vector(world_point)
     x, y, z = placement_of(obj).to_mm(np.array([local[:]], np.float32))[0].tolist()
     return (x, y, z)
 
 
 def measured(points_mm: Sequence[Point]) -> float:
-    """The distance of two points in mm, or the angle at the second of three in degrees.
+    """Return the distance of two points in mm, or the angle at the second of three in degrees.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def measured(points_mm: Sequence[Point]) -> float:
 def add_ruler(
     scene: bpy.types.Scene,
     kind: str,
-    places: Sequence[Point],
+    world_points: Sequence[Point],
     name: str,
     scale: float,
     points_mm: Sequence[Point] | None = None,
@@ -105,14 +105,14 @@ def add_ruler(
     ----------
     kind : str
         One of `KINDS`.
-    places : sequence of (x, y, z)
+    world_points : sequence of (x, y, z)
         In world space, Blender units; the corner of an angle is the second.
     name : str
         What the object is called, before its value.
     scale : float
         Blender units of 1 mm.
     points_mm : sequence of (x, y, z), optional
-        The same points in the patient; without them `places` by the scale.
+        The same points in the patient; without them `world_points` by the scale.
     fingerprint : str
         Of the CT that it is a measure of.
 
@@ -121,14 +121,14 @@ def add_ruler(
     MeshError
         If two points are the same.
     """
-    value = measured(points_mm or [patient_mm(None, place, scale) for place in places])
+    value = measured(points_mm or [patient_mm(None, world_point, scale) for world_point in world_points])
     curve = bpy.data.curves.new(name, "CURVE")
     curve.dimensions, curve.bevel_depth, curve.use_fill_caps = "3D", WIRE_MM * scale, True
-    origin = np.mean(places, axis=0)
+    origin = np.mean(world_points, axis=0)
     spline = curve.splines.new("POLY")
-    spline.points.add(len(places) - 1)
-    for point, place in zip(spline.points, np.asarray(places, np.float64) - origin, strict=True):
-        point.co = (*place.tolist(), 1.0)
+    spline.points.add(len(world_points) - 1)
+    for point, world_point in zip(spline.points, np.asarray(world_points, np.float64) - origin, strict=True):
+        point.co = (*world_point.tolist(), 1.0)
     curve.materials.append(wire_material())
     obj = bpy.data.objects.new(f"{name} {value_text(kind, value)}", curve)
     obj.location = origin
@@ -138,7 +138,7 @@ def add_ruler(
 
 
 def wire_material() -> bpy.types.Material:
-    """The color of all wires."""
+    """Return the material of all wires."""
     material = bpy.data.materials.get("CTMC Ruler")
     if material is None:
         material = bpy.data.materials.new("CTMC Ruler")
@@ -155,9 +155,9 @@ def hit(
 ) -> tuple[bpy.types.Object, Vector] | None:
     """The first object that a ray meets, but for rulers, and where in world space; None where it meets nothing."""
     while True:
-        found, place, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
+        found, world_point, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
         if not found:
             return None
         if not is_ruler(obj):
-            return obj.original, place
-        origin = place + direction * BEHIND
+            return obj.original, world_point
+        origin = world_point + direction * BEHIND

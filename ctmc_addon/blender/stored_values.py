@@ -12,7 +12,7 @@ LARGEST_COUNT = 2**63
 
 
 def parsed_json(text: Any) -> dict[str, Any]:
-    """The JSON object that a text holds.
+    """Return the JSON object that a text holds.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def parsed_json(text: Any) -> dict[str, Any]:
 
 
 def finite(value: Any) -> float:
-    """A finite number.
+    """Return a finite number.
 
     Examples
     --------
@@ -44,12 +44,12 @@ def finite(value: Any) -> float:
 
 
 def measured(value: Any) -> float:
-    """A finite number, or NaN for what cannot be measured, as the volume of an open surface."""
+    """Return a finite number, or NaN for what cannot be measured, as the volume of an open surface."""
     return value if isinstance(value, float) and math.isnan(value) else finite(value)
 
 
 def positive(value: Any) -> float:
-    """A finite number above 0."""
+    """Return a finite number above 0."""
     number = finite(value)
     if number <= 0:
         raise ValueError(f"{number:g} is not above 0")
@@ -57,21 +57,28 @@ def positive(value: Any) -> float:
 
 
 def whole(value: Any, lowest: int = 0) -> int:
-    """A whole number of at least `lowest`, and small enough for every table."""
+    """Return a whole number of at least `lowest`, and small enough for every table.
+
+    Parameters
+    ----------
+    value : number
+        As a file holds it.
+    lowest : int
+    """
     if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= LARGEST_COUNT:
         raise ValueError("not a whole number in range")
     return value
 
 
 def texts(values: Any) -> tuple[str, ...]:
-    """A list of texts."""
+    """Return a list of texts."""
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise ValueError("not a list of texts")
     return tuple(values)
 
 
 def from_stored(kind: Any, values: Any) -> Any:
-    """A dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
+    """Return a dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
 
     Parameters
     ----------
@@ -81,12 +88,12 @@ def from_stored(kind: Any, values: Any) -> Any:
     readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
     if not isinstance(values, dict):
         raise ValueError(f"{type(values).__name__} is not a dictionary")
-    known = {field.name: readers[str(field.type)] for field in fields(kind)}
-    return kind(**{name: known[name](value) for name, value in values.items()})
+    field_readers = {field.name: readers[str(field.type)] for field in fields(kind)}
+    return kind(**{name: field_readers[name](value) for name, value in values.items()})
 
 
 def truth(value: Any) -> bool:
-    """True or False."""
+    """Return True or False."""
     if not isinstance(value, bool):
         raise ValueError("not a truth value")
     return value

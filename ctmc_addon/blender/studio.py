@@ -64,7 +64,7 @@ def prepare_scene(
 
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
-    """All vertices of an object as it is shown, (n, 3), in the scene."""
+    """Return all vertices of an object as it is shown, (n, 3), in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
@@ -91,12 +91,28 @@ def add_light(scene: bpy.types.Scene, azimuth: float, elevation: float) -> tuple
 
 
 def sun_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """The axes of the sun for a camera that stands at these angles; the last one points towards it."""
+    """Return the axes of the sun for a camera that stands at these angles, (3, 3); the last column points towards it.
+
+    Parameters
+    ----------
+    azimuth : float
+        Degrees.
+    elevation : float
+        Degrees.
+    """
     return view_axes(azimuth + 32.0, elevation + 28.0)  # above 90 it stands beyond the head, which is still upwards
 
 
 def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """A camera's right, up and backward axis as the columns of a (3, 3) rotation; angles in degrees."""
+    """Return a camera's right, up and backward axis as the columns of a (3, 3) rotation.
+
+    Parameters
+    ----------
+    azimuth : float
+        Degrees.
+    elevation : float
+        Degrees.
+    """
     turn, rise = math.radians(azimuth), math.radians(elevation)
     back = (-math.sin(turn) * math.cos(rise), math.cos(turn) * math.cos(rise), math.sin(rise))
     right = (-math.cos(turn), -math.sin(turn), 0.0)
@@ -105,7 +121,12 @@ def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
 
 
 def angles_of(backward: Sequence[float]) -> tuple[float, float]:
-    """Azimuth and elevation of a camera whose backward axis is this, degrees; the inverse of `view_axes`.
+    """Return azimuth and elevation of a camera, degrees; the inverse of `view_axes`.
+
+    Parameters
+    ----------
+    backward : (3,) float
+        The camera's backward axis.
 
     Examples
     --------
@@ -119,7 +140,15 @@ def angles_of(backward: Sequence[float]) -> tuple[float, float]:
 
 
 def matrix_of_axes(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -> Any:
-    """The 4 x 4 matrix of an object with these axes at `location`."""
+    """Return the 4 x 4 matrix of an object.
+
+    Parameters
+    ----------
+    axes : (3, 3) float64
+        Its axes as columns.
+    location : (3,) float
+        In Blender units.
+    """
     from mathutils import Matrix
 
     matrix = np.eye(4)
@@ -129,7 +158,19 @@ def matrix_of_axes(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -
 
 
 def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.float64], size: tuple[int, int]) -> None:
-    """Place an orthographic camera so that all (n, 3) points fill a picture of this size, with a margin."""
+    """Place an orthographic camera so that all points fill a picture, with a margin.
+
+    Parameters
+    ----------
+    eye : bpy.types.Object
+        The camera.
+    points : (n, 3) float64
+        In Blender units.
+    axes : (3, 3) float64
+        As `view_axes` has them.
+    size : (width, height) int
+        Pixels.
+    """
     seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
@@ -145,7 +186,14 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
 
 
 def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points around what (n, 3) points sweep when they turn about the vertical axis through the point `axis`."""
+    """Return points around what points sweep when they turn about a vertical axis.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    axis : (3,) float64
+        A point on the axis.
+    """
     away = points - axis
     reach = float(np.sqrt((away[:, :2] ** 2).sum(axis=1).max()))
     around = np.radians(np.arange(0, 360, 5))

@@ -55,7 +55,7 @@ def show_at(obj: bpy.types.Object, frame: int, last: int) -> None:
 
 
 def curves_of(action: Any) -> list[Any]:
-    """The curves of an action: since Blender 4.4 in layers, before that its own."""
+    """Return the curves of an action: since Blender 4.4 in layers, before that its own."""
     if not hasattr(action, "layers"):
         return list(action.fcurves)
     return [

@@ -11,22 +11,33 @@ NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # in a
 
 
 def set_units(scene: bpy.types.Scene, scale: float) -> None:
-    """Show lengths in mm, where a millimeter is `scale` Blender units; nothing moves.
+    """Show lengths in mm; nothing moves.
 
-    Blender shows a unit as `scale_length` meters.
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    scale : float
+        Blender units a millimeter; Blender shows a unit as `scale_length` meters.
     """
     units = scene.unit_settings
     units.system, units.length_unit, units.scale_length = "METRIC", "MILLIMETERS", 0.001 / scale
 
 
 def shows_mm(scene: bpy.types.Scene, scale: float) -> bool:
-    """Whether Blender's numbers are the patient's millimeters."""
+    """Return whether Blender's numbers are the patient's millimeters.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    scale : float
+        Blender units a millimeter.
+    """
     units = scene.unit_settings
     is_mm = units.system == "METRIC" and units.length_unit == "MILLIMETERS"
     return is_mm and math.isclose(units.scale_length, 0.001 / scale, rel_tol=1e-5)
 
 
 def has_blenders_units(scene: bpy.types.Scene) -> bool:
-    """Whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
+    """Return whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
     units = scene.unit_settings
     return all(getattr(units, name) == value for name, value in NEW.items())

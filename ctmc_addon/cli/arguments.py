@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
         self.set_defaults(parser=self)
 
     def add_command(self, name: str, description: str) -> Parser:
-        """The parser of a command below this one."""
+        """Return the parser of a command below this one."""
         self.commands[name] = Parser(prog=f"{self.prog} {name}", description=description)
         return self.commands[name]
 
@@ -116,7 +116,12 @@ def label_choices(text: str) -> list[int | str]:
 
 
 def at_least(low: int) -> Callable[[str], int]:
-    """A function that reads a whole number which is not below `low`."""
+    """Return a function that reads a whole number which is not below `low`.
+
+    Parameters
+    ----------
+    low : int
+    """
 
     def read(text: str) -> int:
         try:
@@ -140,7 +145,7 @@ def flags_checked() -> Iterator[None]:
 
 
 def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
-    """The settings of the flags and of the file of --settings, for a command that makes one surface."""
+    """Return the settings of the flags and of the file of --settings, for a command that makes one surface."""
     settings, choices = settings_and_labels(args)
     if len(choices) > 1 or any(isinstance(choice, str) for choice in choices):
         raise UsageError(f"label {', '.join(map(str, choices))} is not one number; this command takes one label")
@@ -156,30 +161,45 @@ def settings_and_labels(args: argparse.Namespace) -> tuple[ReconstructionSetting
 
 
 def choices_of(values: Mapping[str, Any]) -> tuple[int | str, ...]:
-    """The labels that settings choose, each once."""
+    """Return the labels that settings choose, each once.
+
+    Parameters
+    ----------
+    values : mapping of str to Any
+        Settings by name.
+
+    Returns
+    -------
+    tuple of int, label name or 'all'
+    """
     label = values.get("label")
     return () if label is None else tuple(dict.fromkeys(label if isinstance(label, (list, tuple)) else (label,)))
 
 
 def label_for_checks(choices: Sequence[int | str]) -> int | None:
-    """The label of settings whose own is not known yet: the first number, else 1; None without choices."""
+    """Return the label of settings whose own is not known yet: the first number, else 1; None without choices."""
     return next((choice for choice in choices if isinstance(choice, int)), 1) if choices else None
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """The settings that the file of --settings and the flags give, by name; flags win."""
+    """Return the settings that the file of --settings and the flags give, by name; flags win."""
     file = {name: value for name, value in file_of(args).items() if name not in TABLES}
     return overridden(file, given(args, ReconstructionSettings))
 
 
 def file_of(args: argparse.Namespace) -> dict[str, Any]:
-    """What stands in the file of --settings, its tables as dictionaries; empty without one."""
+    """Return what stands in the file of --settings, its tables as dictionaries; empty without one."""
     path = getattr(args, "settings", None)
     return read_settings(path) if path else {}
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Both, `above` winning; a setting also replaces its alternatives.
+    """Return settings of which `above` wins; a setting also replaces its alternatives.
+
+    Parameters
+    ----------
+    below : mapping of str to Any
+    above : mapping of str to Any
 
     Examples
     --------
@@ -195,7 +215,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
 
 
 def read_settings(path: str) -> dict[str, Any]:
-    """The settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
+    """Return the settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
     file = Path(path)
     add_inputs([file])
     try:
@@ -210,7 +230,7 @@ def read_settings(path: str) -> dict[str, Any]:
 
 
 def with_flags(sentence: str) -> str:
-    """The sentence with settings called by their flags, where these are other words than their names.
+    """Return the sentence with settings called by their flags, where these are other words than their names.
 
     Examples
     --------
@@ -267,16 +287,16 @@ def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
 
 
 def given_table(args: argparse.Namespace, table: str) -> dict[str, Any]:
-    """The values of a table's fields that the file of --settings and the flags give, by name; flags win."""
+    """Return the values of a table's fields that the file of --settings and the flags give, by name; flags win."""
     flags = {name: value for kind in TABLES[table] for name, value in given(args, kind).items()}
     return file_of(args).get(table, {}) | flags
 
 
 def asks_all_times(args: argparse.Namespace) -> bool:
-    """Whether a surface of each time is asked for."""
+    """Return whether a surface of each time is asked for."""
     return getattr(args, "time", None) == ALL
 
 
 def time_or_all(text: str) -> int | str:
-    """A time from 1 on, or all of them."""
+    """Return a time from 1 on, or all of them."""
     return ALL if text.strip().lower() == ALL else at_least(1)(text)

@@ -20,7 +20,7 @@ BLENDER_BYTES = 1250 << 20  # of address space, from 4.2 to 5.2
 
 
 def has_blender() -> bool:
-    """Whether Blender can be imported, without doing so."""
+    """Return whether Blender can be imported, without doing so."""
     try:
         return importlib.util.find_spec("bpy") is not None
     except ValueError:  # `sys.modules["bpy"]` is None: it is blocked
@@ -29,11 +29,11 @@ def has_blender() -> bool:
 
 def require_blender(purpose: str) -> None:
     """Load Blender, or raise a `CtmcError` that says what to install for this purpose."""
-    there = None if "bpy" in sys.modules else address_space_available()
-    if there is not None and there < BLENDER_BYTES:  # it would crash
+    available_bytes = None if "bpy" in sys.modules else address_space_available()
+    if available_bytes is not None and available_bytes < BLENDER_BYTES:  # it would crash
         raise MemoryLimitError(
             f"{purpose} needs Blender, which alone takes about {amount(BLENDER_BYTES)} of address space, and "
-            f"{amount(there)} are available; raise the limit (STL and PLY files need no Blender)"
+            f"{amount(available_bytes)} are available; raise the limit (STL and PLY files need no Blender)"
         )
     with interrupts_held():
         try:
@@ -56,7 +56,7 @@ def blender_at_work() -> Iterator[None]:
 
 
 def quiet_steps(steps: Steps[T]) -> Steps[T]:
-    """The same steps, Blender at work in each."""
+    """Return the same steps, Blender at work in each."""
     try:
         while True:
             with blender_at_work():

@@ -81,13 +81,13 @@ def add_labels_flag(group: Any, name: str, about: Setting, default: Any, reader:
 
 
 def given(args: argparse.Namespace, kind: type) -> dict[str, Any]:
-    """The values of a dataclass's fields that flags gave, by name."""
+    """Return the values of a dataclass's fields that flags gave, by name."""
     flags = vars(args)
     return {name: flags[name] for name in descriptions(kind) if name in flags}
 
 
 def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
-    """A function that reads a field from text, such as '2 2 1', and checks its limits; of many, one of them."""
+    """Return a function that reads a field from text, such as '2 2 1', and checks its limits; of many, one of them."""
 
     def read(text: str) -> Any:
         value: Any = text
@@ -129,7 +129,7 @@ def help_of(about: Setting, default: Any) -> str:
 
 
 def metavar_of(about: Setting) -> str:
-    """What stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
+    """Return what stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
     if about.size > 1:
         return {2: "N", 3: "X Y Z", 6: "X0 Y0 Z0 X1 Y1 Z1"}[about.size]
     if about.unit in METAVARS:
@@ -138,12 +138,12 @@ def metavar_of(about: Setting) -> str:
 
 
 def separated(text: str) -> list[str]:
-    """The words of a text with spaces, commas or semicolons between them."""
+    """Return the words of a text with spaces, commas or semicolons between them."""
     return text.replace(",", " ").replace(";", " ").split()
 
 
 def is_number(word: str) -> bool:
-    """Whether a word reads as a number."""
+    """Return whether a word reads as a number."""
     try:
         float(word)
     except ValueError:

@@ -52,5 +52,5 @@ def interrupts_held() -> Iterator[None]:
 
 
 def in_main_thread() -> bool:
-    """Whether this is the thread that Python handles signals in."""
+    """Return whether this is the thread that Python handles signals in."""
     return threading.current_thread() is threading.main_thread()

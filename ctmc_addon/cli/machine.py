@@ -28,7 +28,7 @@ def versions() -> str:
 
 
 def processor() -> str:
-    """The processor's name as the system knows it, else its architecture."""
+    """Return the processor's name as the system knows it, else its architecture."""
     if sys.platform == "win32":
         import winreg
 
@@ -46,7 +46,7 @@ def processor() -> str:
 
 
 def system() -> str:
-    """The operating system with its version."""
+    """Return the operating system with its version."""
     if sys.platform == "darwin":
         return f"macOS {platform.mac_ver()[0]}"
     if sys.platform == "win32":

@@ -46,7 +46,7 @@ class Outputs:
     suffix: str = ""
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
-        """Every file with surfaces, and the numbers of those in it."""
+        """Return every file with surfaces, and the numbers of those in it."""
         everything = list(range(len(surfaces.results)))
         files = dict.fromkeys(self.surfaces, everything)
         for path in files:
@@ -57,12 +57,12 @@ class Outputs:
         return files
 
     def paths(self, surfaces: Surfaces) -> list[Path]:
-        """All files, in the order in which they are written."""
-        beside = [path for path in (self.figure, self.report) if path is not None]
-        return [*self.surfaces_in(surfaces), *beside]
+        """Return all files, in the order in which they are written."""
+        companions = [path for path in (self.figure, self.report) if path is not None]
+        return [*self.surfaces_in(surfaces), *companions]
 
     def blender_needed_for(self, simplifier: str) -> str:
-        """What Blender is needed for, empty if for nothing."""
+        """Return what Blender is needed for, empty if for nothing."""
         if simplifier == "decimate":
             return "--simplifier decimate"
         own = [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
@@ -97,7 +97,7 @@ class Outputs:
 
 
 def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
-    """The fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
+    """Return the fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
 
     Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
 
@@ -107,8 +107,8 @@ def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
         If it is neither, cannot be written to, or is a file that cannot hold several surfaces.
     """
     path = Path(text)
-    known = path.suffix.lower() in mesh_files.SURFACE_SUFFIXES
-    if text.endswith(("/", "\\")) or (text and path.is_dir() and not known):
+    is_surface = path.suffix.lower() in mesh_files.SURFACE_SUFFIXES
+    if text.endswith(("/", "\\")) or (text and path.is_dir() and not is_surface):
         require_writable(path / f"surface{suffix}" if path.is_dir() else path)
         return {"folder": path, "suffix": suffix}
     if several and text and not path.suffix:
@@ -122,26 +122,26 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
     """Write every output, all or none; return the surfaces as they were written, and the files."""
     outputs.require_memory(surfaces)
     paths = outputs.paths(surfaces)
-    with whole_files(paths) as places:
+    with whole_files(paths) as temporaries:
         if outputs.blender_needed_for(surfaces.results[0].settings.simplifier):
-            surfaces = yield from with_blender_steps(surfaces, outputs, places)
+            surfaces = yield from with_blender_steps(surfaces, outputs, temporaries)
         stages: list[Stage] = []
         for path, numbers in outputs.surfaces_in(surfaces).items():
             if path.suffix.lower() in mesh_files.SUFFIXES:
                 yield Step(0.8, f"Writing {path.name}")
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     if surfaces.files:
-                        surfaces.files[numbers[0]].replace(places[path])
+                        surfaces.files[numbers[0]].replace(temporaries[path])
                     else:
-                        surfaces.results[numbers[0]].mesh.save(places[path], outputs.space)
+                        surfaces.results[numbers[0]].mesh.save(temporaries[path], outputs.space)
         surfaces = with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")
-            write_json(places[outputs.report], surfaces.report() | {"files": [path.name for path in paths]})
+            write_json(temporaries[outputs.report], surfaces.report() | {"files": [path.name for path in paths]})
     return surfaces, paths
 
 
-def with_blender_steps(surfaces: Surfaces, outputs: Outputs, places: Mapping[Path, Path]) -> Steps[Surfaces]:
+def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
     from ..blender.figure.render import render_figure
@@ -158,12 +158,12 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, places: Mapping[Pat
                 those = [objects[number] for number in numbers]
                 collection = surfaces.name if len(those) > 1 else ""
                 with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
-                    export_together(those, places[path], outputs.space, scene, collection, surfaces.times)
+                    export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
             yield Step(0.4, f"Rendering {outputs.figure.name}")
             with timed(stages, "Rendering the figure"), blender_at_work():
                 small: dict[str, Any] = {"size": outputs.thumbnail, "edges": False} if outputs.thumbnail else {}
-                render_figure(objects, scene, places[outputs.figure], **small)
+                render_figure(objects, scene, temporaries[outputs.figure], **small)
     return with_stages(replace(surfaces, results=tuple(shown)), stages)
 
 

@@ -24,7 +24,7 @@ COMMANDS = (info, phantom, foam, reconstruct, batch, experiment, figure, setting
 
 
 def parser() -> Parser:
-    """The parser of `ctmc` with a subparser for every command."""
+    """Return the parser of `ctmc` with a subparser for every command."""
     top = Parser(prog="ctmc", description="CT stacks to surfaces by improved Marching Cubes.")
     top.add_argument("--version", action="version", version=f"ctmc {VERSION}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)

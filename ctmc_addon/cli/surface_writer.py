@@ -35,7 +35,7 @@ class SurfaceWriter:
     prefix: str = ""
 
     def path_of(self, number: int | None) -> Path:
-        """The file of a surface, by the number of its label."""
+        """Return the file of a surface, by the number of its label."""
         return self.folder / f"{self.prefix}surface{'' if number is None else f' {number}'}{self.suffix}"
 
     def of_time(self, time: int) -> SurfaceWriter:
@@ -43,7 +43,7 @@ class SurfaceWriter:
         return replace(self, prefix=f"time {time} ")
 
     def sink_of(self, number: int | None) -> Write:
-        """The sink that writes that file."""
+        """Return the sink that writes that file."""
         return Write(self.path_of(number), self.space)
 
 

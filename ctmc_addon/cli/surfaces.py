@@ -55,17 +55,17 @@ class Surfaces:
 
     @property
     def are_several(self) -> bool:
-        """Whether the surfaces have names of their own: they were asked for as several, whatever came of it."""
+        """Return whether the surfaces have names of their own: they were asked for as several, whatever came of it."""
         return bool(self.names)
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """What each is called, alone or not: by its label's name where it has a label."""
+        """Return what each is called, alone or not: by its label's name where it has a label."""
         return self.names or (names_of(self.results) if self.results[0].settings.label is not None else (self.name,))
 
     @property
     def notes(self) -> list[str]:
-        """What all surfaces note, and what was left out."""
+        """Return what all surfaces note, and what was left out."""
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
         return [*shared, *self.left_out]
 
@@ -133,18 +133,24 @@ def surfaces_steps(
         return Surfaces(volume.name, (result,), files=() if writer is None else (writer.path_of(settings.label),))
     requested = None if ALL in choices else labels
     sink_of = (lambda _: HOLD) if writer is None else writer.sink_of
-    made = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))
-    files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in made.surfaces)
-    return Surfaces(volume.name, tuple(made.surfaces), names_of(made.surfaces), tuple(made.left_out), files=files)
+    finished = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))
+    files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
+    return Surfaces(
+        volume.name,
+        tuple(finished.surfaces),
+        names_of(finished.surfaces),
+        tuple(finished.left_out),
+        files=files,
+    )
 
 
 def may_be_several(choices: Sequence[int | str]) -> bool:
-    """Whether choices ask for several labels, before anything is known of the volume."""
+    """Return whether choices ask for several labels, before anything is known of the volume."""
     return len(choices) > 1 or ALL in choices
 
 
 def names_of(results: Sequence[Reconstruction]) -> tuple[str, ...]:
-    """What the labels of results are called: names that several have get the label's number.
+    """Return what the labels of results are called: names that several have get the label's number.
 
     Names are those of the volume on one line, and 'label 3' for a label without one.
     """

@@ -63,7 +63,12 @@ class Progress:
 
 
 def table(rows: Sequence[Sequence[str]], indent: str = "") -> str:
-    """Rows in columns, the first one flush left, the others flush right.
+    """Return rows in columns, the first one flush left, the others flush right.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of str
+    indent : str
 
     Examples
     --------
@@ -83,7 +88,13 @@ def table(rows: Sequence[Sequence[str]], indent: str = "") -> str:
 
 
 def listing(facts: Sequence[tuple[str, str]]) -> str:
-    """Names and what is known of them, a line each; an empty name continues the one before."""
+    """Return names and what is known of them, a line each.
+
+    Parameters
+    ----------
+    facts : sequence of (name, text)
+        An empty name continues the one before.
+    """
     width = max(len(name) for name, _ in facts)
     return "\n".join(f"{name:{width}}  {fact}".rstrip() for name, fact in facts)
 
@@ -94,7 +105,12 @@ def titled(title: str, lines: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def dimensions(numbers: Sequence[float]) -> str:
-    """Numbers with crosses between them: '0.74 x 0.74 x 5'."""
+    """Return numbers with crosses between them: '0.74 x 0.74 x 5'.
+
+    Parameters
+    ----------
+    numbers : sequence of float
+    """
     return " x ".join(f"{number:.6g}" for number in numbers)
 
 

@@ -91,7 +91,7 @@ def open_volume(path: PathLike, allow_outside: bool = False) -> VolumeSource:
 
 
 def open_volume_steps(path: PathLike, allow_outside: bool = False) -> Steps[VolumeSource]:
-    """`open_volume` as steps."""
+    """Do what `open_volume` does, as steps."""
     if allow_outside:
         return (yield from outside_allowed_steps(open_volume_steps(path)))
     path = existing_path(path)
@@ -194,7 +194,17 @@ def read_volume_steps(
 
 
 def existing_path(path: PathLike) -> Path:
-    """The path, or a `ReadError` if nothing is there, or neither a file nor a folder."""
+    """Return a path at which there is a file or a folder.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    ReadError
+        If nothing is there, or neither a file nor a folder.
+    """
     entry = Path(path)
     try:
         exists = bool(str(path).strip()) and entry.exists()
@@ -211,7 +221,7 @@ def existing_path(path: PathLike) -> Path:
 
 
 def format_at(path: Path) -> str:
-    """The name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
+    """Return the name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
     if path.is_dir():
         return folder_format(path)
     if not path.stat().st_size:
@@ -233,9 +243,9 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
         raise ReadError(f"the folder {folder.name} is empty; choose the folder that holds the slices")
     source = yield from dicom_series.open_steps(folder, files)
     if slices and len(source.files) <= len(slices):
-        alone = len(slices) == 1 and not source.files  # such as TotalSegmentator's preview of its masks
-        masks_beside = (yield from masks.in_files_steps(folder, open_volume_steps)) if alone else None
-        return masks_beside or (yield from image_folder.open_folder_steps(folder))
+        single_picture = len(slices) == 1 and not source.files  # such as TotalSegmentator's preview of its masks
+        found_masks = (yield from masks.in_files_steps(folder, open_volume_steps)) if single_picture else None
+        return found_masks or (yield from image_folder.open_folder_steps(folder))
     if source.files:
         return (yield from masks.in_folders_steps(source)) or source
     masks_in_files = yield from masks.in_files_steps(folder, open_volume_steps)
@@ -260,13 +270,18 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
 
 
 def holds_slices(folder: Path) -> bool:
-    """Whether image slices, or files that look like DICOM, lie in this folder itself."""
+    """Return whether image slices, or files that look like DICOM, lie in this folder itself."""
     files = (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file())
     return any(suffix(file) in IMAGE_SUFFIXES or may_be_dicom(file) for file in files)
 
 
 def is_volume_file(path: Path) -> bool:
-    """Whether a file is a volume by itself: by its suffix, and of a TIFF by its pages."""
+    """Return whether a file is a volume by itself: by its suffix, and of a TIFF by its pages.
+
+    Parameters
+    ----------
+    path : Path
+    """
     if suffix(path) not in PAGE_SUFFIXES:
         return suffix(path) in VOLUME_SUFFIXES
     try:
@@ -276,21 +291,39 @@ def is_volume_file(path: Path) -> bool:
 
 
 def volume_name(path: Path) -> str:
-    """What the volume at `path` will be called; of a folder's slice it is the folder's name.
+    """Return what the volume at `path` will be called; of a folder's slice it is the folder's name.
 
-    A slice's own name often is an identifier.
+    The slice's own is often an identifier.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file or folder that exists.
     """
     if path.is_dir():
         return stem(path)
     try:
-        alone = is_alone(format_at(path), path)
+        is_volume = is_alone(format_at(path), path)
     except (CtmcError, OSError):
-        alone = True
-    return stem(path if alone else path.absolute().parent)
+        is_volume = True
+    return stem(path if is_volume else path.absolute().parent)
 
 
 def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
-    """About how many voxels the volume at `path` has; of a DICOM folder one header is read instead of hundreds."""
+    """Return about how many voxels the volume at `path` has.
+
+    Parameters
+    ----------
+    path : Path
+        Of a DICOM folder one header is read instead of hundreds.
+    allow_outside : bool
+        As in `ReadingOptions`.
+
+    Raises
+    ------
+    ReadError
+        If there is no readable volume.
+    """
     if path.is_dir() and not folder_format(path):
         voxels = dicom_series.estimate_voxels(path)
         if voxels:

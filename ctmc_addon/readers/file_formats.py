@@ -57,7 +57,7 @@ def stem(path: Path) -> str:
 
 
 def format_of(path: Path) -> str:
-    """The name of a file's format, by its suffix or name, else by its first bytes; '' where nothing tells it."""
+    """Return the name of a file's format, by its suffix or name, else by its first bytes; '' where nothing tells it."""
     end = suffix(path)
     name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
     if name:
@@ -78,7 +78,7 @@ def format_of(path: Path) -> str:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Every file at any depth in natural order; hidden ones, and folders that are a volume, are passed over."""
+    """Yield every file at any depth in natural order; hidden ones, and folders that are a volume, are passed over."""
     pending = [str(folder)]
     while pending:
         inner = Path(pending.pop())
@@ -92,7 +92,7 @@ def files_below(folder: Path) -> Iterator[Path]:
 
 
 def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:
-    """The LiTS label file `segmentation-N` beside `volume-N` (.nii or .nii.gz), or None."""
+    """Return the LiTS label file `segmentation-N` beside `volume-N` (.nii or .nii.gz), or None."""
     volume = Path(path)
     match = re.fullmatch(r"volume-(.+?)\.nii(\.gz)?", volume.name, re.IGNORECASE)
     if match is None:

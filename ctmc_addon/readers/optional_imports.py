@@ -62,9 +62,22 @@ def quiet() -> Iterator[None]:
 def quiet_batches_steps(
     work: Callable[[Item], Result], items: Sequence[Item], message: str, at_once: int, threads: int = 1
 ) -> Steps[list[Result]]:
-    """`[work(item) for item in items]`, a step after every `at_once`, the libraries kept quiet while they work.
+    """Return `[work(item) for item in items]`, the libraries kept quiet while they work.
 
-    The error of the earliest item is raised, and no thread lives across a step.
+    Parameters
+    ----------
+    work : callable
+    items : sequence
+    message : str
+        Of each step.
+    at_once : int
+        Items between two steps; no thread lives across a step.
+    threads : int
+
+    Raises
+    ------
+    Exception
+        That of the earliest item.
     """
     results: list[Result] = []
     for start in range(0, len(items), at_once):
@@ -88,7 +101,7 @@ def _mapped(work: Callable[[Item], Result], batch: Sequence[Item], threads: int)
 
 
 def reason(error: BaseException) -> str:
-    """The first line of a library's complaint, short enough for one sentence."""
+    """Return the first line of a library's complaint, short enough for one sentence."""
     lines = str(error).strip().splitlines()
     text = lines[0].strip().rstrip(".") if lines else type(error).__name__
     return text if len(text) <= 160 else text[:157] + "..."

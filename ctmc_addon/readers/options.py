@@ -17,7 +17,17 @@ from ..core import Described, SettingsError, setting
 
 
 def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
-    """`spacing` as (x, y, z) mm, or a `SettingsError`; one number stands for all three.
+    """Return a spacing as (x, y, z) mm.
+
+    Parameters
+    ----------
+    spacing : float or (x, y, z), optional
+        Millimeters; one number stands for all three.
+
+    Raises
+    ------
+    SettingsError
+        If it is not three numbers above 0.
 
     Examples
     --------
@@ -40,7 +50,7 @@ def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, flo
 
 
 def checked_flip(flip: str | None) -> str:
-    """The axes to mirror, each once and in the order x, y, z, or a `SettingsError`.
+    """Return the axes to mirror, each once and in the order x, y, z, or a `SettingsError`.
 
     Examples
     --------
@@ -54,7 +64,7 @@ def checked_flip(flip: str | None) -> str:
 
 
 def checked_series(series: str | int) -> str | None:
-    """A series' UID or number as a word; None for an empty one.
+    """Return a series' UID or number as a word; None for an empty one.
 
     Examples
     --------
@@ -65,7 +75,7 @@ def checked_series(series: str | int) -> str | None:
 
 
 def checked_name(name: str) -> str:
-    """A name that can be shown on one line, or a `SettingsError`: an empty one would show the file's own."""
+    """Return a name that can be shown on one line, or a `SettingsError`: an empty one would show the file's own."""
     if not name.strip() or not name.isprintable():
         raise SettingsError(f"name must be of letters that can be shown, not {name!r}")
     return name.strip()
@@ -160,15 +170,15 @@ class ReadingOptions(Described):
 
 
 def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:
-    """The options, by default all at their defaults, with some fields in place of theirs.
+    """Return the options, by default all at their defaults, with some fields in place of theirs.
 
     Raises
     ------
     SettingsError
         If a field does not exist or is not what it can be.
     """
-    known = [field.name for field in dataclasses.fields(ReadingOptions)]
-    unknown = sorted(set(fields) - set(known))
+    names = [field.name for field in dataclasses.fields(ReadingOptions)]
+    unknown = sorted(set(fields) - set(names))
     if unknown:
-        raise SettingsError(f"unknown reading option {unknown[0]!r}; the options are {', '.join(known)}")
+        raise SettingsError(f"unknown reading option {unknown[0]!r}; the options are {', '.join(names)}")
     return dataclasses.replace(options or ReadingOptions(), **fields)

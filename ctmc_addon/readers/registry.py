@@ -21,7 +21,7 @@ VOLUME, FOLDER, SLICE, PAGES, SERIES = "volume", "folder", "slice", "pages", "se
 
 @dataclass(frozen=True)
 class Format:
-    """What tells a format.
+    """What tells a format from others.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ FORMATS = {
 
 
 def suffixes_of(*holds: str) -> tuple[str, ...]:
-    """The suffixes of all formats, or of those whose files hold this.
+    """Return the suffixes of all formats, or of those whose files hold this.
 
     Examples
     --------
@@ -98,7 +98,7 @@ HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.ma
 
 
 def marked(head: bytes) -> str:
-    r"""The format whose mark is among a file's first `HEAD` bytes, or ''.
+    r"""Return the format whose mark is among a file's first `HEAD` bytes, or ''.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def marked(head: bytes) -> str:
 
 
 def folder_format(folder: Path, names: Collection[str] | None = None) -> str:
-    """The format whose volume a folder is, by the `names` of its files, or ''."""
+    """Return the format whose volume a folder is, by the `names` of its files, or ''."""
     for word, name in BY_FILE_NAME.items():
         if FORMATS[name].holds == FOLDER and (word in names if names is not None else (folder / word).is_file()):
             return name
@@ -123,7 +123,7 @@ def open_steps(name: str, path: Path) -> Steps[Any]:
 
 
 def is_alone(name: str, path: Path) -> bool:
-    """Whether a file of the format `name` is a volume by itself, and not a slice of its folder."""
+    """Return whether a file of the format `name` is a volume by itself, and not a slice of its folder."""
     return FORMATS[name].holds in (VOLUME, FOLDER) or bool(_module(name).is_alone(path))
 
 

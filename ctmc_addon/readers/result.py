@@ -218,7 +218,7 @@ class VolumeSource(ABC):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that belong to it."""
+        """Return all files that belong to it."""
         return self._files
 
     @abstractmethod
@@ -226,7 +226,7 @@ class VolumeSource(ABC):
         """Read the values."""
 
     def selected_series(self, series: str | int | None) -> Series | None:
-        """The series that `read_steps` would read; None where there is none, or not this one."""
+        """Return the series that `read_steps` would read; None where there is none, or not this one."""
         del series
         return self.series[0]
 
@@ -283,7 +283,7 @@ class VolumeSource(ABC):
         return (yield from self._named_errors_steps(self._slabs_steps(request, [*notes, *time_notes])))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
-        """The time to read, from 1 on, and the note that says which where none was asked for."""
+        """Return the time to read, from 1 on, and the note that says which where none was asked for."""
         line = self.selected_series(series)
         if line is None:  # an error of the series, not of the time
             return 1, []
@@ -300,7 +300,7 @@ class VolumeSource(ABC):
         return line.default_time, [note]
 
     def selected_level(self, level: int | None) -> tuple[int, list[str]]:
-        """The resolution to read, 0 the full one, and the note that says which there are."""
+        """Return the resolution to read, 0 the full one, and the note that says which there are."""
         last = max(0, len(self.levels) - 1)
         if level is not None and not 0 <= level <= last:
             remedy = f"choose from 0 to {last}" if last else "it has one resolution, so leave the level out"
@@ -313,7 +313,7 @@ class VolumeSource(ABC):
         """Do what `read_steps` does, without steps."""
         return finish(self.read_steps(options, **fields))
 
-    def _slabs_steps(self, request: ReadRequest, said: Sequence[str]) -> Steps[Volume]:
+    def _slabs_steps(self, request: ReadRequest, earlier_notes: Sequence[str]) -> Steps[Volume]:
         """Return the volume with the requested spacing and mirrored axes, and notes about them."""
         stages = Stages({"Reading values": 9, "Looking at the values": 1})
         raw = yield from stages.run("Reading values", self.read_raw_steps(request))
@@ -324,7 +324,7 @@ class VolumeSource(ABC):
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
             reader = ValuesInMemory(values)
         spacing = request.spacing
-        notes = [*said, *raw.notes]
+        notes = [*earlier_notes, *raw.notes]
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
@@ -385,7 +385,17 @@ def checked_budget(budget: Budget | None) -> Budget:
 
 
 def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
-    """`stride` as (x, y, z) samples, or a `SettingsError`."""
+    """Return a stride as (x, y, z) samples.
+
+    Parameters
+    ----------
+    stride : sequence of int
+
+    Raises
+    ------
+    SettingsError
+        If it is not three whole numbers from 1 on.
+    """
     sides = tuple(stride)
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
@@ -402,7 +412,7 @@ def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDAr
 
 
 def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """The affine with columns of the lengths `spacing`, and words about those it had."""
+    """Return the affine with columns of the lengths `spacing`, and words about those it had."""
     lengths = spacing_of(affine)
     scaled = affine.copy()
     # An axis without length is left alone: Volume refuses it as singular.

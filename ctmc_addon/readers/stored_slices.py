@@ -73,8 +73,10 @@ class RawSlices(SliceReader):
             count = file.readinto(view[done : done + BLOCK])
             if not count:
                 needed = self.start + math.prod(self.shape) * self.stored.itemsize
-                there = self.path.stat().st_size
-                raise ReadError(f"{self.path.name} is truncated: {there} of {needed} bytes are there; copy it again")
+                stored_bytes = self.path.stat().st_size
+                raise ReadError(
+                    f"{self.path.name} is truncated: {stored_bytes} of {needed} bytes are there; copy it again"
+                )
             done += count
 
 
@@ -91,8 +93,8 @@ class TransposedSlices(SliceReader):
         """Read with the axes in reverse order."""
         step = self.stored.at_once
         for start in range(0, len(columns), step):
-            part = slice(start, start + step)
-            out[..., part] = self.stored.read(columns[part], rows, slices).T
+            window = slice(start, start + step)
+            out[..., window] = self.stored.read(columns[window], rows, slices).T
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
         """Return the values as a view of an array in the file's order."""
@@ -178,13 +180,13 @@ class PackedSlices(SliceReader):
 class JoinedSlices(SliceReader):
     """Slices of several files, one behind the other."""
 
-    def __init__(self, parts: Sequence[SliceReader]) -> None:
-        self.parts = parts
+    def __init__(self, readers: Sequence[SliceReader]) -> None:
+        self.readers = readers
         self.firsts = [0]
-        for part in parts:
-            self.firsts.append(self.firsts[-1] + part.shape[0])
-        self.shape, self.dtype = (self.firsts[-1], *parts[0].shape[1:]), parts[0].dtype
-        self.thread_safe = all(part.thread_safe for part in parts)
+        for reader in readers:
+            self.firsts.append(self.firsts[-1] + reader.shape[0])
+        self.shape, self.dtype = (self.firsts[-1], *readers[0].shape[1:]), readers[0].dtype
+        self.thread_safe = all(reader.thread_safe for reader in readers)
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Read from each file in turn."""
@@ -195,7 +197,7 @@ class JoinedSlices(SliceReader):
             count = len(range(slices[at], min(stop, slices.stop), slices.step))
             own = slices[at : at + count]
             moved = range(own.start - first, own.stop - first, own.step)
-            self.parts[number].fill(out[at : at + count], moved, rows, columns)
+            self.readers[number].fill(out[at : at + count], moved, rows, columns)
             at += count
 
 

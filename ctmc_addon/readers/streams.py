@@ -23,14 +23,14 @@ STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip a
 
 
 def is_packed(path: Path) -> bool:
-    """Whether the first bytes say gzip or bzip2."""
+    """Return whether the first bytes say gzip or bzip2."""
     with path.open("rb") as file:
         head = file.read(3)
     return head[:2] == b"\x1f\x8b" or head == b"BZh"
 
 
 def opened(path: Path) -> IO[bytes]:
-    """The file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
+    """Return the file for reading, unpacked on the way if its first bytes say gzip or bzip2."""
     if not is_packed(path):
         return path.open("rb")
     with path.open("rb") as file:
@@ -39,13 +39,27 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:
-    """What follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
+    """Return what follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
     opener = gzip.open if encoding.startswith("gz") else bz2.open
     return cast(IO[bytes], opener(stream, "rb"))
 
 
 def fill_steps(array: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
-    """Read `array` (contiguous) full from `stream`; too few bytes are a `ReadError` that names the file."""
+    """Read an array full from a stream.
+
+    Parameters
+    ----------
+    array : contiguous array
+        Is filled.
+    stream : binary file
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        If the stream has too few bytes.
+    """
     flat = memoryview(array.reshape(-1, order="A").view(np.uint8).data)
     done = 0
     while done < len(flat):
@@ -76,7 +90,21 @@ def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
 
 
 def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
-    """Pass over `count` bytes."""
+    """Pass over bytes of a stream.
+
+    Parameters
+    ----------
+    stream : binary file
+    count : int
+        Bytes.
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        If the stream has fewer bytes.
+    """
     if not isinstance(stream, PACKED):
         stream.seek(count, 1)
         return

@@ -21,11 +21,25 @@ AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
 
 
 def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, budget: Budget) -> None:
-    """Say before anything is read that a volume (slices, rows, columns) would not fit in memory, and what would."""
+    """Refuse a volume that would not fit in memory, before anything is read.
+
+    Parameters
+    ----------
+    shape : (slices, rows, columns) int
+    voxel_bytes : int
+    what : str
+        What is read, for the message.
+    budget : Budget
+
+    Raises
+    ------
+    MemoryLimitError
+        With a stride that would fit.
+    """
     shape = [int(side) for side in shape]
 
-    def remedy(there: int) -> str:
-        stride = fitting_stride(shape, voxel_bytes, there)
+    def remedy(available_bytes: int) -> str:
+        stride = fitting_stride(shape, voxel_bytes, available_bytes)
         if stride is None:
             return "read fewer or smaller slices, or close other programs"
         samples = math.prod(-(-size // side) for size, side in zip(shape, stride[::-1], strict=True))
@@ -37,7 +51,20 @@ def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, bud
 
 
 def require_text_memory(shape: Sequence[int], voxel_bytes: int, name: str) -> None:
-    """Say before anything is read that values written as text, which are read as a whole, would not fit in memory."""
+    """Refuse values written as text, which are read as a whole, that would not fit in memory.
+
+    Parameters
+    ----------
+    shape : (slices, rows, columns) int
+    voxel_bytes : int
+    name : str
+        Of the file.
+
+    Raises
+    ------
+    MemoryLimitError
+        Before anything is read.
+    """
     sides = " x ".join(str(int(side)) for side in reversed(shape))
     remedy = "text is read as a whole, so save it compressed or raw, which is read slice by slice"
     require_memory(math.prod(int(side) for side in shape) * voxel_bytes, f"reading {name} ({sides})", remedy)
@@ -46,10 +73,25 @@ def require_text_memory(shape: Sequence[int], voxel_bytes: int, name: str) -> No
 def scaled_steps(
     stored: SliceReader, slope: float, intercept: float, whole: bool, what: str, budget: Budget
 ) -> Steps[SliceReader]:
-    """Values `stored * slope + intercept`: int16, int32 or float32, the first that holds all, else float32.
+    """Return values `stored * slope + intercept` as int16, int32 or float32, the first that holds all, else float32.
 
-    Integers stay integers where slope and intercept are whole numbers. What the values' type allows decides, or else
-    a look at all of them; `whole` says that all will be wanted, and reads them once. `what` is read, for messages.
+    Parameters
+    ----------
+    stored : SliceReader
+        (slices, rows, columns).
+    slope : float
+    intercept : float
+        Integers stay integers where both are whole numbers.
+    whole : bool
+        Whether all values will be needed; they are then read once, into memory.
+    what : str
+        What is read, for messages.
+    budget : Budget
+
+    Raises
+    ------
+    MemoryLimitError
+        If values that are read do not fit.
     """
     if (slope, intercept) == (1.0, 0.0):
         return stored
@@ -66,7 +108,7 @@ def scaled_steps(
 
 
 def scaled_integer(low: float, high: float, slope: float, intercept: float) -> np.dtype[Any]:
-    """The smallest type for scaled integers from `low` to `high`."""
+    """Return the smallest type for scaled integers from `low` to `high`."""
     ends = [int(end) * int(slope) + int(intercept) for end in (low, high)]
     return np.dtype(smallest_integer(min(ends), max(ends)) or np.float32)
 
@@ -80,7 +122,7 @@ class ScaledSlices(SliceReader):
         self.chunk_slices, self.thread_safe = stored.chunk_slices, stored.thread_safe
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Scale slice by slice."""
+        """Fill `out` with scaled values, slice by slice."""
         for number, target in zip(slices, out, strict=True):
             (plane,) = self.stored.read(range(number, number + 1), rows, columns)
             target[...] = plane.astype(np.float64) * self.slope + self.intercept
@@ -99,8 +141,8 @@ class ScaledSlices(SliceReader):
         out = self.stored.values.view(self.dtype)
         for start in range(0, len(slices), self.at_once):
             yield Step(start / len(slices), "Scaling values")
-            part = slice(start, start + self.at_once)
-            self.fill(out[part], slices[part], rows, columns)
+            window = slice(start, start + self.at_once)
+            self.fill(out[window], slices[window], rows, columns)
         return out
 
 
@@ -130,7 +172,7 @@ class Seen:
 
     @property
     def few(self) -> bool:
-        """Whether the values may be labels: few whole numbers from 0 to 255."""
+        """Return whether the values may be labels: few whole numbers from 0 to 255."""
         return self.integer and self.low >= 0 and self.high <= 255 and int(self.small.sum()) <= MOST_LABELS
 
     def add(self, values: NDArray[Any]) -> bool:
@@ -141,7 +183,7 @@ class Seen:
 
 
 def is_label_name(name: str) -> bool:
-    """Whether a file's stem is one that label files have.
+    """Return whether a file's stem is one that label files have.
 
     Examples
     --------
@@ -153,7 +195,7 @@ def is_label_name(name: str) -> bool:
 
 
 def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[ValueKind]:
-    """What the values mean, where the file does not say it.
+    """Return what the values mean, where the file does not say it.
 
     Labels: the file names them; or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
@@ -194,7 +236,17 @@ class NotAMask(Exception):
 
 
 def two_values(values: NDArray[Any]) -> set[float]:
-    """Lowest and highest value; `NotAMask` where there are others."""
+    """Return the lowest and the highest value, which are the only ones.
+
+    Parameters
+    ----------
+    values : array of numbers
+
+    Raises
+    ------
+    NotAMask
+        If there are others.
+    """
     low, high = values.min(), values.max()
     between = (values != low) & (values != high)
     if between.any():

@@ -26,23 +26,23 @@ def figure_caption(
     >>> figure_caption([ReconstructionSettings(label=1), ReconstructionSettings(label=2)], (), 0.5, 10)
     'Stride 1 px, constrained smoothing, alpha 1, 10 triangles'
     """
-    first, parts = settings[0], []
+    first, phrases = settings[0], []
     if len(settings) == 1 and first.label is not None:
-        parts.append(name or f"Label {first.label}")
+        phrases.append(name or f"Label {first.label}")
     elif len(settings) == 1:
         limits = f"at {threshold:.4g}" if first.upper is None else f"from {threshold:.4g} to {first.upper:.4g}"
-        parts.append(f"{name or 'Surface'} {limits}")
+        phrases.append(f"{name or 'Surface'} {limits}")
     if all(surface.stride == first.stride for surface in settings):
-        parts.append(stride_phrase(first.stride, spacing_mm))
+        phrases.append(stride_phrase(first.stride, spacing_mm))
     smoothings = {smoothing_phrase(surface) for surface in settings}
     if len(smoothings) == 1 and "" not in smoothings:
-        parts += smoothings
+        phrases += smoothings
     if all(surface.alpha_matters and surface.alpha == first.alpha for surface in settings):
-        parts.append(f"alpha {first.alpha:g}")
+        phrases.append(f"alpha {first.alpha:g}")
     for phrase in shape_phrases(first):
         if all(phrase in shape_phrases(surface) for surface in settings):
-            parts.append(phrase)
-    text = ", ".join([*parts, f"{triangles:,} triangles"])
+            phrases.append(phrase)
+    text = ", ".join([*phrases, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
 
 

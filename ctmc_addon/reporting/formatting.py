@@ -23,6 +23,11 @@ def count(number: int) -> str:
 def size_of_bytes(number: float) -> str:
     """Return bytes in MiB or GiB.
 
+    Parameters
+    ----------
+    number : float
+        Bytes.
+
     Examples
     --------
     >>> size_of_bytes(3 * 2**20), size_of_bytes(1.5 * 2**30)
@@ -33,6 +38,10 @@ def size_of_bytes(number: float) -> str:
 
 def duration(seconds: float) -> str:
     """Return seconds or minutes, with no more digits than an estimate has.
+
+    Parameters
+    ----------
+    seconds : float
 
     Examples
     --------
@@ -57,9 +66,15 @@ def directions(orientation: str) -> tuple[str, str, str]:
 
 
 def in_lines(text: str, width: float, measure: Callable[[str], float] | None = None) -> list[str]:
-    """Return a sentence in lines not wider than `width`; text without spaces, such as Chinese, breaks anywhere.
+    """Return a sentence in lines; text without spaces, such as Chinese, breaks anywhere.
 
-    Without a `measure` of a text's width, it is counted in letters, of which a Chinese one takes the room of two.
+    Parameters
+    ----------
+    text : str
+    width : float
+        In the unit of `measure`.
+    measure : callable, optional
+        Returns the width of a text; by default its letters, of which a Chinese one takes the room of two.
 
     Examples
     --------
@@ -89,5 +104,5 @@ def in_lines(text: str, width: float, measure: Callable[[str], float] | None = N
 
 
 def letters(text: str) -> int:
-    """How many Latin letters take the room of a text."""
+    """Return how many Latin letters take the room of a text."""
     return sum(2 if east_asian_width(letter) in "FW" else 1 for letter in text)

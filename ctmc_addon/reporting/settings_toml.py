@@ -155,15 +155,30 @@ def in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str,
 
 
 def table_of(table: str, values: Any, kinds: Sequence[type]) -> dict[str, Any]:
-    """Return a table's values, checked; an unknown name or a value outside its limits is a `SettingsError`."""
+    """Return a table's values, checked.
+
+    Parameters
+    ----------
+    table : str
+        Its name.
+    values : Any
+        As TOML gives it.
+    kinds : sequence of dataclasses
+        Whose fields the values are.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown name, or a value outside its limits.
+    """
     if not isinstance(values, dict):
         raise SettingsError(f"{table} is a table, [{table}] on a line of its own, not {values!r}")
-    known = {name: about for kind in kinds for name, about in kept(kind).items()}
+    described = {name: about for kind in kinds for name, about in kept(kind).items()}
     for key, value in values.items():
-        if key not in known:
-            raise SettingsError(f"unknown setting {key!r} in [{table}]; its settings are {', '.join(known)}")
-        require_type(key, value, known[key])
-    return {key: checked(key, value, known[key]) for key, value in values.items()}
+        if key not in described:
+            raise SettingsError(f"unknown setting {key!r} in [{table}]; its settings are {', '.join(described)}")
+        require_type(key, value, described[key])
+    return {key: checked(key, value, described[key]) for key, value in values.items()}
 
 
 def require_labels(value: Any) -> None:

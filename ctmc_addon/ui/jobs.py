@@ -79,13 +79,13 @@ _running: list[Job] = []
 
 
 def running(*operators: str) -> Job | None:
-    """The job that is under way, if there is one and it is of one of these operators, by default of any."""
+    """Return the job that is under way, if there is one and it is of one of these operators, by default of any."""
     job = _running[0] if _running else None
     return job if job is not None and (not operators or job.operator in operators) else None
 
 
 def locked() -> bool:
-    """Whether the job under way keeps objects of its own in the file, which undo and saving must not see."""
+    """Return whether the job under way keeps objects of its own in the file, which undo and saving must not see."""
     job = running()
     return job is not None and job.locks
 
@@ -137,7 +137,7 @@ def stop_locked(*_: Any) -> None:
 
 
 def harmless(context: bpy.types.Context, event: Any) -> bool:
-    """Whether an event changes nothing in the file: navigation, or a click in the tab, where Cancel is."""
+    """Return whether an event changes nothing in the file: navigation, or a click in the tab, where Cancel is."""
     if event.type.startswith(("TIMER", "WINDOW")):
         return True
     if event.type in NAVIGATION:
@@ -156,7 +156,7 @@ def harmless(context: bpy.types.Context, event: Any) -> bool:
 
 
 def sentence_of(error: Exception) -> str:
-    """What an error says to the user; Python's own `MemoryError` says nothing."""
+    """Return what an error says to the user; Python's own `MemoryError` says nothing."""
     return translate(NO_MEMORY) if isinstance(error, MemoryError) else translate_sentence(str(error))
 
 
@@ -275,7 +275,7 @@ class CTMC_OT_cancel(bpy.types.Operator):
 
 
 def idle(operator: Any, _context: Any) -> bool:
-    """Whether no job is running, with the reason if one is."""
+    """Return whether no job is running, with the reason if one is."""
     if running() is not None:
         operator.poll_message_set("Another job is running; wait or cancel it")
         return False

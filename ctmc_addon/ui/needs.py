@@ -17,5 +17,5 @@ class Needs:
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        """Whether all needs are met."""
+        """Return whether all needs are met."""
         return all(need(cls, context) for need in cls.needs)

@@ -27,21 +27,21 @@ LEAST_WORDS = 8
 
 
 def translate(text: str) -> str:
-    """The text in the language of Blender's interface."""
+    """Return the text in the language of Blender's interface."""
     return str(bpy.app.translations.pgettext_iface(text, OURS))
 
 
 def translate_sentence(text: str) -> str:
-    """A sentence of an error or a note, with its names and numbers, in the language of Blender's interface."""
+    """Return a sentence of an error or a note, with its names and numbers, in the language of Blender's interface."""
     return _by_template(text, bpy.app.translations.locale)
 
 
 @lru_cache(256)
 def _by_template(text: str, locale: str) -> str:
     """The sentence as its template says it; what stands in a field may be words of ours as well."""
-    said = translate(text)
-    if said != text:
-        return said
+    translated = translate(text)
+    if translated != text:
+        return translated
     for pattern, template in templates():
         found = pattern.fullmatch(text)
         if found:
@@ -57,7 +57,7 @@ def _part(text: str) -> str:
 
 @cache
 def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
-    """Every English sentence with fields in it, as a pattern and as it stands, the one with most words first."""
+    """Return every English sentence with fields in it, as a pattern and as it stands, the one with most words first."""
     texts = {text for name in LOCALES for text in table(name) if FIELD.search(text)}
     texts = {text for text in texts if len(FIELD.sub("", text)) >= LEAST_WORDS}
     ordered = sorted(texts, key=lambda text: (-len(FIELD.sub("", text)), text))
@@ -65,12 +65,12 @@ def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
 
 
 def table(name: str) -> dict[str, str]:
-    """One language's table."""
+    """Return the table of one language."""
     return tomllib.loads((TABLES / name).read_text(encoding="utf-8"))
 
 
 def catalogue() -> dict[str, dict[tuple[str, str], str]]:
-    """All languages as Blender takes them: locale, then context and English."""
+    """Return all languages as Blender takes them: locale, then context and English."""
     languages = {}
     for name, locales in LOCALES.items():
         messages = {(context, text): words for text, words in table(name).items() for context in CONTEXTS}
@@ -79,7 +79,7 @@ def catalogue() -> dict[str, dict[tuple[str, str], str]]:
 
 
 def register() -> None:
-    """Hand Blender our tables."""
+    """Hand the tables of all languages to Blender."""
     bpy.app.translations.register(__name__, catalogue())
 
 

@@ -35,7 +35,7 @@ def word_for(vr, number):
 def words(tmp_path_factory):
     """A folder with a CT whose header is full of them, and the bytes of each by attribute."""
     pydicom = pytest.importorskip("pydicom")
-    from fuzz.seeds import ct_dataset
+    from fuzz.dicom_seeds import ct_dataset
     from pydicom.datadict import dictionary_VR, tag_for_keyword
     from pydicom.dataset import Dataset
 

@@ -255,7 +255,7 @@ def test_the_same_bytes_with_any_number_of_threads(threads):
 
 @pytest.mark.once
 def test_steps_rise_to_one_and_can_be_closed_at_each():
-    volume = Volume(ball(), np.eye(4))
+    volume = Volume(ball((20, 18, 15), 5.0), np.eye(4))
     settings = ReconstructionSettings(threshold=0.0, smoothing_mm=1.0, keep_parts=1, reduction=0.5)
     fractions = [step.fraction for step in reconstruct_steps(volume, settings)]
     assert fractions == sorted(fractions)
@@ -347,32 +347,17 @@ def digest(result):
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + normals).hexdigest()
 
 
-@pytest.mark.once
-@pytest.mark.parametrize("whole_faces", [2000, 1 << 20])
-@pytest.mark.parametrize(
-    "goal", [{"reduction": 0.9}, {"target_faces": 3001, "keep_parts": 1}, {"max_error_mm": 0.004, "normals": "mesh"}]
-)
-def test_memory_threads_and_the_source_of_values_change_no_byte_of_what_is_simplified(
-    sponge, monkeypatch, goal, whole_faces
-):
-    monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * 36 * 36)
-    settings = ReconstructionSettings(threshold=132.0, close_border=True, **goal)
-    budget = Budget(threads=1, whole_faces=whole_faces)
-    expected = reconstruct(sponge, settings, budget)
-    assert expected.full_faces > 8_000
+def assert_same_bytes(volume, settings, budget, runs):
+    """Runs (volume, threads, bytes, slab_bytes) give one mesh, or a sentence where the bytes are too few."""
+    expected = reconstruct(volume, settings, budget)
     digests, sentences = [], []
-    for volume in (sponge, in_file(sponge)):
-        for threads, memory, slab_bytes in (
-            (2, None, 1),
-            (1, (6 if whole_faces == 2000 else 64) << 20, 1 << 14),
-            (2, 100_000, 1),
-        ):
-            given = replace(budget, threads=threads, bytes=memory, slab_bytes=slab_bytes)
-            try:
-                digests.append(digest(reconstruct(volume, settings, given)))
-            except MemoryLimitError as refused:
-                assert memory is not None
-                sentences.append(str(refused))
+    for source, threads, memory, slab_bytes in runs:
+        given = replace(budget, threads=threads, bytes=memory, slab_bytes=slab_bytes)
+        try:
+            digests.append(digest(reconstruct(source, settings, given)))
+        except MemoryLimitError as refused:
+            assert memory is not None
+            sentences.append(str(refused))
     assert set(digests) == {digest(expected)}
     assert len(digests) >= 3
     assert all(
@@ -380,6 +365,40 @@ def test_memory_threads_and_the_source_of_values_change_no_byte_of_what_is_simpl
         for sentence in sentences
     )
     assert sentences
+    return expected
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("whole_faces", [2000, 1 << 20])
+@pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"target_faces": 3001, "keep_parts": 1}])
+def test_memory_threads_and_the_source_of_values_change_no_byte_of_what_is_simplified(
+    sponge, monkeypatch, goal, whole_faces
+):
+    monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * 36 * 36)
+    settings = ReconstructionSettings(threshold=132.0, close_border=True, **goal)
+    enough = (6 if whole_faces == 2000 else 64) << 20
+    runs = [
+        (volume, *given)
+        for volume in (sponge, in_file(sponge))
+        for given in ((2, None, 1), (1, enough, 1 << 14), (2, 100_000, 1))
+    ]
+    expected = assert_same_bytes(sponge, settings, Budget(threads=1, whole_faces=whole_faces), runs)
+    assert expected.full_faces > 8_000
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("whole_faces", [800, 1 << 20])
+def test_they_change_no_byte_within_a_maximum_error_either(monkeypatch, whole_faces):
+    monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * 12 * 12)
+    z, y, x = np.indices((12, 12, 12)) * (2 * np.pi / 14)
+    waves = 100 * (np.sin(x) * np.cos(y) + np.sin(1.03 * y) * np.cos(z) + np.sin(z) * np.cos(0.9 * x))
+    volume = Volume(waves.astype(np.int16), np.eye(4))
+    settings = ReconstructionSettings(threshold=40.0, close_border=True, max_error_mm=0.5, normals="mesh")
+    file = in_file(volume)
+    runs = [(volume, 2, None, 1), (file, 1, 64 << 20, 1 << 10), (file, 2, None, 1), (file, 2, 10_000, 1)]
+    expected = assert_same_bytes(volume, settings, Budget(threads=1, whole_faces=whole_faces), runs)
+    assert expected.full_faces > 1_600
+    assert len(expected.mesh.faces) < 0.5 * expected.full_faces
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ class Board:
     inks: dict[Color, bpy.types.Material] = field(default_factory=dict)
 
     def ink(self, color: Color = INK) -> bpy.types.Material:
-        """The flat material of a color."""
+        """Return the flat material of a color."""
         if color not in self.inks:
             self.inks[color] = flat_material("CTMC Ink", color)
             self.blocks.append(self.inks[color])
@@ -108,7 +108,7 @@ class Board:
         return width
 
     def lines_of(self, body: str, width_mm: float, size: float = 1.0) -> list[str]:
-        """The text in lines that fit a width, not broken at no-break spaces; a wider word stays whole."""
+        """Return the text in lines that fit a width, not broken at no-break spaces; a wider word stays whole."""
         out = []
         for line in body.splitlines():
             words = line.split(" ")
@@ -124,7 +124,7 @@ class Board:
         return [line.replace(NO_BREAK, " ") for line in out]
 
     def rectangle(self, box: Box, color: Color = INK) -> Any:
-        """A filled rectangle."""
+        """Draw a filled rectangle."""
         left, bottom, right, top = box
         corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [right - left, top - bottom, 0]
         shape = meshes.new_mesh("CTMC Bar", corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
@@ -132,13 +132,29 @@ class Board:
 
 
 def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float) -> None:
-    """A bar of `length_mm` in the patient, `page_mm` on the page, from (x, y), its length written above."""
+    """Draw a bar with its length written above it.
+
+    Parameters
+    ----------
+    board : Board
+    length_mm : float
+        In the patient.
+    page_mm : float
+        On the page.
+    x : float
+        Of its left end, mm on the page.
+    y : float
+    """
     board.rectangle((x, y, x + page_mm, y + 3 * LINE_MM))
     board.text(f"{length_mm:g} mm", x, y + 3 * LINE_MM + 0.6)
 
 
 def round_length(most: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, 50... that is not above `most`.
+    """Return the largest of 1, 2, 5, 10, 20, 50... that is not above `most`.
+
+    Parameters
+    ----------
+    most : float
 
     Examples
     --------
@@ -150,7 +166,18 @@ def round_length(most: float) -> float:
 
 
 def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: float, columns: int = 1) -> None:
-    """Colors with their names, in columns, a line each; the last baseline of the first column is at (x, y)."""
+    """Draw colors with their names, in columns, a line each.
+
+    Parameters
+    ----------
+    board : Board
+    entries : sequence of (name, Color)
+    x : float
+        Of the first column's left end, mm on the page.
+    y : float
+        Of the first column's last baseline.
+    columns : int
+    """
     side = CAP * board.font_mm
     rows = -(-len(entries) // columns)
     for at, (name, color) in enumerate(entries):

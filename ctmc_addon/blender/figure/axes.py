@@ -31,12 +31,18 @@ FAR: Color = (0.55, 0.55, 0.55)
 
 
 def reach_mm(font_mm: float) -> float:
-    """Return the distance from the middle of the axes to their letters, mm."""
+    """Return the distance from the middle of the axes to their letters, mm.
+
+    Parameters
+    ----------
+    font_mm : float
+        Size of the letters.
+    """
     return REACH * font_mm
 
 
 def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bool, clear: bool) -> Any:
-    """The patient's axes about (x, y), their letters R L A P S I facing the camera; returns their pivot.
+    """Draw the patient's axes about (x, y), their letters R L A P S I facing the camera; return their pivot.
 
     Parameters
     ----------
@@ -79,7 +85,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
 
 
 def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
-    """A flat color that becomes another, or clear, from one distance before the camera to the next."""
+    """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
     material = surface_material("CTMC Ink by Depth", near)
     share = depth_share(material, limits)
     last = clear_socket(material) if far is None else emission(material, far)
@@ -98,7 +104,7 @@ def page_ink(clear: bool, limits: list[float]) -> bpy.types.Material:
 
 
 def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
-    """The socket of 0 at the first distance before the camera to 1 at the second."""
+    """Return the socket of 0 at the first distance before the camera to 1 at the second."""
     tree = material.node_tree
     camera, share = tree.nodes.new("ShaderNodeCameraData"), tree.nodes.new("ShaderNodeMapRange")
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits
@@ -124,7 +130,7 @@ def axis_lines(reach_mm: float) -> Any:
 
 
 def disc(radius_mm: float) -> bpy.types.Mesh:
-    """A flat disc."""
+    """Return a flat disc."""
     around = 2 * np.pi * np.arange(32) / 32
     ring = np.column_stack([np.cos(around), np.sin(around), 0 * around]) * radius_mm
     faces = np.array([[0, at, at + 1] for at in range(1, 31)], np.int32)

@@ -78,7 +78,7 @@ class Comparison(Described):
 
     @property
     def counts(self) -> list[int]:
-        """How many values are compared along each axis."""
+        """Return how many values are compared along each axis."""
         return [len(axis) for axis in (self.smoothings, self.strides, self.alphas, self.levels) if axis]
 
     @property
@@ -89,7 +89,7 @@ class Comparison(Described):
     def variants(
         self, settings: ReconstructionSettings, spacing_mm: Sequence[float] = ()
     ) -> list[tuple[str, ReconstructionSettings]]:
-        """The title and the settings of every cell; strides in mm too where the spacing is given."""
+        """Return the title and the settings of every cell; strides in mm too where the spacing is given."""
         axes: list[list[tuple[str, dict[str, Any]]]] = []
         if self.smoothings:
             axes.append([])

@@ -70,7 +70,7 @@ class FigureScene:
     renders: frozenset[str] = field(default_factory=render_results)
 
     def shown(self, cell: int) -> list[bpy.types.Object]:
-        """What stands in a cell, surfaces first."""
+        """Return what stands in a cell, surfaces first."""
         return [*self.copies[cell], *self.pictures[cell].anchors.values()]
 
     def remove(self) -> None:
@@ -92,7 +92,7 @@ def compose(
     turning: bool = False,
     even: bool = False,
 ) -> FigureScene:
-    """A new scene with copies of what the cells show, camera, light and everything that is written.
+    """Return a new scene with copies of what the cells show, camera, light and everything that is written.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def compose(
             figure.pictures.append(SlicePictures(figure.scene, figure.blocks))
             for plane in cell.slices:
                 figure.pictures[-1].add_plane(plane, scene)
-        points = np.concatenate([all_positions(figure), *(np.array(ruler.places) for ruler in rulers_of(cells))])
+        points = np.concatenate([all_positions(figure), *(np.array(ruler.points) for ruler in rulers_of(cells))])
         arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even)
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
             layers = (
@@ -132,7 +132,7 @@ def compose(
 
 
 def add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> bpy.types.Object:
-    """A plain copy of an evaluated object in the figure's scene."""
+    """Return a plain copy of an evaluated object in the figure's scene."""
     mesh, evaluated = evaluated_copy(obj, scene)
     figure.blocks.append(mesh)
     if not len(mesh.polygons):
@@ -182,23 +182,28 @@ def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
 
 
 def world_positions(obj: bpy.types.Object) -> NDArray[np.float64]:
-    """An object's vertices in Blender units, (V, 3)."""
+    """Return an object's vertices in Blender units, (V, 3)."""
     return transform_points(matrix_of(obj.matrix_world), meshes.read_positions(obj.data))
 
 
 def all_positions(figure: FigureScene) -> NDArray[np.float64]:
-    """The vertices of everything that the cells show, (n, 3) in Blender units."""
+    """Return the vertices of everything that the cells show, (n, 3) in Blender units."""
     every = [obj for cell in range(len(figure.copies)) for obj in figure.shown(cell) if obj.type == "MESH"]
     return np.concatenate([world_positions(obj) for obj in every])
 
 
 def rulers_of(cells: Sequence[Cell]) -> list[RulerMark]:
-    """The rulers of all cells."""
+    """Return the rulers of all cells."""
     return [ruler for cell in cells for ruler in cell.rulers]
 
 
 def center_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The middle of the box around points."""
+    """Return the middle of the box around points, (3,).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    """
     return (points.min(axis=0) + points.max(axis=0)) / 2
 
 
@@ -257,7 +262,7 @@ def arrange(
 def shadow_free_step(
     axes: NDArray[np.float64], sun: NDArray[np.float64], size: tuple[float, float], depth: float
 ) -> float:
-    """How far behind each other objects must stand on a page of this size so that none shades another.
+    """Return how far behind each other objects must stand on a page of this size so that none shades another.
 
     Parameters
     ----------
@@ -297,7 +302,7 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
     eye = np.array(figure.scene.camera.matrix_world.inverted())[:2]
     for cell, aside in zip(cells, figure.asides, strict=True):
         for ruler in cell.rulers:
-            seen = np.array([[*(np.array(place) + aside), 1.0] for place in ruler.places]) @ eye.T
+            seen = np.array([[*(np.array(point) + aside), 1.0] for point in ruler.points]) @ eye.T
             ruler_mark(board, (seen / figure.unit + np.array(board.size_mm) / 2).tolist(), ruler.text)
     x, y = layout.margin, layout.footer_bottom
     if style.scale_bar:

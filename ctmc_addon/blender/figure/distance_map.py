@@ -40,7 +40,15 @@ class DistanceMap:
 def distance_map_steps(
     mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None
 ) -> Steps[DistanceMap]:
-    """The distance of a surface to another, at the vertices of its triangles and of their parts."""
+    """Measure the distance of a surface to another, at the vertices of its triangles and of their subdivisions.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    reference : ReferenceSurface
+    threads : int, optional
+        By default one for each processor, at most 8.
+    """
     yield PAUSE
     length = yield from mean_longest_edge_steps(reference.mesh)
     fine = yield from subdivided_steps(mesh, length)
@@ -49,7 +57,14 @@ def distance_map_steps(
 
 
 def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> ColorScale:
-    """Colors for these surfaces together: up to the 99th percentile of their distances, rounded up."""
+    """Return colors for several surfaces, which share the scale.
+
+    Parameters
+    ----------
+    maps : sequence of DistanceMap
+    limit_mm : float, optional
+        Where the colors end; by default the 99th percentile of the distances, rounded up.
+    """
     every = np.concatenate([distance_map.distances_mm for distance_map in maps])
     most = float(every.max())
     if limit_mm is None:
@@ -58,7 +73,7 @@ def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> C
 
 
 def rounded_up(value: float) -> float:
-    """The smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
+    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
 
     Examples
     --------
@@ -71,13 +86,25 @@ def rounded_up(value: float) -> float:
 
 
 def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write a distance on every vertex of a mesh, which the map shows."""
+    """Write a distance on every vertex of a mesh, which the map shows.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    distances_mm : (V,) float64
+    """
     attribute = mesh.attributes.get(DISTANCE) or mesh.attributes.new(DISTANCE, "FLOAT", "POINT")
     attribute.data.foreach_set("value", np.ascontiguousarray(distances_mm, np.float32))
 
 
 def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Keep (V,) distances on the mesh, and colors up to the largest; solid view shows them as Attribute."""
+    """Keep distances on the mesh, and colors up to the largest; solid view shows them as Attribute.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    distances_mm : (V,) float64
+    """
     keep_distances(mesh, distances_mm)
     colors = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
     colors.data.foreach_set("color", colors_of(distances_mm).ravel())
@@ -86,7 +113,7 @@ def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> 
 
 
 def painted_mm(obj: bpy.types.Object | None) -> float | None:
-    """The largest distance that an object's colors show, mm; None where it shows none."""
+    """Return the largest distance that an object's colors show, mm; None where it shows none."""
     if obj is None or obj.type != "MESH" or obj.data.color_attributes.active_color_name != COLORS:
         return None
     largest = obj.data.get(LARGEST)
@@ -102,7 +129,7 @@ def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def linear(color: str) -> tuple[float, float, float, float]:
-    """The linear RGBA of an sRGB color such as 'fde725' (IEC 61966-2-1)."""
+    """Return the linear RGBA of an sRGB color such as 'fde725' (IEC 61966-2-1)."""
     parts = [int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)]
     red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return red, green, blue, 1.0

@@ -41,7 +41,7 @@ class Layout:
     legend_columns: int = 1
 
     def center(self, which: int) -> tuple[float, float]:
-        """The middle of a cell's picture."""
+        """Return the middle of a cell's picture."""
         left, bottom, right, top = self.pictures[which]
         return (left + right) / 2, (bottom + top) / 2
 
@@ -146,7 +146,17 @@ def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float
 
 
 def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float) -> float:
-    """Height of the footer: scale bar, legend or color bar, the patient's axes."""
+    """Return the height of the footer, mm: scale bar, legend or color bar, and the patient's axes.
+
+    Parameters
+    ----------
+    legend_rows : int
+    style : FigureStyle
+    font : float
+        Size of the letters, mm.
+    reach_mm : float
+        From the middle of the patient's axes to their letters.
+    """
     heights = [0.0]
     if style.scale_bar:
         heights.append(1.4 + font)

@@ -122,7 +122,7 @@ def require_png(path: Path) -> None:
 
 
 def pillow() -> Any:
-    """The module `PIL.Image`, or an `OutputError`."""
+    """Return the module `PIL.Image`, or an `OutputError`."""
     try:
         from PIL import Image
     except ImportError as error:

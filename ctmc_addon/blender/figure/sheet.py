@@ -56,7 +56,7 @@ class Compared:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The caption."""
+        """Return the lines of the caption."""
         word, volume = "error", ""
         if self.volume:
             word, mesh = "from the bare surface:", self.result.mesh
@@ -128,7 +128,7 @@ def cells_steps(
     deviation: bool,
     budget: Budget,
 ) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
-    """Every cell of a sheet, and its map of distances if there is to be one."""
+    """Return every cell of a sheet, and its map of distances if there is to be one."""
     compared, maps = [], []
     for number, (title, settings) in enumerate(variants):
         stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
@@ -148,7 +148,7 @@ def cells_steps(
 def timed_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget
 ) -> Steps[tuple[Reconstruction, float]]:
-    """A reconstruction and its seconds, the median of three if one is short."""
+    """Reconstruct; return the result and its seconds, the median of three if one is short."""
     runs: list[float] = []
     while not runs or (len(runs) < 3 and runs[0] < SHORT_SECONDS):
         result = yield from equal_part(reconstruct_steps(volume, settings, budget), len(runs), 3)
@@ -166,7 +166,7 @@ def deviation_figure_steps(
     limit_mm: float | None = None,
     budget: Budget | None = None,
 ) -> Steps[tuple[int, int]]:
-    """A figure of one surface colored by its distance to the surface of full resolution."""
+    """Render a figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
     budget = budget or Budget()
     stages = Stages({"Reconstructing in full resolution": 20, **MEASURING, "Rendering": 50})
@@ -206,7 +206,7 @@ def reference_steps(
     straight: bool,
     budget: Budget,
 ) -> Steps[ReferenceSurface]:
-    """The surface of full resolution, at alpha 1 if it is to be `straight`."""
+    """Return the surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(
         settings,
         stride=(1, 1, 1),

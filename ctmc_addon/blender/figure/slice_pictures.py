@@ -70,6 +70,6 @@ class SlicePictures:
 
 
 def shows_slice(material: bpy.types.Material) -> bool:
-    """Whether a material is that of a slice."""
+    """Return whether a material is that of a slice."""
     tree = material.node_tree
     return tree is not None and any(node.type == "TEX_COORD" and is_slice(node.object) for node in tree.nodes)

@@ -111,12 +111,12 @@ class Page(Described):
 
     @property
     def font_mm(self) -> float:
-        """Size of the letters, mm."""
+        """Return the size of the letters, mm."""
         return self.font_pt * POINT_MM
 
     @property
     def pixels_per_mm(self) -> float:
-        """Pixels to the millimeter."""
+        """Return how many pixels a millimeter has."""
         return self.dpi / MM_PER_INCH
 
     def pixels(self, height_mm: float, even: bool = False) -> tuple[int, int]:
@@ -177,7 +177,7 @@ class ShownSurface:
 class RulerMark:
     """A distance between two places, or an angle at the second of three: world space, and what is written at it."""
 
-    places: tuple[tuple[float, float, float], ...]
+    points: tuple[tuple[float, float, float], ...]
     text: str
 
 
@@ -287,7 +287,7 @@ class FigureStyle(Described):
 
     @property
     def edge(self) -> Color | None:
-        """The color of triangle edges, None for no edges."""
+        """Return the color of triangle edges, None for no edges."""
         own = STYLES[self.style].edge
         if self.edges is False or (self.edges is None and own is None):
             return None
@@ -379,11 +379,11 @@ class Turn(Described):
 
     @property
     def frames(self) -> int:
-        """Pictures in the loop."""
+        """Return how many pictures the loop has."""
         return round(self.seconds * self.fps)
 
     def degrees(self, frame: int) -> float:
-        """How far the surface has turned in frame 0, 1, ..."""
+        """Return how far the surface has turned in frame 0, 1, ..."""
         return 360.0 * self.revolutions * frame / self.frames
 
 

@@ -107,7 +107,7 @@ def assign_materials(
 
 
 def edge_widths(obj: bpy.types.Object, unit: float) -> NDArray[np.float32]:
-    """How wide the lines of each face are, (F,) scene units, on a page whose millimeter is `unit` of them."""
+    """Return how wide the lines of each face are, (F,) scene units, on a page whose millimeter is `unit` of them."""
     mesh = obj.data
     radii = inscribed_radii(meshes.read_positions(mesh), meshes.read_triangles(mesh)) * scale_in_scene(obj)
     if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
@@ -121,7 +121,7 @@ def edge_widths(obj: bpy.types.Object, unit: float) -> NDArray[np.float32]:
 
 
 def inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The radius of the circle inside each triangle, (F,).
+    """Return the radius of the circle inside each triangle, (F,).
 
     Examples
     --------
@@ -143,7 +143,7 @@ def make_matte(material: bpy.types.Material) -> None:
 
 
 def shown_color(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle) -> Color:
-    """The color a surface is shown in."""
+    """Return the color a surface is shown in."""
     return shown.color or STYLES[style.style].face or material_color(obj)
 
 
@@ -156,12 +156,12 @@ def mean_edge(obj: bpy.types.Object) -> float:
 
 
 def scale_in_scene(obj: bpy.types.Object) -> float:
-    """How many times larger an object stands in the scene than its mesh is."""
+    """Return how many times larger an object stands in the scene than its mesh is."""
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
 def transparent_material(color: Color, opacity: float, layers: int = 1) -> bpy.types.Material:
-    """A veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
+    """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
     Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
     others are clear: at a rim, where a ray passes many small ones, they would show as shards and as moire. No light
@@ -187,7 +187,7 @@ def transparent_material(color: Color, opacity: float, layers: int = 1) -> bpy.t
 
 
 def math_node(tree: Any, operation: str, *values: Any) -> Any:
-    """The socket of an operation on numbers and sockets."""
+    """Return the socket of an operation on numbers and sockets."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
     for socket, value in zip(node.inputs, values, strict=False):

@@ -81,8 +81,8 @@ def turntable_steps(
         remove_leftovers(folder)
         write_json(folder / NOTE, note)
         if blend is not None:
-            with whole_file(Path(blend)) as beside:
-                write_scene(figure, beside)
+            with whole_file(Path(blend)) as temporary:
+                write_scene(figure, temporary)
         rendered = yield from frames_steps(figure, pivot, folder, page, turn)
     finally:
         figure.remove()
@@ -95,12 +95,12 @@ def turntable_steps(
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is a video's and not a folder's."""
+    """Return whether a path is a video's and not a folder's."""
     return path.suffix != "" and not path.is_dir()
 
 
 def frames_folder(path: Path) -> Path:
-    """Where the pictures of a turntable are."""
+    """Return where the pictures of a turntable are."""
     return path.with_name(path.stem + FRAMES_FOLDER) if is_video(path) else path
 
 
@@ -139,13 +139,13 @@ def frames_steps(figure: FigureScene, pivot: bpy.types.Object, folder: Path, pag
         yield Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
         pivot.rotation_euler.z = math.radians(turn.degrees(at))
         target = folder / FRAME.format(at + 1)
-        with whole_file(target) as beside:
-            finish(png_steps(figure, beside, target.name, page.dpi, tiled=False))
+        with whole_file(target) as temporary:
+            finish(png_steps(figure, temporary, target.name, page.dpi, tiled=False))
     return len(missing)
 
 
 def duration_left(seconds: float) -> str:
-    """A time to wait for.
+    """Return in words how long it will still take.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def duration_left(seconds: float) -> str:
 
 
 def is_complete_png(path: Path) -> bool:
-    """Whether a PNG is there from its first to its last chunk."""
+    """Return whether a PNG is there from its first to its last chunk."""
     try:
         with path.open("rb") as file:
             start = file.read(8)
@@ -169,7 +169,7 @@ def is_complete_png(path: Path) -> bool:
 
 
 def note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) -> dict[str, Any]:
-    """What tells one turntable from another: the surfaces, page, style and turn."""
+    """Return what tells one turntable from another: the surfaces, page, style and turn."""
     surfaces = hashlib.sha256()
     for copy in figure.copies[0]:
         surfaces.update(meshes.read_positions(copy.data).tobytes())
@@ -210,7 +210,7 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
 
 
 def is_finished_video(path: Path) -> bool:
-    """Whether a video is there and no frames wait to become it."""
+    """Return whether a video is there and no frames wait to become it."""
     return is_video(path) and path.exists() and not frames_folder(path).exists()
 
 

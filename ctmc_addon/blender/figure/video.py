@@ -31,7 +31,7 @@ def require_video(path: Path, transparent: bool) -> None:
 
 
 def has_format(suffix: str) -> bool:
-    """Whether this Blender was built with a video format."""
+    """Return whether this Blender was built with a video format."""
     container, codec = VIDEO_FORMATS[suffix]
     ffmpeg = bpy.types.FFmpegSettings.bl_rna.properties
     supported = container in ffmpeg["format"].enum_items and codec in ffmpeg["codec"].enum_items
@@ -57,8 +57,8 @@ def write_video(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, i
         written = sorted(folder.iterdir())
         if len(written) != 1 or not written[0].stat().st_size:
             raise OutputError(f"this Blender cannot write {path.suffix} videos; take PNG frames in a folder")
-        with whole_file(path) as beside:
-            shutil.copyfile(written[0], beside)
+        with whole_file(path) as temporary:
+            shutil.copyfile(written[0], temporary)
     except RuntimeError as error:
         raise OutputError(f"{path.name} could not be written: {' '.join(str(error).split())}") from error
     finally:

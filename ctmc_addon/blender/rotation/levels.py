@@ -31,7 +31,7 @@ class Level:
 def simplified_steps(
     mesh: TriangleMesh, percents: Sequence[float], budget: Budget | None = None
 ) -> Steps[list[tuple[float, TriangleMesh]]]:
-    """The surface with these shares of its triangles removed, per cent."""
+    """Return the surface with these shares of its triangles removed, per cent."""
     simplified = []
     for number, percent in enumerate(percents):
         small = mesh

@@ -68,7 +68,7 @@ class TriangleDrawing:
             target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
 
     def pixels(self) -> NDArray[np.uint8]:
-        """The picture as it is now, (height, width, 4) uint8, from the bottom up."""
+        """Return the picture as it is now, (height, width, 4) uint8, from the bottom up."""
         buffer = self.picture.texture_color.read()
         buffer.dimensions = self.picture.width * self.picture.height * 4
         return np.array(buffer, np.uint8).reshape(self.picture.height, self.picture.width, 4)

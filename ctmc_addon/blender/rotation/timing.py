@@ -163,5 +163,5 @@ class RenderDrawing:
         show_only(self.levels, level)
 
     def draw(self, level: Level) -> None:
-        """Render to memory."""
+        """Render one frame to memory."""
         self.render(write_still=False, scene=self.scene.name)

@@ -47,7 +47,7 @@ def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], p
 
 
 def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeTree:
-    """The node group that cuts at a slice, with its arrow, made where there is none."""
+    """Return the node group that cuts at a slice, with its arrow, made where there is none."""
     for tree in bpy.data.node_groups:
         if tree.get(CUT) == plane:
             return tree

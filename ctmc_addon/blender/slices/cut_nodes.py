@@ -35,7 +35,7 @@ EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same
 def cut_nodes(
     name: str, plane: bpy.types.Object, cut: bpy.types.Object, coordinates: NDArray[np.float64], reach: float
 ) -> bpy.types.NodeTree:
-    """A node group that keeps what lies below a plane and caps it.
+    """Return a node group that keeps what lies below a plane and caps it.
 
     Parameters
     ----------
@@ -71,17 +71,17 @@ def cut_nodes(
     # Every vertex of an island has one corner, so its neighbors in the triangle are known.
     corner = nodes.of("GeometryNodeCornersOfVertex")
     after, before = (nodes.vertex_from(corner, steps) for steps in (1, 2))
-    places = {"own": at, "after": nodes.at_vertex("FLOAT_VECTOR", after, at)}
-    places["before"] = nodes.at_vertex("FLOAT_VECTOR", before, at)
+    positions = {"own": at, "after": nodes.at_vertex("FLOAT_VECTOR", after, at)}
+    positions["before"] = nodes.at_vertex("FLOAT_VECTOR", before, at)
     heights = {"own": height, "after": nodes.at_vertex("FLOAT", after, height)}
     heights["before"] = nodes.at_vertex("FLOAT", before, height)
     is_inside = {which: nodes.compare("LESS_THAN", value, 0.0) for which, value in heights.items()}
     is_outside = {which: nodes.negate(value) for which, value in is_inside.items()}
 
     def crossing_of(outer: str, inner: str) -> Any:
-        """Where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
+        """Return where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
         share = nodes.math("DIVIDE", heights[outer], nodes.math("SUBTRACT", heights[outer], heights[inner]))
-        return nodes.between(share, places[outer], places[inner])
+        return nodes.between(share, positions[outer], positions[inner])
 
     count = nodes.total(is_inside.values())
     islands, _ = nodes.separate(

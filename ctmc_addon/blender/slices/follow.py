@@ -19,7 +19,7 @@ STILL = 1e-3  # mm that a slice may be off before its picture is taken again
 
 
 def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
-    """Where the corners of a slice are now, (4, 3) RAS+ mm."""
+    """Return where the corners of a slice are now, (4, 3) RAS+ mm."""
     return np.array([obj.matrix_world @ corner.co for corner in obj.data.vertices], np.float64) / scale
 
 
@@ -30,7 +30,7 @@ def pictures_of(obj: bpy.types.Object) -> list[tuple[bpy.types.Material, bpy.typ
 
 
 def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
-    """The slices of a CT in a scene."""
+    """Yield the slices of a CT in a scene."""
     for obj in scene.objects:
         if is_slice(obj) and fingerprint and obj[SLICE] == fingerprint and len(obj.data.vertices) == 4:
             yield obj
@@ -102,6 +102,6 @@ def cross_at(
         if plane not in nearest or abs(way) < nearest[plane][0]:
             nearest[plane] = (abs(way), obj, Vector((normal * way * scale).tolist()))
     for _, obj, shift in nearest.values():
-        place = obj.matrix_world.copy()
-        place.translation += shift
-        obj.matrix_world = place
+        matrix = obj.matrix_world.copy()
+        matrix.translation += shift
+        obj.matrix_world = matrix

@@ -32,7 +32,7 @@ def slice_material(
     level: float,
     outside: NDArray[np.bool_] | None = None,
 ) -> bpy.types.Material:
-    """A material that shows values (rows, columns) wherever it is put, as they lie in the plane of `obj`.
+    """Return a material that shows values (rows, columns) wherever it is put, as they lie in the plane of `obj`.
 
     `corners` are those of the picture, (4, 3) in the object's space; what is `outside` the body is transparent. The
     first row is at the picture's bottom.
@@ -42,14 +42,14 @@ def slice_material(
     use_nodes(material)
     tree = material.node_tree
     tree.nodes.clear()
-    place = tree.nodes.new("ShaderNodeTexCoord")
-    place.object = obj
+    in_object = tree.nodes.new("ShaderNodeTexCoord")
+    in_object.object = obj
     coordinates = tree.nodes.new("ShaderNodeCombineXYZ")
     for axis, weights in enumerate(picture_coordinates(corners)):
         share = tree.nodes.new("ShaderNodeVectorMath")
         share.operation = "DOT_PRODUCT"
         share.inputs[1].default_value = weights
-        tree.links.new(place.outputs["Object"], share.inputs[0])
+        tree.links.new(in_object.outputs["Object"], share.inputs[0])
         half = tree.nodes.new("ShaderNodeMath")
         half.inputs[1].default_value = 0.5
         tree.links.new(share.outputs["Value"], half.inputs[0])
@@ -100,7 +100,15 @@ def _node_of(material: bpy.types.Material | None, label: str) -> Any:
 
 
 def paint(material: bpy.types.Material, values: NDArray[Any], outside: NDArray[np.bool_] | None = None) -> None:
-    """Give a slice's pictures other values (rows, columns); they are packed again when the file is saved."""
+    """Give a slice's pictures other values; they are packed again when the file is saved.
+
+    Parameters
+    ----------
+    material : bpy.types.Material
+    values : (rows, columns) numbers
+    outside : (rows, columns) bool, optional
+        Air around the body, which is transparent.
+    """
     picture = picture_of(material)
     if picture is None:
         return
@@ -129,7 +137,16 @@ def show_in_solid(material: bpy.types.Material) -> None:
 
 
 def set_window(material: bpy.types.Material, window: float, level: float) -> None:
-    """Give a slice's material another window and level."""
+    """Give a slice's material another window and level.
+
+    Parameters
+    ----------
+    material : bpy.types.Material
+    window : float
+        Width of the gray scale, in the values' unit.
+    level : float
+        Its middle.
+    """
     gray = _node_of(material, WINDOW)
     if gray is not None:
         gray.inputs["From Min"].default_value = level - window / 2

@@ -18,7 +18,7 @@ class Nodes:
         self.tree = tree
 
     def add(self, kind: str, **properties: str) -> Any:
-        """A new node with these properties."""
+        """Return a new node with these properties."""
         node = self.tree.nodes.new(kind)
         for name, value in properties.items():
             setattr(node, name, value)
@@ -32,7 +32,7 @@ class Nodes:
             socket.default_value = source
 
     def of(self, kind: str, *sources: Any, **properties: str) -> Any:
-        """The first output of a new node whose inputs are these in turn; None leaves one as it is."""
+        """Return the first output of a new node whose inputs are these in turn; None leaves one as it is."""
         node = self.add(kind, **properties)
         # A node has sockets for every type it knows; those of other types than its own are disabled.
         inputs = [socket for socket in node.inputs if socket.enabled]
@@ -42,11 +42,11 @@ class Nodes:
         return next(socket for socket in node.outputs if socket.enabled)
 
     def math(self, operation: str, *values: Any) -> Any:
-        """A calculation with numbers."""
+        """Add a calculation with numbers."""
         return self.of("ShaderNodeMath", *values, operation=operation)
 
     def compare(self, operation: str, first: Any, second: float) -> Any:
-        """Whether a number is less or greater than another."""
+        """Return whether a number is less or greater than another."""
         return self.of("FunctionNodeCompare", first, second, data_type="FLOAT", operation=operation)
 
     def negate(self, value: Any) -> Any:
@@ -66,7 +66,7 @@ class Nodes:
         return self.of("GeometryNodeSwitch", condition, otherwise, then, input_type="VECTOR")
 
     def between(self, share: Any, start: Any, end: Any) -> Any:
-        """The point at a share, 0 to 1, of the way from one to another."""
+        """Return the point at a share, 0 to 1, of the way from one to another."""
         way = self.of("ShaderNodeVectorMath", end, start, operation="SUBTRACT")
         scale = self.add("ShaderNodeVectorMath", operation="SCALE")
         self.link(way, scale.inputs["Vector"])
@@ -74,21 +74,21 @@ class Nodes:
         return self.of("ShaderNodeVectorMath", start, scale.outputs[0], operation="ADD")
 
     def z_of(self, vector: Any) -> Any:
-        """The third number of a vector."""
+        """Return the third number of a vector."""
         node = self.add("ShaderNodeSeparateXYZ")
         self.link(vector, node.inputs[0])
         return node.outputs["Z"]
 
     def at_points(self, condition: Any) -> Any:
-        """A condition on vertices; an edge or a face meets it where all its vertices do."""
+        """Return a condition on vertices; an edge or a face meets it where all its vertices do."""
         return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="POINT")
 
     def on_faces(self, condition: Any) -> Any:
-        """A condition on faces; a vertex meets it where any of its faces does."""
+        """Return a condition on faces; a vertex meets it where any of its faces does."""
         return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="FACE")
 
     def captured(self, geometry: Any, condition: Any) -> tuple[Any, Any]:
-        """A geometry whose vertices keep a condition as it is here, and that condition."""
+        """Return a geometry whose vertices keep a condition as it is here, and that condition."""
         node = self.add("GeometryNodeCaptureAttribute", domain="POINT")
         node.capture_items.new("BOOLEAN", "Condition")
         self.link(geometry, node.inputs[0])
@@ -96,7 +96,7 @@ class Nodes:
         return node.outputs[0], node.outputs[1]
 
     def at_vertex(self, kind: str, number: Any, value: Any) -> Any:
-        """The value, a FLOAT or FLOAT_VECTOR, that the vertex of this number has."""
+        """Return the value, a FLOAT or FLOAT_VECTOR, that the vertex of this number has."""
         node = self.add("GeometryNodeFieldAtIndex", data_type=kind, domain="POINT")
         self.link(number, node.inputs["Index"])
         self.link(value, next(socket for socket in node.inputs if socket.enabled and socket.name == "Value"))
@@ -107,27 +107,27 @@ class Nodes:
         return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:
-        """The parts of a geometry that meet a condition, and the others."""
+        """Return the parts of a geometry that meet a condition, and the others."""
         node = self.add("GeometryNodeSeparateGeometry", domain=domain)
         self.link(geometry, node.inputs["Geometry"])
         self.link(condition, node.inputs["Selection"])
         return node.outputs[0], node.outputs[1]
 
     def join(self, *geometries: Any) -> Any:
-        """Several geometries as one."""
+        """Add a node that joins several geometries."""
         node = self.add("GeometryNodeJoinGeometry")
         for geometry in reversed(geometries):  # Blender puts the last link first
             self.tree.links.new(geometry, node.inputs[0])
         return node.outputs[0]
 
     def transform_of(self, obj: bpy.types.Object) -> Any:
-        """Where an object is, in the space of the one that has the modifier."""
+        """Return where an object is, in the space of the one that has the modifier."""
         info = self.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
         info.inputs["Object"].default_value = obj
         return info.outputs["Transform"]
 
     def stored(self, geometry: Any, name: str, value: Any) -> Any:
-        """A geometry whose corners keep a place on a picture under a name."""
+        """Return a geometry whose corners keep a place on a picture under a name."""
         node = self.add("GeometryNodeStoreNamedAttribute", data_type="FLOAT2", domain="CORNER")
         node.inputs["Name"].default_value = name
         self.link(geometry, node.inputs["Geometry"])

@@ -21,7 +21,7 @@ CORNERS_UV = (0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0)
 
 
 def is_slice(obj: bpy.types.Object | None) -> bool:
-    """Whether an object was made by `add_slice`."""
+    """Return whether an object was made by `add_slice`."""
     return obj is not None and obj.type == "MESH" and SLICE in obj
 
 
@@ -66,5 +66,17 @@ def add_slice(
 
 
 def outside_body(volume: Volume, values: NDArray[Any], corners_mm: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-    """Where the values of a slice with these corners are air around the body; None where they are not HU."""
+    """Return where a slice shows air around the body; None where its values are not HU.
+
+    Parameters
+    ----------
+    volume : Volume
+    values : (rows, columns) numbers
+    corners_mm : (4, 3) float64
+        Of the slice, RAS+.
+
+    Returns
+    -------
+    (rows, columns) bool, or None
+    """
     return outside_air(values, ends_of_body(corners_mm)) if volume.kind == ValueKind.HU else None

@@ -25,12 +25,22 @@ STRIP_SETTINGS = (
 
 
 def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
-    """The key `alpha` of a mesh, or None."""
+    """Return the key `alpha` of a mesh, or None."""
     return None if mesh.shape_keys is None else mesh.shape_keys.key_blocks.get(KEY)
 
 
 def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: Placement) -> None:
-    """Give an object, whose vertices are the midpoints, the key of the linear crossings."""
+    """Give an object, whose vertices are the midpoints, the key of the linear crossings.
+
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    surface : Surface
+        Both ends of alpha, RAS+ mm.
+    alpha : float
+        0 to 1, where the key stands.
+    placement : Placement
+    """
     obj.shape_key_add(name="Basis", from_mix=False)
     key = obj.shape_key_add(name=KEY, from_mix=False)
     key.points.foreach_set("co", placement.to_local(surface.linear).ravel())
@@ -38,9 +48,13 @@ def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: 
 
 
 def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
-    """Move a surface to `alpha` and note it among its settings; whether anything changed.
+    """Move a surface to `alpha` and note it among its settings; return whether anything changed.
 
-    An animation or driver of the key has the last word.
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    alpha : float
+        0 to 1; an animation or driver of the key has the last word.
     """
     provenance = read_provenance(obj)
     key = None if provenance is None else alpha_key(obj.data)
@@ -54,7 +68,15 @@ def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
 
 
 def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
-    """Carry the key over to a new mesh, its value only where that is not `old_alpha` of the settings or is animated."""
+    """Carry the key over to a new mesh.
+
+    Parameters
+    ----------
+    old : bpy.types.Key
+    new : bpy.types.Key
+    old_alpha : float
+        Of the settings; the key's value is carried over only where it differs or is animated.
+    """
     before, animation = old.key_blocks.get(KEY), old.animation_data
     if before is not None:
         after = new.key_blocks[KEY]
@@ -108,7 +130,7 @@ def require_no_other_keys(obj: bpy.types.Object) -> None:
 
 
 def is_animated(keys: bpy.types.Key) -> bool:
-    """Whether an action, a driver or the NLA moves a mesh's keys."""
+    """Return whether an action, a driver or the NLA moves a mesh's keys."""
     animation = keys.animation_data
     if animation is None:
         return False
@@ -116,7 +138,7 @@ def is_animated(keys: bpy.types.Key) -> bool:
 
 
 def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
+    """Return the vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
     key = alpha_key(mesh)
     if key is None:
         return meshes.read_positions(mesh)

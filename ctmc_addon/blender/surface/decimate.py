@@ -16,7 +16,7 @@ from .readback import evaluated_triangles
 
 
 def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, float]:
-    """The surface with about `target_faces` triangles, and the seconds that the modifier took.
+    """Return the surface with about `target_faces` triangles, and the seconds that the modifier took.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from ...core import MeshError
 def evaluated_object(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None
 ) -> tuple[bpy.types.Object, bpy.types.Depsgraph]:
-    """The object as evaluated in `scene`, by default in the first that holds it, and its depsgraph.
+    """Return the object as evaluated in `scene`, by default in the first that holds it, and its depsgraph.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def evaluated_object(
 
 
 def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:
-    """Whether an object is in a view layer, once both are up to date."""
+    """Return whether an object is in a view layer, once both are up to date."""
     layer.update()
     # Not by name: one linked from a file may be called as another of the scene.
     return any(other == obj for other in layer.objects)
@@ -41,7 +41,7 @@ def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:
 def evaluated_copy(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None
 ) -> tuple[bpy.types.Mesh, bpy.types.Object]:
-    """A new plain mesh of the evaluated object, in its local space, and that evaluated object."""
+    """Return a new plain mesh of the evaluated object, in its local space, and that evaluated object."""
     evaluated, depsgraph = evaluated_object(obj, scene)
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     return mesh, evaluated

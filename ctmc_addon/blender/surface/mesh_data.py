@@ -24,7 +24,15 @@ NORMALS = "custom_normal" if FREE_NORMALS else "gradient_normal"
 
 
 def new_mesh(name: str, positions: NDArray[np.float32], faces: NDArray[np.int32]) -> bpy.types.Mesh:
-    """`new_mesh_steps` in one go, the edges found now."""
+    """Return a mesh; `new_mesh_steps` in one go.
+
+    Parameters
+    ----------
+    name : str
+    positions : (V, 3) float32
+        In the object's space.
+    faces : (F, 3) int32
+    """
     return finish(new_mesh_steps(name, positions, faces, finish(edges_steps(faces, len(positions)))))
 
 
@@ -69,7 +77,7 @@ def new_mesh_steps(
 
 
 def mesh_of(uid: int) -> bpy.types.Mesh:
-    """The mesh of this `session_uid`.
+    """Return the mesh of this `session_uid`.
 
     Raises
     ------
@@ -94,30 +102,51 @@ def add_face_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32])
 
 
 def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
-    """The edges of (F, 3) faces for `new_mesh`."""
+    """Return the edges of faces for `new_mesh_steps`.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+    vertex_count : int
+    """
     columns = np.ascontiguousarray(faces.T)
     return (yield from topology_edges_steps(columns, vertex_count))
 
 
 def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:
-    """Move the mesh's vertices to (V, 3) float32; of a mesh with keys, only what lies under the keys."""
+    """Move the mesh's vertices; of a mesh with keys, only what lies under the keys.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    positions : (V, 3) float32
+    """
     mesh.attributes["position"].data.foreach_set("vector", np.ascontiguousarray(positions, np.float32).ravel())
 
 
 def read_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The mesh's vertices, (V, 3) float32."""
+    """Return the mesh's vertices, (V, 3) float32."""
     return read_vectors(mesh.attributes["position"].data, "vector", len(mesh.vertices))
 
 
 def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
-    """The vectors `name` of a Blender collection of length `count`, (count, 3) float32."""
+    """Return the vectors of a Blender collection, (count, 3) float32.
+
+    Parameters
+    ----------
+    collection : bpy_prop_collection
+    name : str
+        Of the vector property, such as 'co'.
+    count : int
+        Length of the collection.
+    """
     out = np.empty(3 * count, np.float32)
     collection.foreach_get(name, out)
     return out.reshape(-1, 3)
 
 
 def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
-    """The mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
+    """Return the mesh's triangles, (F, 3) int32; larger polygons are cut into triangles."""
     if len(mesh.loops) == 3 * len(mesh.polygons) > 0:
         out = np.empty(len(mesh.loops), np.int32)
         mesh.attributes[".corner_vert"].data.foreach_get("value", out)
@@ -129,18 +158,25 @@ def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
 
 
 def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """The normal Blender shades every corner with, (corners, 3) float32."""
+    """Return the normal Blender shades every corner with, (corners, 3) float32."""
     return read_vectors(mesh.corner_normals, "vector", len(mesh.loops))
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32]) -> None:
-    """Keep a vector for every vertex, (V, 3) float32, as the attribute `name`."""
+    """Keep a vector for every vertex as an attribute.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    name : str
+    vectors : (V, 3) float32
+    """
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT_VECTOR", "POINT")
     attribute.data.foreach_set("vector", np.ascontiguousarray(vectors, np.float32).ravel())
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """What `write_attribute` kept, (V, 3) float32, or None."""
+    """Return what `write_attribute` kept, (V, 3) float32, or None."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
         return None
@@ -148,12 +184,18 @@ def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | Non
 
 
 def keep_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
-    """Keep (V, 3) normals on the mesh; from Blender 4.5 this is also what it is shaded with."""
+    """Keep normals on the mesh; from Blender 4.5 this is also what it is shaded with.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    normals : (V, 3) float32
+    """
     write_attribute(mesh, NORMALS, normals)
 
 
 def kept_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
-    """The normals kept by `keep_normals`, (V, 3) float32, or None."""
+    """Return the normals kept by `keep_normals`, (V, 3) float32, or None."""
     return read_attribute(mesh, NORMALS)
 
 

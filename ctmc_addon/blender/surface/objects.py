@@ -41,7 +41,7 @@ def add_reconstruction(
     structure: str = "",
     fingerprint: str = "",
 ) -> bpy.types.Object:
-    """A new object in `scene` for a surface, at its place in the patient.
+    """Return a new object in `scene` for a surface, at its place in the patient.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def call(obj: bpy.types.Object, name: str) -> None:
 
 
 def shortened(text: str, size: int) -> str:
-    """The beginning of a text, of so many bytes at most."""
+    """Return the beginning of a text, of so many bytes at most."""
     return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 
@@ -198,7 +198,7 @@ def surface_mesh_steps(
     scale: float = SCALE,
     edges: meshes.Edges | None = None,
 ) -> Steps[bpy.types.Mesh]:
-    """The surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
+    """Return the surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
 
     This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet. Its edges
     may have been found before, by `meshes.edges_steps`.
@@ -247,7 +247,7 @@ def update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Prove
 
 
 def decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
-    """The share of the triangles that Decimate is to leave."""
+    """Return the share of the triangles that Decimate is to leave."""
     if settings.target_faces is not None:
         return min(1.0, settings.target_faces / faces)
     return 1.0 if settings.reduction is None else 1.0 - settings.reduction

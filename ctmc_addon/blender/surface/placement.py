@@ -60,7 +60,7 @@ class Placement:
         return out.astype(np.float32)
 
     def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
-        """What has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
+        """Return what has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
         if self.applied is not None:
             matrix[:3, :3] = matrix[:3, :3] @ np.array(self.applied)
@@ -71,7 +71,14 @@ class Placement:
 
 
 def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Placement:
-    """The placement whose origin is the middle of the box around (n, 3) points."""
+    """Return the placement whose origin is the middle of the box around points.
+
+    Parameters
+    ----------
+    points_ras_mm : (n, 3) float
+    scale : float
+        Blender units a millimeter.
+    """
     # A column at a time is ten times as fast as both axes at once.
     low, high = (np.array([end(points_ras_mm[:, axis]) for axis in range(3)]) for end in (np.min, np.max))
     middle = (low.astype(np.float64) + high) * (0.5 * scale)
@@ -82,7 +89,7 @@ def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Place
 def present_placement(
     placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32], location: tuple[float, float, float]
 ) -> Placement:
-    """The placement that the vertices have now: another than at first once a transform was applied to them.
+    """Return the placement that the vertices have now: another than at first once a transform was applied to them.
 
     Blender's Apply and Set Origin move every vertex in local space and leave the kept millimeters alone, so where
     hardly a vertex lies where `placement` says, the move or the affine transform that leads there is looked for.
@@ -116,14 +123,24 @@ def present_placement(
 
 
 def in_place(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
+    """Return which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
     return is_close(local, placement.to_local(kept), kept, placement)
 
 
 def is_close(
     local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
 ) -> NDArray[np.bool_]:
-    """Which local positions, (V,), are the expected ones of the kept millimeters but for rounding to float32."""
+    """Return which local positions are the expected ones but for rounding to float32, (V,) bool.
+
+    Parameters
+    ----------
+    local : (V, 3) float32
+    expected : (V, 3) float32
+        In the object's space.
+    kept : (V, 3) float32
+        RAS+ mm that were kept.
+    placement : Placement
+    """
     size = np.abs(kept) * np.float32(placement.scale)
     if placement.applied is not None:  # every sum of a row rounds by the largest of its parts
         size = size.max(axis=1, keepdims=True) * np.float32(max(1.0, np.abs(placement.applied).sum()))
@@ -151,12 +168,18 @@ def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDA
 
 
 def matrix_of(matrix: Any) -> NDArray[np.float64]:
-    """A matrix of Blender's as an array."""
+    """Return a matrix of Blender's as an array."""
     return np.array([list(row) for row in matrix], np.float64)
 
 
 def moved_mesh(matrix: NDArray[np.float64], mesh: TriangleMesh) -> TriangleMesh:
-    """A mesh moved by a (4, 4) matrix, with its normals, and its faces still pointing outwards."""
+    """Return a mesh moved by a matrix, with its normals, and its faces still pointing outwards.
+
+    Parameters
+    ----------
+    matrix : (4, 4) float64
+    mesh : TriangleMesh
+    """
     if (matrix == np.eye(4)).all():
         return mesh
     vertices = transform_points(matrix, mesh.vertices).astype(np.float32)

@@ -65,7 +65,7 @@ REPORTED = tuple(field.name for field in fields(Provenance) if field.name not in
 
 
 def provenance_of_result(result: Reconstruction, placement: Placement, fingerprint: str = "") -> Provenance:
-    """The provenance of an object that is made from a reconstruction."""
+    """Return the provenance of an object that is made from a reconstruction."""
     return Provenance(
         settings=result.settings,
         placement=placement,
@@ -83,7 +83,7 @@ def provenance_of_result(result: Reconstruction, placement: Placement, fingerpri
 
 
 def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
-    """How an object was made; None for everything that is not a surface of ours."""
+    """Return how an object was made; None for everything that is not a surface of ours."""
     if obj is None or obj.type != "MESH":
         return None
     stored = obj.get(PROPERTY)
@@ -95,7 +95,7 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
 
 
 def require_provenance(obj: bpy.types.Object) -> Provenance:
-    """How an object was made, or a `MeshError`."""
+    """Return how an object was made, or a `MeshError`."""
     provenance = read_provenance(obj)
     if provenance is None:
         raise MeshError(f"{obj.name} was not made by CTMC; choose a reconstructed object")
@@ -149,5 +149,5 @@ def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> Non
 
 
 def settings_of(obj: bpy.types.Object) -> ReconstructionSettings:
-    """The settings an object was made with."""
+    """Return the settings an object was made with."""
     return require_provenance(obj).settings

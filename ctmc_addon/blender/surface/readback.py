@@ -27,7 +27,16 @@ LINEAR_MM = ".ctmc_linear_mm"
 
 
 def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surface: Surface | None = None) -> None:
-    """Keep RAS+ mm on a mesh, (V, 3) float32: both ends of alpha of `surface` while it is open, else `vertices`."""
+    """Keep RAS+ mm on a mesh.
+
+    Parameters
+    ----------
+    mesh : bpy.types.Mesh
+    vertices : (V, 3) float32
+        RAS+ mm, kept where alpha is settled.
+    surface : Surface, optional
+        Both ends of alpha, kept while it is open.
+    """
     meshes.write_attribute(mesh, POSITIONS_MM, vertices if surface is None else surface.midpoints)
     if surface is not None:
         meshes.write_attribute(mesh, LINEAR_MM, surface.linear)
@@ -68,7 +77,7 @@ def positions_mm(
 def evaluated_triangles(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None, space: str = "ras"
 ) -> TriangleMesh:
-    """The surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
+    """Return the surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
 
     Raises
     ------
@@ -120,7 +129,7 @@ def placement_of(obj: bpy.types.Object) -> Placement:
 
 
 def read_back(obj: bpy.types.Object) -> Reconstruction | None:
-    """The full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
+    """Return the full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
     provenance, mesh = read_provenance(obj), obj.data
     if (
         provenance is None
@@ -150,7 +159,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
 
 
 def own_mesh(obj: bpy.types.Object) -> TriangleMesh:
-    """The object's own triangles at its present alpha, before any modifier, RAS+ mm."""
+    """Return the object's own triangles at its present alpha, before any modifier, RAS+ mm."""
     mesh, key = obj.data, alpha_key(obj.data)
     alpha = 0.0 if key is None else value_of(key)
     vertices, _ = positions_mm(mesh, mixed_positions(mesh), placement_of(obj), alpha)
@@ -177,7 +186,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
 def reconstruction_of(
     mesh: TriangleMesh, surface: Surface | None, settings: ReconstructionSettings, provenance: Provenance
 ) -> Reconstruction:
-    """The reconstruction that an object was made from, with this mesh."""
+    """Return the reconstruction that an object was made from, with this mesh."""
     return Reconstruction(
         mesh=mesh,
         surface=surface,

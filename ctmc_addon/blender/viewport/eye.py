@@ -29,7 +29,7 @@ SIDEBARS = {"RIGHT": 1.0, "LEFT": -1.0}  # which way the free part of a viewport
 
 
 def rotation_from(side: str) -> Any:
-    """How a viewport is turned that looks from a side, one letter of A P L R S I."""
+    """Return how a viewport is turned that looks from a side, one letter of A P L R S I."""
     back, up = (Vector(axis) for axis in SIDES[side])
     right = up.cross(back)
     return Matrix((right, up, back)).transposed().to_quaternion()
@@ -41,7 +41,7 @@ def is_held(space: Any, view: Any) -> bool:
 
 
 def region_of(area: Any, view: Any) -> Any:
-    """The region of a viewport that shows this view: one of four in quad view."""
+    """Return the region of a viewport that shows this view: one of four in quad view."""
     regions = [region for region in area.regions if region.type == "WINDOW"]
     return next((region for region in regions if region.data == view), regions[0])
 

@@ -15,7 +15,16 @@ TICKS = 4
 
 
 def draw_legend(title: str, colors: Sequence[str], largest: float, unit: str) -> None:
-    """A bar of sRGB colors such as 'fde725', from 0 at its foot to `largest` at its head."""
+    """Draw a bar of colors, from 0 at its foot to `largest` at its head.
+
+    Parameters
+    ----------
+    title : str
+    colors : sequence of str
+        sRGB, such as 'fde725'.
+    largest : float
+    unit : str
+    """
     import blf
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -23,14 +32,14 @@ def draw_legend(title: str, colors: Sequence[str], largest: float, unit: str) ->
     scale = bpy.context.preferences.system.ui_scale
     left, bottom, width, height = LEFT * scale, BOTTOM * scale, BAR[0] * scale, BAR[1] * scale
     last = len(colors) - 1
-    places, shades = [], []
+    corners, shades = [], []
     for number, color in enumerate(colors):
         y = bottom + height * number / last
-        places += [(left, y), (left + width, y)]
+        corners += [(left, y), (left + width, y)]
         shades += [(*(int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)), 1.0)] * 2
     triangles = [(at + a, at + b, at + c) for at in range(0, 2 * last, 2) for a, b, c in ((0, 1, 2), (1, 3, 2))]
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch = batch_for_shader(shader, "TRIS", {"pos": places, "color": shades}, indices=triangles)
+    batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": shades}, indices=triangles)
     gpu.state.depth_test_set("NONE")
     batch.draw(shader)
     blf.size(FONT, LETTERS * scale)

@@ -47,11 +47,11 @@ class Picture:
         pixels = gpu.types.Buffer("FLOAT", colors.size, np.ascontiguousarray(colors, np.float32).ravel())
         self.texture = gpu.types.GPUTexture((columns, rows), format=FORMAT, data=pixels)
         self.shader = gpu.shader.from_builtin("IMAGE")
-        places = {
+        attributes = {
             "pos": [tuple(map(float, corner)) for corner in corners],
             "texCoord": [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
         }
-        self.batch = batch_for_shader(self.shader, "TRIS", places, indices=[(0, 1, 2), (0, 2, 3)])
+        self.batch = batch_for_shader(self.shader, "TRIS", attributes, indices=[(0, 1, 2), (0, 2, 3)])
 
     def draw(self, view: Any) -> None:
         """Draw it among the scene's objects: what is nearer hides it.
@@ -76,7 +76,7 @@ class Picture:
 
 
 def nearer(view: Any) -> Matrix:
-    """What brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
+    """Return what brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
     eye = view.view_matrix.inverted()
     if not view.is_perspective:
         return Matrix.Translation(eye.col[2].xyz * view.view_distance * NEARER)
@@ -86,7 +86,20 @@ def nearer(view: Any) -> Matrix:
 def draw_lines(
     points: NDArray[Any], pairs: Iterable[tuple[int, int]], color: Color, size: tuple[float, float], width: float
 ) -> None:
-    """Lines between (n, 3) points, `width` pixels wide, in a viewport of `size` pixels; faint where hidden."""
+    """Draw lines between points in a viewport; faint where something hides them.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        World space.
+    pairs : iterable of (int, int)
+        Which points a line joins.
+    color : Color
+    size : (width, height) float
+        Of the viewport, pixels.
+    width : float
+        Pixels.
+    """
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -152,8 +165,8 @@ def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size:
     blf.enable(FONT, blf.SHADOW)
     blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
     blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
-    for text, place in labels:
-        at = location_3d_to_region_2d(region, view, Vector(place))
+    for text, point in labels:
+        at = location_3d_to_region_2d(region, view, Vector(point))
         if at is not None:
             blf.position(FONT, at.x + size / 2, at.y + size / 2, 0.0)
             blf.draw(FONT, text)

@@ -39,7 +39,7 @@ class PreviewSurface:
             self.alpha, self.batch = alpha, None
 
     def positions(self) -> NDArray[np.float32]:
-        """The vertices at the present alpha, Blender units."""
+        """Return the vertices at the present alpha, Blender units."""
         mixed = blend(self.surface.midpoints, self.surface.linear, self.alpha)
         mixed *= np.float32(self.scale)
         return mixed

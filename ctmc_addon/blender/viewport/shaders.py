@@ -26,7 +26,14 @@ def can_draw() -> bool:
 
 
 def new_batch(positions: NDArray[np.float32], normals: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
-    """Vertices (V, 3), normals (V, 3) and triangles (F, 3) on the graphics card."""
+    """Return triangles on the graphics card.
+
+    Parameters
+    ----------
+    positions : (V, 3) float32
+    normals : (V, 3) float32
+    faces : (F, 3) int32
+    """
     import gpu
 
     layout = gpu.types.GPUVertFormat()
@@ -64,7 +71,7 @@ def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[f
 
 
 def surface_shader() -> Any:
-    """The shader, made once while Blender draws."""
+    """Return the shader, made once while Blender draws."""
     if not _shader:
         import gpu
 
@@ -85,5 +92,5 @@ def surface_shader() -> Any:
 
 
 def free_shader() -> None:
-    """Free it."""
+    """Free the shader."""
     _shader.clear()

@@ -55,45 +55,56 @@ class Strip:
 
     @property
     def bottom(self) -> float:
-        """Its lower edge."""
+        """Return the strip's lower edge, pixels."""
         return GAP * self.scale
 
     @property
     def top(self) -> float:
-        """Its upper edge."""
+        """Return the strip's upper edge, pixels."""
         return self.bottom + (TICKS + PLOT + BANDS + NAMES * self.names + TITLE) * self.scale
 
     @property
     def axis(self) -> tuple[float, float]:
-        """The pixels of `low` and `high`."""
+        """Return the pixels of `low` and `high`."""
         return self.left + SIDE * self.scale, self.right - SIDE * self.scale
 
     @property
     def pixel(self) -> float:
-        """What a pixel is worth, in values."""
+        """Return what a pixel is worth, in values."""
         first, last = self.axis
         return (self.high - self.low) / max(1.0, last - first)
 
     @property
     def reach(self) -> float:
-        """How far from a line the mouse still takes it, in values."""
+        """Return how far from a line the mouse still takes it, in values."""
         return REACH * self.scale * self.pixel
 
     def x_of(self, value: float) -> float:
-        """The pixel of a value; one beyond an end stands at that end."""
+        """Return the pixel of a value; one beyond an end stands at that end."""
         return self.axis[0] + (min(max(value, self.low), self.high) - self.low) / self.pixel
 
     def value_at(self, x: float) -> float:
-        """The value at a pixel; beyond an end it is that end's."""
+        """Return the value at a pixel; beyond an end it is that end's."""
         return min(max(self.low + (x - self.axis[0]) * self.pixel, self.low), self.high)
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a pixel lies in the strip."""
+        """Return whether a pixel lies in the strip."""
         return self.left <= x <= self.right and self.bottom <= y <= self.top
 
 
 def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
-    """The strip in a 3D viewport, as wide as its toolbar and sidebar leave free."""
+    """Return the strip in a 3D viewport, as wide as its toolbar and sidebar leave free.
+
+    Parameters
+    ----------
+    area : bpy.types.Area
+    low : float
+        Value at the left end.
+    high : float
+        Value at the right end.
+    scale : float
+        Of the interface.
+    """
     region = next(region for region in area.regions if region.type == "WINDOW")
     left, right = 0.0, float(region.width)
     for bar in area.regions:
@@ -112,7 +123,7 @@ def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
 
 
 def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Two triangles for each box.
+    """Return two triangles for each box.
 
     Parameters
     ----------
@@ -128,7 +139,7 @@ def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: float) -> NDArray[np.float64]:
-    """The boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
+    """Return the boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
     ends = start + width * np.arange(len(heights) + 1)
     pixels = strip.axis[0] + (np.clip(ends, strip.low, strip.high) - strip.low) / strip.pixel
     foot = strip.bottom + TICKS * strip.scale
@@ -147,7 +158,7 @@ class Name:
 
 
 def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]]], width: Width) -> list[Name]:
-    """Where the names of bands are written: every band has one.
+    """Return where the names of bands are written: every band has one.
 
     A name stands in its band if any of its texts fits, else above it, in the lowest row that is free from there on.
     Names are placed from the right, so that no line crosses a name.
@@ -168,7 +179,14 @@ def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]
 
 
 def width_of(text: str, scale: float) -> float:
-    """How wide a text of the strip is, pixels."""
+    """Return how wide a text of the strip is, pixels.
+
+    Parameters
+    ----------
+    text : str
+    scale : float
+        Of the interface.
+    """
     import blf
 
     blf.size(FONT, LETTERS * scale)
@@ -190,7 +208,20 @@ def draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
 
 
 def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: bool = False) -> bool:
-    """Write a text at a pixel, or with its middle there, pushed into `room`; False where it does not fit."""
+    """Write a text; return False where it does not fit.
+
+    Parameters
+    ----------
+    text : str
+    x : float
+        Of its left end, or of its middle, pixels.
+    y : float
+        Of its baseline, pixels.
+    room : (left, right) float
+        Pixels into which it is pushed.
+    middle : bool
+        Whether `x` is its middle.
+    """
     import blf
 
     width = blf.dimensions(FONT, text)[0]

@@ -24,7 +24,7 @@ BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends i
 
 @dataclass(frozen=True)
 class Appearance:
-    """A preset.
+    """How a volume object looks: a preset.
 
     Parameters
     ----------
@@ -87,7 +87,15 @@ APPEARANCES = {
 
 
 def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.types.Material:
-    """A material of this appearance for a volume of `scale` Blender units a millimeter."""
+    """Return a material for a volume.
+
+    Parameters
+    ----------
+    name : str
+    appearance : Appearance
+    scale : float
+        Blender units a millimeter.
+    """
     material = bpy.data.materials.new(name)
     use_nodes(material)
     tree = material.node_tree

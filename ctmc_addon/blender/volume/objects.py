@@ -21,7 +21,21 @@ CT = "ctmc_volume_of"  # property of the object: the fingerprint of its CT
 def add_volume(
     scene: bpy.types.Scene, volume: Volume, path: Path, scale: float, appearance: Appearance, fingerprint: str = ""
 ) -> bpy.types.Object:
-    """Add the object of a .vdb that `vdb_steps` has written of `volume` at this scale."""
+    """Add the object of a .vdb that `vdb_steps` has written.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    volume : Volume
+        What was written.
+    path : Path
+        Of the .vdb.
+    scale : float
+        Blender units a millimeter.
+    appearance : Appearance
+    fingerprint : str
+        Of the CT.
+    """
     name = f"{volume.name} {appearance.label}"
     data = bpy.data.volumes.new(name)
     data.filepath = bpy.path.relpath(str(path)) if bpy.data.filepath else str(path)
@@ -39,7 +53,7 @@ def add_volume(
 
 
 def of_ct(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
-    """The Volume objects of a CT in a scene."""
+    """Yield the Volume objects of a CT in a scene."""
     for obj in scene.objects:
         if obj.type == "VOLUME" and fingerprint and obj.get(CT) == fingerprint:
             yield obj

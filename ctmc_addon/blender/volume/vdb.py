@@ -53,7 +53,14 @@ def _imported_from(name: str, folder: Path) -> Any:
 
 
 def middle_mm(volume: Volume, beyond: float = 0.0) -> tuple[float, float, float]:
-    """Where the middle of a volume lies, RAS+ mm; or what is `beyond` it, in voxels along each axis."""
+    """Return where the middle of a volume lies, RAS+ mm.
+
+    Parameters
+    ----------
+    volume : Volume
+    beyond : float
+        Voxels along each axis by which to go beyond it.
+    """
     index = (np.array(volume.size, np.float64) - 1) / 2 + beyond
     x, y, z = transform_points(volume.affine, index[None])[0].tolist()
     return x, y, z
@@ -91,5 +98,5 @@ def vdb_steps(volume: Volume, path: Path, scale: float) -> Steps[None]:
         part = values[first : first + SLICES].astype(np.float32)  # (slices, rows, columns)
         grid.copyFromArray(np.ascontiguousarray(part.transpose(2, 1, 0)), ijk=(0, 0, first))
     yield Step(0.6, f"Writing {path.name}")
-    with whole_files([path]) as places:
-        module.write(str(places[path]), grids=[grid])
+    with whole_files([path]) as temporaries:
+        module.write(str(temporaries[path]), grids=[grid])

@@ -150,7 +150,7 @@ class Case:
         choices, absent = present_labels(volume, settings, output["labels"])
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
-        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.places(output))
+        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.output_fields(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
             surfaces = self.shared(volume, settings, output["beside"])
@@ -203,7 +203,7 @@ class Case:
         record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
         put_output(Path(self.task["folder"]), output["name"], self.unfinished, [], None, record)
 
-    def places(self, output: Mapping[str, Any]) -> dict[str, Any]:
+    def output_fields(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
@@ -213,7 +213,7 @@ class Case:
         return {"surfaces": (own / f"{name}{suffix}",)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
-        """The volume that the label is in, kept for the outputs to come."""
+        """Return the volume that the label is in, kept for the outputs to come."""
         path = Path(self.task["input"])
         source = source_of(path, settings.label)
         if self.volume is None or self.source != source:
@@ -253,7 +253,7 @@ def present_labels(
 
 
 def report_of(surfaces: Surfaces) -> dict[str, Any]:
-    """What a JSON says of surfaces; of several also how many triangles they have together."""
+    """Return what a JSON says of surfaces; of several also how many triangles they have together."""
     report = surfaces.report()
     if not surfaces.are_several:
         return report
@@ -262,7 +262,7 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
 
 
 def can_render() -> bool:
-    """Whether there is a Blender with the engine for thumbnails; without it there are none."""
+    """Return whether there is a Blender with the engine for thumbnails; without it there are none."""
     if not has_blender():
         return False
     import bpy

@@ -34,7 +34,7 @@ class Output:
     beside: tuple[int, ...] = ()  # all labels that share interfaces with the one of the settings, it among them
 
     def plain(self) -> dict[str, Any]:
-        """The same as plain data."""
+        """Return the case as plain data, for JSON."""
         settings = self.settings.to_dict()
         if self.labels:
             settings.pop("label", None)
@@ -54,7 +54,7 @@ class Case:
 def collect(
     inputs: Sequence[str], settings: Mapping[str, Any], reading: ReadingOptions, aside: Path | None = None
 ) -> list[Case]:
-    """The cases in the order of the inputs, those of a folder in natural order.
+    """Return the cases in the order of the inputs, those of a folder in natural order.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def collect(
 
 
 def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
-    """The volumes that one input stands for."""
+    """Return the volumes that one input stands for."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
@@ -97,7 +97,7 @@ def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
 
 
 def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
-    """The volumes in a folder, or the one that a file is."""
+    """Return the volumes in a folder, or the one that a file is."""
     if not input_path.is_dir() or readers.folder_format(input_path):
         return [CaseInput(input_path, readers.volume_name(input_path))]
     volumes = volumes_in(input_path, aside, DEEPEST)
@@ -120,8 +120,8 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     for inner in entries if deepest else []:
         if inner.is_dir() and inner.resolve() != aside:
             volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]
-            alone = len(volumes) == 1
-            nested += [(path, inner.name if alone else f"{inner.name}-{name}") for path, name in volumes]
+            is_single = len(volumes) == 1
+            nested += [(path, inner.name if is_single else f"{inner.name}-{name}") for path, name in volumes]
     return nested
 
 
@@ -142,7 +142,7 @@ def volume_files(folder: Path) -> list[Path]:
 
 
 def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
-    """The case of an input: a surface for each of its labels, or one."""
+    """Return the case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
     choices = choices_of(values)
     numbers = [choice for choice in choices if isinstance(choice, int)]
@@ -186,7 +186,7 @@ def require_file_name(name: str) -> None:
 
 
 def short(case: Case) -> str:
-    """The case's path as its last two parts."""
+    """Return the last two names of the case's path."""
     return "/".join(case.path.parts[-2:])
 
 

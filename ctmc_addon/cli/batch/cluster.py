@@ -55,7 +55,7 @@ class Cluster(Scheduler):
                 self.client.cancel(list(futures.values()), force=True)
 
     def begun(self, futures: Mapping[int, Any]) -> list[int]:
-        """The tasks that a worker has taken."""
+        """Return the tasks that a worker has taken."""
         try:
             taken = {key for keys in self.client.processing().values() for key in keys}
         except (OSError, TimeoutError):

@@ -151,7 +151,7 @@ def plan_outputs(cases: Sequence[Case], folder: Path, suffix: str) -> None:
 
 
 def connected(address: str) -> Cluster:
-    """A connection to a dask.distributed scheduler."""
+    """Return a connection to a dask.distributed scheduler."""
     from .cluster import Cluster
 
     return Cluster(address)
@@ -190,7 +190,7 @@ def batch_steps(
 
 
 def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dict[str, Any]:
-    """What a process needs to know of its case, as plain data."""
+    """Return what a process needs to know of its case, as plain data."""
     return {
         "run": run,
         "case": case.name,
@@ -210,7 +210,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
 def remaining_steps(
     tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, SummaryRow]
 ) -> Steps[list[dict[str, Any]]]:
-    """The tasks with the outputs that are still to be made; the rows of the others are filled."""
+    """Return the tasks with the outputs that are still to be made; the rows of the others are filled."""
     left = []
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
@@ -283,7 +283,7 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
 
 
 def table_of(rows: Sequence[SummaryRow]) -> str:
-    """The summary for a terminal, errors below."""
+    """Return the summary for a terminal, errors below."""
     lines = [["case", "status", "triangles", "ml", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]

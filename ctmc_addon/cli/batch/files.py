@@ -32,17 +32,23 @@ SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
 
 
 def record_path(folder: Path, name: str) -> Path:
-    """The JSON of an output."""
+    """Return the path of an output's JSON."""
     return folder / f"{name}.json"
 
 
 def thumbnail_path(folder: Path, name: str) -> Path:
-    """The small picture of an output."""
+    """Return the small picture of an output."""
     return folder / THUMBNAILS / f"{name}.png"
 
 
 def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
-    """Where a case keeps what is not complete: on the same disk as where it will go."""
+    """Return where a case keeps what is not complete: on the same disk as its output.
+
+    Parameters
+    ----------
+    task : mapping
+        What the batch hands to the case.
+    """
     return Path(task["folder"], task["unfinished"], task["outputs"][0]["name"])
 
 
@@ -56,24 +62,37 @@ def put_output(
 ) -> None:
     """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it.
 
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    name : str
+        Of the output.
+    unfinished : Path
+        The folder that holds the files now.
+    surfaces : sequence of Path
+    thumbnail : Path, optional
+    record : mapping
+        The JSON.
+
     Raises
     ------
     OutputError
         If one of them cannot be written, or would replace a file of the input.
     """
-    places = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
+    moves = [(surface, folder / surface.relative_to(unfinished)) for surface in surfaces]
     if thumbnail is not None:
-        places.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
+        moves.append((thumbnail, folder / THUMBNAILS / thumbnail.name))
     older = (read_record(folder, name) or {}).get("files")
     target = record_path(folder, name)
-    for path in (target, thumbnail_path(folder, name), *(place for _, place in places)):
+    for path in (target, thumbnail_path(folder, name), *(target_path for _, target_path in moves)):
         require_no_input(path)
     try:
         target.unlink(missing_ok=True)
-        for path, target in places:
+        for path, target in moves:
             made_folder(target.parent)
             path.replace(target)
-        remove_older(folder, name, older, {target for _, target in places})
+        remove_older(folder, name, older, {target for _, target in moves})
         if thumbnail is None:
             thumbnail_path(folder, name).unlink(missing_ok=True)
     except OSError as error:
@@ -93,7 +112,7 @@ def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> 
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:
-    """The JSON of an output, None if there is none that can be read."""
+    """Return the JSON of an output, None if there is none that can be read."""
     try:
         record = json.loads(record_path(folder, name).read_text("utf-8"))
     except (OSError, ValueError):
@@ -103,8 +122,8 @@ def read_record(folder: Path, name: str) -> dict[str, Any] | None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what runs that were killed had not finished."""
-    for place in (folder, folder / THUMBNAILS):
-        remove_leftovers(place)
+    for each in (folder, folder / THUMBNAILS):
+        remove_leftovers(each)
 
 
 @contextmanager
@@ -131,7 +150,7 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
-    """What a JSON must carry, besides the key of the input, to stand for this output."""
+    """Return what a JSON must carry, besides the key of the input, to stand for this output."""
     reading = options_of(task)
     return {
         "version": VERSION,
@@ -145,7 +164,16 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
 
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:
-    """Whether a JSON is that of this output, made without an error, its files as they were written."""
+    """Return whether a JSON is that of this output, made without an error, its files as they were written.
+
+    Parameters
+    ----------
+    record : mapping
+        The JSON.
+    task : mapping
+    output : mapping
+        One of the task's outputs.
+    """
     expected: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
     sizes = record.get("file_bytes")
     return (
@@ -165,7 +193,7 @@ def size_of(path: Path) -> int | None:
 
 
 def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
-    """The settings of a task's output; of several labels with one of them, or any."""
+    """Return the settings of a task's output; of several labels with one of them, or any."""
     labels = output["labels"]
     return ReconstructionSettings.from_dict(
         output["settings"] | ({"label": label_for_checks(labels)} if labels else {})
@@ -173,7 +201,7 @@ def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
 
 
 def options_of(task: Mapping[str, Any]) -> ReadingOptions:
-    """How a task's input is read."""
+    """Return how a task's input is read."""
     return ReadingOptions.from_dict(task["reading"])
 
 
@@ -220,7 +248,7 @@ def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
 
 
 def key_or_empty(path: Path, verify: bool, allow_outside: bool = False) -> dict[str, str]:
-    """The key of the input at a path; empty where it cannot be opened."""
+    """Return the key of the input at a path; empty where it cannot be opened."""
     try:
         return input_key(open_volume(path, allow_outside), verify)
     except (CtmcError, OSError):
@@ -228,13 +256,13 @@ def key_or_empty(path: Path, verify: bool, allow_outside: bool = False) -> dict[
 
 
 def is_same_input(record: Mapping[str, Any], key: Mapping[str, str]) -> bool:
-    """Whether the input is the one that a JSON's surface was made from: by its content if that is known."""
+    """Return whether the input is the one that a JSON's surface was made from: by its content if that is known."""
     name = "content_hash" if "content_hash" in key else "fingerprint"
     return name in key and record.get(name) == key[name]
 
 
 def without_folders(text: str, task: Mapping[str, Any]) -> str:
-    r"""A sentence on one line, its absolute paths shortened to their last part.
+    r"""Return a sentence on one line, its absolute paths shortened to their last part.
 
     Examples
     --------

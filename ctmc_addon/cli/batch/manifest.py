@@ -37,7 +37,7 @@ class CaseInput:
 
 
 def manifest_inputs(path: Path) -> list[CaseInput]:
-    """The rows of a manifest.
+    """Read the rows of a manifest.
 
     Raises
     ------
@@ -79,7 +79,7 @@ Parse = Callable[[str], Any]
 
 
 def column_of(title: str, where: str) -> tuple[str, str, Parse]:
-    """What kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
+    """Return what kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
     columns: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
     for name, about in SETTINGS.items():
         columns[name] = columns[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
@@ -96,7 +96,7 @@ def column_of(title: str, where: str) -> tuple[str, str, Parse]:
 
 
 def word_of(name: str) -> str:
-    """The title of a column: a setting's flag without its dashes, else the name itself.
+    """Return the title of a column: a setting's flag without its dashes, else the name itself.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def word_of(name: str) -> str:
 
 
 def underscored(title: str) -> str:
-    """A title as names are written: 'keep_parts' of '--keep-parts'."""
+    """Return a title as names are written: 'keep_parts' of '--keep-parts'."""
     return title.lstrip("-").replace("-", "_")
 
 
@@ -121,7 +121,7 @@ def require_columns(names: list[str], where: str) -> None:
 
 
 def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    """One line of the manifest."""
+    """Read one line of the manifest."""
     values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:
@@ -139,7 +139,7 @@ def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Pa
 
 
 def parse_of(name: str, about: Setting) -> Parse:
-    """How a setting's cell is read."""
+    """Return how a setting's cell is read."""
     if about.type is bool:
         return switch
     if about.choices:

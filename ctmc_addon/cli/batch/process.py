@@ -65,7 +65,7 @@ class CaseProcess:
             pass  # it has ended already, and its status will say why
 
     def ended(self) -> bool:
-        """Whether the process has ended; if so, every output has its record."""
+        """Return whether the process has ended; if so, every output has its record."""
         status = self.process.poll()
         if status is None:
             return False
@@ -76,7 +76,7 @@ class CaseProcess:
         return True
 
     def wait(self) -> None:
-        """Wait for the end."""
+        """Wait until the process has ended."""
         self.process.wait()
         self.ended()
 
@@ -100,7 +100,7 @@ class CaseProcess:
 
 
 def command() -> list[str]:
-    """How a process for one case is started: Blender's own binary inside Blender, else this Python."""
+    """Return how a process for one case is started: Blender's own binary inside Blender, else this Python."""
     bpy = sys.modules.get("bpy")
     binary = bpy.app.binary_path if bpy is not None else ""
     if binary:
@@ -110,7 +110,7 @@ def command() -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """The environment of this process, in which the package is found wherever it was started from."""
+    """Return the environment of this process, in which the package is found wherever it was started from."""
     paths = [str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 

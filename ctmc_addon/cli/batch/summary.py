@@ -52,8 +52,14 @@ class SummaryRow:
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     """Write summary.csv, summary.json and summary.html.
 
-    While the batch runs, a file that cannot be replaced is left until the next case is over: a spreadsheet that has
-    summary.csv open keeps others from it on Windows, which is no reason to stop.
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    rows : sequence of SummaryRow
+    over : bool
+        Whether the batch is; while it runs, a file that cannot be replaced is left until the next case is over,
+        as a spreadsheet that has summary.csv open keeps others from it on Windows.
     """
     plain = [{name: value for name, value in asdict(row).items() if name != "surfaces" or value} for row in rows]
     cases = [{name: value for name, value in row.items() if name != "surfaces"} for row in plain]
@@ -109,7 +115,7 @@ def html_row(folder: Path, row: SummaryRow) -> str:
 
 
 def labels_table(row: SummaryRow) -> str:
-    """The surfaces of several labels, to be unfolded."""
+    """Return the surfaces of several labels, to be unfolded."""
     if not row.surfaces:
         return ""
     lines = [
@@ -121,12 +127,12 @@ def labels_table(row: SummaryRow) -> str:
 
 
 def milliliters(surface: Mapping[str, Any]) -> str:
-    """The volume of a surface for a person."""
+    """Return the volume of a surface for a person."""
     return "-" if surface["volume_mm3"] is None else f"{surface['volume_mm3'] / 1000:.3f}"
 
 
 def picture(folder: Path, row: SummaryRow) -> str:
-    """The thumbnail as part of the page."""
+    """Return the thumbnail as part of the page."""
     if row.status != "done":
         return ""
     try:
@@ -148,16 +154,13 @@ def numbers(row: SummaryRow) -> list[str]:
 def counts(rows: Sequence[SummaryRow]) -> str:
     """Return how many are in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
     states = [row.status for row in rows]
-    parts = [
-        f"{states.count(state)} {state}"
-        for state in ("done", "absent", "failed", "running", "waiting")
-        if state in states
-    ]
-    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(parts)}"
+    order = ("done", "absent", "failed", "running", "waiting")
+    texts = [f"{states.count(state)} {state}" for state in order if state in states]
+    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
 
 
 def row_of(folder: Path, name: str) -> SummaryRow:
-    """The row of an output that is over."""
+    """Return the row of an output that is over."""
     row = SummaryRow(name)
     row.fill(read_record(folder, name))
     return row

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
 def facts_of(
     volume: Volume, source: readers.VolumeSource, values: ValueFacts, labels: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """What is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
+    """Return what is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
     finite = values.low <= values.high
     sibling = readers.segmentation_sibling(source.path)
     return {
@@ -80,7 +80,7 @@ def facts_of(
 
 
 def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
-    """Every label with its value, its name and sRGB color if it has them, and its voxels."""
+    """Return every label with its value, its name and sRGB color if it has them, and its voxels."""
     if volume.kind != ValueKind.LABEL:
         return []
     extents = yield from label_extents_steps(volume)
@@ -99,7 +99,7 @@ def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
 
 
 def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
-    """The facts for a person, and the series as the scanner's operator called them."""
+    """Return the facts for a person, and the series as the scanner's operator called them."""
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
     values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"

@@ -190,9 +190,21 @@ def needed_steps(
     by_workers: bool = False,
     budget: Budget | None = None,
 ) -> Steps[Volume]:
-    """Read what was opened for `path`; where only some of it is wanted or it does not fit, values are fetched later.
+    """Read what was opened; where only some of it is needed or it does not fit, values are fetched later.
 
-    For `several` surfaces any part of it is wanted; `by_workers` it is always fetched.
+    Parameters
+    ----------
+    source : VolumeSource
+        What `path`, or its segmentation, was opened as.
+    path : Path
+        For the note of where a label is taken from.
+    reading : ReadingOptions
+    settings : ReconstructionSettings
+    several : bool
+        Whether there will be several surfaces, of which any part of the volume is needed.
+    by_workers : bool
+        Whether workers fetch the values, so that none are read here.
+    budget : Budget, optional
     """
     whole = not by_workers and reads_whole(source, reading, settings, several)
     if whole:
@@ -212,7 +224,22 @@ def reads_whole(
 
 
 def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int | None) -> Volume:
-    """The volume with a note of where its label is taken from, or an error where it cannot have one."""
+    """Return the volume with a note of where its label is taken from.
+
+    Parameters
+    ----------
+    volume : Volume
+    source : VolumeSource
+        What was read.
+    path : Path
+        What was asked for.
+    label : int or None
+
+    Raises
+    ------
+    LabelError
+        If the volume cannot have a label.
+    """
     if label is not None:
         require_labels(volume, label)  # raises before the surface is made
     if source.path != path:
@@ -222,7 +249,13 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
 
 
 def source_of(path: Path, label: int | None) -> Path:
-    """The file to read: for a label that of a LiTS volume's segmentation."""
+    """Return the file to read: for a label that of a LiTS volume's segmentation, where there is one.
+
+    Parameters
+    ----------
+    path : Path
+    label : int or None
+    """
     return (readers.segmentation_sibling(path) if label is not None else None) or path
 
 
@@ -236,7 +269,7 @@ def small_components_lines(result: Reconstruction) -> list[str]:
 
 
 def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> str:
-    """Settings, stages, counts, measures and notes, for a person."""
+    """Return settings, stages, counts, measures and notes, for a person."""
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
     total = sum(stage.seconds for stage in result.stages)
@@ -245,12 +278,12 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         faces += f" of {report['full_faces']}"
     shape = "closed" if report["closed"] else "open"
     volume_mm3 = report["volume_mm3"]
-    parts = f"{report['parts']} {'part' if report['parts'] == 1 else 'parts'}"
+    components = f"{report['components']} component{'s' * (report['components'] != 1)}"
     facts = [
         ("triangles", faces),
         ("volume", "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f} ml ({volume_mm3:.1f} mm3)"),
         ("area", f"{report['area_mm2'] / 100:.2f} cm2"),
-        ("surface", f"{shape}, {parts}, Euler number {report['euler']}"),
+        ("surface", f"{shape}, {components}, Euler number {report['euler']}"),
         *(("small", line) for line in small_components_lines(result)),
         ("threshold", f"{result.threshold:.6g}"),
         ("voxels", f"{result.voxels_visited} visited"),
@@ -263,13 +296,13 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
 
 
 def head_of(volume: Volume) -> str:
-    """Name, size and spacing."""
+    """Return name, size and spacing of a volume in words."""
     return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
 
 
 def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
-    """A row for every surface, and what holds for all, for a person."""
-    rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "parts")]
+    """Return a row for every surface, and what holds for all, for a person."""
+    rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "components")]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         measures = result.measures

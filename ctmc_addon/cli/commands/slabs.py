@@ -50,7 +50,7 @@ class ClusterWorkers:
         return self.cluster.workers
 
     def results(self, tasks: Sequence[SlabTask]) -> Generator[SlabResult | None, None, None]:
-        """The results in the order of the tasks, and None while nothing happens."""
+        """Yield the results in the order of the tasks, and None while nothing happens."""
         module, path, reading = __name__, str(self.path), self.reading.to_dict()
 
         def done_by_worker(task: bytes) -> Any:

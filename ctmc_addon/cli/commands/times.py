@@ -32,7 +32,24 @@ IN_TURN = (".blend",)  # files that show one surface after the other
 
 
 def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, scheduler: bool) -> None:
-    """Raise `UsageError` where what is asked for is not one surface for each time; `suffix` is empty for a folder."""
+    """Refuse what is not one surface for each time.
+
+    Parameters
+    ----------
+    choices : sequence of int or str
+        Labels.
+    suffix : str
+        Of the output; empty for a folder.
+    figure : bool
+        Whether a figure is asked for.
+    scheduler : bool
+        Whether workers are.
+
+    Raises
+    ------
+    UsageError
+        If it is not.
+    """
     if may_be_several(choices):
         raise UsageError("--time all makes one surface of each time; give one label, or one time")
     if figure or scheduler:
@@ -46,7 +63,7 @@ def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, sc
 
 
 def number_of_times(source: VolumeSource, series: str | None) -> int:
-    """How many times a series has, or a `ReadError` for a single one."""
+    """Return how many times a series has, or a `ReadError` for a single one."""
     line = source.selected_series(series)
     if line is not None and line.times == 1:
         raise ReadError(f"{source.path.name} holds a single time; leave --time all out")
@@ -71,7 +88,7 @@ def times_steps(
     CtmcError
         As `reconstruct`, if no time has a surface.
     """
-    made: list[Surfaces] = []
+    per_time: list[Surfaces] = []
     times: list[int] = []
     left_out: list[str] = []
     reason: CtmcError | None = None
@@ -97,13 +114,13 @@ def times_steps(
         if one.are_several:
             raise UsageError(f"{choices[0]} is the name of several labels; give one label's number")
         stage = Stage("Reading", stages.seconds["Reading"])
-        made.append(replace(one, results=(replace(one.results[0], stages=(stage, *one.results[0].stages)),)))
+        per_time.append(replace(one, results=(replace(one.results[0], stages=(stage, *one.results[0].stages)),)))
         times.append(number + 1)
-    if volume is None or not made:
+    if volume is None or not per_time:
         raise reason or ReadError("there is no time to read; check the file")
     digits = len(str(count))
-    names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(made, times, strict=True))
+    names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(per_time, times, strict=True))
     notes = (note,) if note else ()
-    results = tuple(replace(one.results[0], notes=(*one.results[0].notes, *notes)) for one in made)
-    files = tuple(file for one in made for file in one.files)
-    return Surfaces(made[0].name, results, names, tuple(left_out), tuple(times), files), volume
+    results = tuple(replace(one.results[0], notes=(*one.results[0].notes, *notes)) for one in per_time)
+    files = tuple(file for one in per_time for file in one.files)
+    return Surfaces(per_time[0].name, results, names, tuple(left_out), tuple(times), files), volume

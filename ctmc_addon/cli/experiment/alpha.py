@@ -50,7 +50,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """The table; its pictures are written to `folder`."""
+    """Return the table; its pictures are written to `folder`."""
     if args.pictures:
         require_blender("rendering pictures")
     settings = bare_settings_from(args)
@@ -90,7 +90,7 @@ def require_alpha(settings: ReconstructionSettings) -> None:
 def alpha_steps(
     result: Reconstruction, variants: Sequence[ReconstructionSettings]
 ) -> Steps[tuple[list[TriangleMesh], list[Row]]]:
-    """The surface of `result` at the alpha of each of the settings, simplified as they say, and its measures."""
+    """Return the surface of `result` at the alpha of each of the settings, simplified as they say, and its measures."""
     surface = result.surface
     assert surface is not None  # The surface has not been simplified yet.
     stages = Stages({"Simplifying": 1, "Measuring": 1})

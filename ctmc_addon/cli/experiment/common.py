@@ -37,14 +37,14 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def bare_settings_from(args: argparse.Namespace) -> ReconstructionSettings:
-    """The settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
+    """Return the settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
     settings = settings_from(args)
     automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
     return replace(settings, smoothing="none") if automatic else settings
 
 
 def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> None:
-    """Levels of simplification, per cent."""
+    """Add the flag for levels of simplification, per cent."""
     parser.add_argument(
         "--levels",
         nargs="+",
@@ -56,7 +56,7 @@ def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> Non
 
 
 def level(word: str) -> float | int:
-    """A share of the triangles, per cent."""
+    """Return a share of the triangles, per cent."""
     percent = float(word)
     if not 0 <= percent <= 99:
         raise argparse.ArgumentTypeError(f"a level is from 0 to 99 per cent of the triangles to remove, not {word}")
@@ -75,7 +75,7 @@ def require_builtin(settings: ReconstructionSettings) -> None:
 def facts_of(
     volume: Volume, settings: ReconstructionSettings, threshold: float, notes: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Input, settings and notes."""
+    """Return input, settings and notes, by name."""
     spacing = [round(gap, 4) for gap in volume.spacing]
     facts = [
         ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
@@ -87,7 +87,7 @@ def facts_of(
 
 
 def measuring_fact() -> tuple[str, str]:
-    """How distances are measured."""
+    """Return in words how distances are measured."""
     return (
         "distance",
         f"exact from point to surface, both ways: {SAMPLES} points on each surface, even by area, seed {SEED}; "
@@ -96,7 +96,13 @@ def measuring_fact() -> tuple[str, str]:
 
 
 def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> Steps[list[SurfaceDistance]]:
-    """Measure every surface against the reference."""
+    """Measure the distance of every surface to the reference.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+    reference : TriangleMesh
+    """
     surface = ReferenceSurface(reference)
     distances = []
     for at, mesh in enumerate(meshes):
@@ -107,7 +113,14 @@ def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> 
 def variants_steps(
     volume: Volume, variants: Sequence[ReconstructionSettings], budget: Budget
 ) -> Steps[list[Reconstruction]]:
-    """A surface for each of the settings."""
+    """Return a surface for each of the settings.
+
+    Parameters
+    ----------
+    volume : Volume
+    variants : sequence of ReconstructionSettings
+    budget : Budget
+    """
     results = []
     for at, settings in enumerate(variants):
         results.append((yield from equal_part(reconstruct_steps(volume, settings, budget), at, len(variants))))

@@ -43,19 +43,25 @@ class Panel:
 
 
 def panel_of(title: str, across: str, labels: Sequence[str], rows: Sequence[Mapping[str, Any]], **series: str) -> Panel:
-    """A chart of a table's rows; `series` are names in the legend and the keys of their values."""
+    """Return a chart of a table's rows; `series` are names in the legend and the keys of their values."""
     return Panel(title, across, labels, {name: [row[key] for row in rows] for name, key in series.items()})
 
 
 def write_plot(path: Path, panels: Sequence[Panel]) -> None:
-    """Draw the panels side by side and write them to a PNG, whole or not at all."""
+    """Draw the panels side by side and write them to a PNG, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    panels : sequence of Panel
+    """
     from PIL import Image, ImageDraw
 
     picture = Image.new("RGB", (PANEL[0] * len(panels), PANEL[1]), "white")
     for at, panel in enumerate(panels):
         draw_panel(ImageDraw.Draw(picture), panel, at * PANEL[0])
-    with whole_file(path) as beside:
-        picture.save(beside, "PNG", dpi=(DPI, DPI))
+    with whole_file(path) as temporary:
+        picture.save(temporary, "PNG", dpi=(DPI, DPI))
 
 
 def draw_panel(pen: Any, panel: Panel, left: int) -> None:

@@ -50,7 +50,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """The table; its plot is written to `folder`."""
+    """Return the table; its plot is written to `folder`."""
     require_turning(args)
     require_blender("the rotation experiment")
     from ...blender import rotation as timing
@@ -66,7 +66,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         turned = progress.finish(stages.run("Rotating", quiet_steps(test)))
     frames = timing.frames_of(args.step)
     turn = turn_text(frames, args.step)
-    name = next(known.label for known in ENGINES.values() if known.identifier == engine)
+    name = next(kind.label for kind in ENGINES.values() if kind.identifier == engine)
     rows = rows_of(turned, name, size, frames)
     facts += [
         ("engine", f"{name}, off screen, {dimensions(size)} px{reason}"),
@@ -82,7 +82,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
 
 
 def turn_text(frames: int, step_degrees: float) -> str:
-    """How far the frames turn the surface.
+    """Return how far the frames turn the surface.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def engine_of(name: str | None) -> tuple[str, str]:
 def surface_of(
     args: argparse.Namespace, stages: Stages, progress: Progress
 ) -> tuple[TriangleMesh, list[tuple[str, str]]]:
-    """The surface that is to turn, and what the table says of it."""
+    """Return the surface that is to turn, and what the table says of it."""
     from ...blender.import_mesh import MESH_SUFFIXES, read_mesh
 
     path = Path(args.input)
@@ -136,7 +136,7 @@ def surface_of(
 
 
 def rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
-    """What table.json says of every level; `levels` are the `LevelTimes` of blender/rotation."""
+    """Return what table.json says of every level; `levels` are the `LevelTimes` of blender/rotation."""
     rows: list[Row] = []
     for level in levels:
         average = statistics.fmean(level.rounds)
@@ -161,7 +161,7 @@ def rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int
 
 
 def columns(rounds: int) -> list[Column]:
-    """The paper's table 2, triangles and drawing alone beside it."""
+    """Return the paper's table 2, triangles and drawing alone beside it."""
 
     def round_column(at: int) -> Column:
         return Column(f"{TIMES[at] if at < len(TIMES) else at + 1}, s", lambda row: f"{row['rounds'][at]:.4f}")
@@ -178,7 +178,7 @@ def columns(rounds: int) -> list[Column]:
 
 
 def panels(rows: Sequence[Row], turn: str) -> list[Panel]:
-    """The time of a turn, as whole frames and as drawing alone."""
+    """Return the time of a turn, as whole frames and as drawing alone."""
     labels = [f"{row['level_percent']:g} %" for row in rows]
     keys = {"whole frames": "average"} | ({"drawing alone": "draw_average"} if rows[0]["draw_rounds"] else {})
     across = "share of the triangles removed"

@@ -47,7 +47,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """The table; its plot is written to `folder`."""
+    """Return the table; its plot is written to `folder`."""
     settings = bare_settings_from(args)
     require_builtin(settings)
     require_blender("a comparison with Decimate")
@@ -95,7 +95,7 @@ def run_builtin(mesh: TriangleMesh, item: Measured) -> None:
 
 
 def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
-    """One run of Blender's Decimate."""
+    """Run Blender's Decimate once."""
     gc.collect()
     from ...blender.surface import decimated
 
@@ -105,7 +105,7 @@ def run_decimate(mesh: TriangleMesh, item: Measured, target_faces: int) -> None:
 
 
 def rows_of(measured: Sequence[Measured], distances: Sequence[SurfaceDistance]) -> list[Row]:
-    """What table.json says of every simplifier at every level."""
+    """Return what table.json says of every simplifier at every level."""
     return [
         {
             "level_percent": item.percent,

@@ -24,9 +24,20 @@ class Column:
     show: Callable[[Row], str]
 
 
-def figures(title: str, key: str, places: int, unit: float = 1.0) -> Column:
-    """A column of numbers with so many places, in this unit; '-' for none."""
-    return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{places}f}")
+def figures(title: str, key: str, digits: int, unit: float = 1.0) -> Column:
+    """Return a column of numbers; '-' stands for none.
+
+    Parameters
+    ----------
+    title : str
+    key : str
+        Of the value in a row.
+    digits : int
+        Behind the point.
+    unit : float
+        What a value is divided by.
+    """
+    return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{digits}f}")
 
 
 LEVEL = Column("level", lambda row: f"{row['level_percent']:g} %")
@@ -63,7 +74,7 @@ class Table:
 
     @property
     def cells(self) -> list[list[str]]:
-        """The shown table, its titles first."""
+        """Return the shown table, its titles first."""
         shown = [[column.show(row) for column in self.columns] for row in self.rows]
         return [[column.title for column in self.columns], *shown]
 
@@ -119,7 +130,7 @@ def escaped(text: str) -> str:
 
 
 def runs_text(repeats: int) -> str:
-    """How often each was timed.
+    """Return in words how often each was timed.
 
     Examples
     --------
@@ -130,12 +141,12 @@ def runs_text(repeats: int) -> str:
 
 
 def plain(value: float) -> float | int:
-    """A whole number without its point."""
+    """Return a whole number without its point."""
     return int(value) if float(value).is_integer() else value
 
 
 def unique(values: Sequence[Any], first: Any = None) -> list[Any]:
-    """The values in their order, each once, `first` ahead of all if it is given.
+    """Return the values in their order, each once, `first` ahead of all if it is given.
 
     Examples
     --------

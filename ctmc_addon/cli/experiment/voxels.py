@@ -56,7 +56,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def sides_of(word: str) -> tuple[int, int]:
-    """Sides in x and y.
+    """Return sides in x and y, pixels.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def sides_of(word: str) -> tuple[int, int]:
 
 
 def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """The table; its plot is written to `folder`."""
+    """Return the table; its plot is written to `folder`."""
     settings = bare_settings_from(args)
     require_builtin(settings)
     with flags_checked():
@@ -103,7 +103,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
 def timed_runs_steps(
     volume: Volume, variants: Sequence[ReconstructionSettings], repeats: int, budget: Budget
 ) -> Steps[list[list[tuple[float, float]]]]:
-    """What `timed_run` says of each of the settings, `repeats` times in turn."""
+    """Return what `timed_run` says of each of the settings, `repeats` times in turn."""
     runs: list[list[tuple[float, float]]] = [[] for _ in variants]
     for turn in range(repeats):
         for at, settings in enumerate(variants):
@@ -130,7 +130,7 @@ def rows_of(
     runs: Sequence[Sequence[tuple[float, float]]],
     distances: Sequence[SurfaceDistance],
 ) -> list[Row]:
-    """What table.json says of every stride; distances are those of all but the first."""
+    """Return what table.json says of every stride; distances are those of all but the first."""
     reference = results[0].mesh.enclosed_volume
     rows: list[Row] = []
     for result, pairs, distance in zip(results, runs, (None, *distances), strict=True):

@@ -46,30 +46,30 @@ def add_common(parser: argparse.ArgumentParser, output: str, kind: str) -> None:
 
 
 def values_of(args: argparse.Namespace, kind: type) -> dict[str, Any]:
-    """The values that the flags and the table `[figure]` of --settings give a described dataclass, by name."""
+    """Return the values that the flags and the table `[figure]` of --settings give a described dataclass, by name."""
     return {name: value for name, value in given_table(args, "figure").items() if name in descriptions(kind)}
 
 
 def page_of(args: argparse.Namespace) -> Page:
-    """The page that the flags give."""
+    """Return the page that the flags give."""
     with flags_checked():
         return replace(PAGES[args.kind], **values_of(args, Page))
 
 
 def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
-    """How the flags have one or several surfaces look."""
+    """Return how the flags have one or several surfaces look."""
     with flags_checked():
         return FigureStyle(**({"style": "clinical"} if several else {}) | values_of(args, FigureStyle))
 
 
 def map_of(args: argparse.Namespace) -> DistanceMap:
-    """Whether the flags ask for a map of distances, and where its colors end."""
+    """Return whether the flags ask for a map of distances, and where its colors end."""
     with flags_checked():
         return DistanceMap(**values_of(args, DistanceMap))
 
 
 def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
-    """The settings of the only surface, or a `UsageError`."""
+    """Return the settings of the only surface, or a `UsageError`."""
     settings, choices = settings_and_labels(args)
     if may_be_several(choices):
         count = "all" if ALL in choices else len(choices)
@@ -95,7 +95,7 @@ def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argp
 
 
 def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:
-    """What is shown, in a line."""
+    """Return in a line what is shown."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
@@ -103,7 +103,7 @@ def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> 
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
-    """Colors of distances."""
+    """Add the flags for colors of distances."""
     group = parser.add_argument_group("map of distances")
     add_described(group, DistanceMap)
 
@@ -125,7 +125,7 @@ def blend_of(args: argparse.Namespace, target: Path) -> Path | None:
 
 
 def add_surfaces(parser: argparse.ArgumentParser) -> None:
-    """Names and transparency of several labels."""
+    """Add the flags for names and transparency of several labels."""
     group = parser.add_argument_group("several labels")
     group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
     group.add_argument(
@@ -139,7 +139,19 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
 
 
 def require_names(args: argparse.Namespace, count: int) -> None:
-    """Raise `UsageError` for names that are not one for every label."""
+    """Refuse names that are not one for every label.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    count : int
+        Of labels.
+
+    Raises
+    ------
+    UsageError
+        If their numbers differ.
+    """
     if args.names and len(args.names) != count:
         raise UsageError(f"{len(args.names)} names for {count} surfaces; give one for each")
 
@@ -180,11 +192,18 @@ def shown_of(
 
 
 def size_of(page: Page, size: tuple[int, int]) -> str:
-    """A figure's size: '85 x 59.1 mm, 669 x 465 pixels, 200 dpi'."""
+    """Return a figure's size in words: '85 x 59.1 mm, 669 x 465 pixels, 200 dpi'.
+
+    Parameters
+    ----------
+    page : Page
+    size : (width, height) int
+        Pixels.
+    """
     return f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
 
 
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
-    """What came out, for a person: facts, notes, and the files that were written."""
+    """Return what came out, for a person: facts, notes, and the files that were written."""
     written = ", ".join(file.name for file in files if file is not None)
     return listing([*facts, *titled("note", list(dict.fromkeys(notes))), ("written", written)])

@@ -84,7 +84,7 @@ def write_phantom_steps(phantom: Phantom, folder: Path, formats: list[str]) -> S
 
 
 def truth_of(phantom: Phantom) -> dict[str, Any]:
-    """What is known of the phantom, as plain data."""
+    """Return what is known of the phantom, as plain data."""
     return {
         "seed": phantom.seed,
         "slices": phantom.volume.size[2],

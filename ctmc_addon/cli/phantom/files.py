@@ -36,7 +36,21 @@ def dicom_name(number: int) -> str:
 
 
 def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
-    """Refuse folders that hold slices of something else, which a reader would take for this phantom's."""
+    """Refuse folders that hold slices of something else, which a reader would take for this phantom's.
+
+    Parameters
+    ----------
+    folder : Path
+    formats : list of str
+        Folders in it, such as 'png'.
+    slices : int
+        How many the phantom has.
+
+    Raises
+    ------
+    OutputError
+        If a folder holds others.
+    """
     for name, namer in (("png", png_name), ("dicom", dicom_name)):
         if name not in formats or not (folder / name).is_dir():
             continue
@@ -95,7 +109,7 @@ def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 
 
 def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, root: str) -> Any:
-    """The dataset of slice `k`, with the attributes that CT Image Storage asks for."""
+    """Return the dataset of slice `k`, with the attributes that CT Image Storage asks for."""
 
     def uid(purpose: str) -> Any:
         return pydicom.uid.generate_uid(entropy_srcs=[root, purpose])
@@ -145,19 +159,19 @@ def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, 
 
 
 def decimal(number: float) -> str:
-    """A decimal string, at most 16 characters long (PS3.5 6.2)."""
+    """Return a decimal string, at most 16 characters long (PS3.5 6.2)."""
     text = f"{number:.10g}"
     return text if len(text) <= 16 else f"{number:.8g}"
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    with whole_file(path) as beside:
-        beside.write_bytes(content)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def library(module: str, package: str) -> Any:
-    """The module, or a sentence about the package that is missing."""
+    """Return the module, or a sentence about the package that is missing."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

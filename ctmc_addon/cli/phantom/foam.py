@@ -46,11 +46,11 @@ def run(args: argparse.Namespace) -> None:
     """Make the foam and write it as it is made."""
     path = require_writable(args.output, SUFFIXES)
     volume = foam(args.slices, args.size, args.pore, args.seed)
-    with Progress() as progress, whole_file(path) as place:
+    with Progress() as progress, whole_file(path) as temporary:
         if path.suffix.lower() == ".npy":
-            progress.finish(npy_steps(volume, place))
+            progress.finish(npy_steps(volume, temporary))
         else:
-            write_tiff(volume, place)
+            write_tiff(volume, temporary)
     facts = [
         ("foam", f"{dimensions(volume.size)}, {dimensions(volume.spacing)} mm, seed {args.seed}"),
         ("threshold", f"{FOAM_THRESHOLD:g}"),
@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> None:
     print(listing(facts))
 
 
-def npy_steps(volume: Volume, place: Path) -> Steps[None]:
+def npy_steps(volume: Volume, path: Path) -> Steps[None]:
     """Write a .npy file."""
-    with place.open("wb") as stream:
+    with path.open("wb") as stream:
         npy: Any = np.lib.format
         npy.write_array_header_2_0(stream, {"descr": "|u1", "fortran_order": False, "shape": volume.shape})
         for number, slab in enumerate(slabs(volume)):
@@ -69,9 +69,9 @@ def npy_steps(volume: Volume, place: Path) -> Steps[None]:
             stream.write(slab.data)
 
 
-def write_tiff(volume: Volume, place: Path) -> None:
+def write_tiff(volume: Volume, path: Path) -> None:
     """Write a .tif file, a page for each slice; BigTIFF beyond 4 GB."""
-    with place.open("wb") as stream:
+    with path.open("wb") as stream:
         library("tifffile", "tifffile").imwrite(
             stream,
             (plane for slab in slabs(volume) for plane in slab),
@@ -85,6 +85,6 @@ def write_tiff(volume: Volume, place: Path) -> None:
 
 
 def slabs(volume: Volume) -> Iterator[NDArray[np.uint8]]:
-    """The values, a few slices at a time."""
+    """Yield the values, a few slices at a time."""
     for low in range(0, volume.shape[0], SLICES_AT_ONCE):
         yield volume.slab(low, min(low + SLICES_AT_ONCE, volume.shape[0]))

@@ -89,7 +89,7 @@ class DecodingProcess:
         return True
 
     def picture_steps(self, shape: tuple[int, int], step: Step) -> Steps[NDArray[Any]]:
-        """The picture asked for last, (rows, columns); `step` is yielded while it is decoded.
+        """Return the picture asked for last, (rows, columns); `step` is yielded while it is decoded.
 
         Raises
         ------
@@ -180,7 +180,18 @@ class DecodingProcess:
 
 
 def started_steps(pixels: int) -> Steps[DecodingProcess | None]:
-    """A process that is ready to decode; None where this system, or whoever runs it, allows none."""
+    """Start a process that is ready to decode.
+
+    Parameters
+    ----------
+    pixels : int
+        How many pixels its largest picture has.
+
+    Returns
+    -------
+    DecodingProcess or None
+        None where this system, or whoever runs it, allows no further process.
+    """
     python = interpreter()
     if python is None:
         return None
@@ -209,7 +220,7 @@ def interpreter() -> Path | None:
 
 
 def is_readable(handle: int) -> bool:
-    """Whether a pipe has something to read or has ended, after at most `TICK` seconds."""
+    """Return whether a pipe has something to read or has ended, after at most `TICK` seconds."""
     if sys.platform != "win32":
         return bool(select.select([handle], [], [], TICK)[0])
     import _winapi
@@ -222,7 +233,7 @@ def is_readable(handle: int) -> bool:
 
 
 def how_it_ended(status: int) -> str:
-    """An exit status in words."""
+    """Return an exit status in words."""
     if status >= 0:
         return f"it ended with exit code {status}"
     try:

@@ -80,13 +80,13 @@ def answer(request: dict[str, Any], out: IO[bytes]) -> None:
 
 
 def decoded(path: Path, frame: int) -> NDArray[Any]:
-    """Pixels as stored, (rows, columns)."""
+    """Decode one frame of a file to pixels as stored, (rows, columns)."""
     return next(stored_frames(header_of(path), [frame]))
 
 
 @lru_cache(1)
 def header_of(path: Path) -> ImageFile:
-    """The header, kept for a file's next frame."""
+    """Return the header, kept for a file's next frame."""
     if label_class(path) == SEGMENTATION:
         return finish(header_steps(path)).image
     header = read_header(path)

@@ -57,7 +57,7 @@ def jpeg_size(frame: bytes) -> tuple[int, int, int]:
     while at + 10 <= len(frame) and frame[at] == 0xFF:
         marker = frame[at + 1]
         if marker in FRAMES:
-            rows, columns = (int.from_bytes(frame[place : place + 2], "big") for place in (at + 5, at + 7))
+            rows, columns = (int.from_bytes(frame[offset : offset + 2], "big") for offset in (at + 5, at + 7))
             return rows, columns, frame[at + 9]
         if marker == 0xFF:  # fill bytes
             at += 1

@@ -36,7 +36,20 @@ class FrameGeometry(NamedTuple):
 
 
 def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
-    """The `count` frames of the file, in the order of its pixels."""
+    """Return position, moment and scale of every frame, in the order of its pixels.
+
+    Parameters
+    ----------
+    dataset : pydicom.Dataset
+        Without pixels.
+    count : int
+        The number of frames.
+
+    Returns
+    -------
+    tuple of FrameGeometry
+        `count` of them; what the file does not say is None in it.
+    """
     shared_groups = dataset.get("SharedFunctionalGroupsSequence", None)
     shared = shared_groups[0] if shared_groups else None
     groups = dataset.get("PerFrameFunctionalGroupsSequence", None)
@@ -51,7 +64,7 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
 
 def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:
     def value_of(sequence: str, keyword: str, top_level: bool = True) -> Any:
-        """The value of the frame's own group, else of the shared one, else of the file."""
+        """Return the value of the frame's own group, else of the shared one, else of the file."""
         for group in groups:
             items = group.get(sequence, None) if group is not None else None
             value = items[0].get(keyword, None) if items else None

@@ -117,7 +117,7 @@ class Broken(NamedTuple):
 
 
 def may_be_dicom(path: Path) -> bool:
-    """Whether a file in a folder is worth parsing: by its suffix and its first bytes."""
+    """Return whether a file in a folder is worth parsing: by its suffix and its first bytes."""
     if has_other_suffix(path):
         return False
     try:
@@ -128,19 +128,19 @@ def may_be_dicom(path: Path) -> bool:
 
 
 def has_other_suffix(path: Path) -> bool:
-    """Whether the name says that a file is not a DICOM image."""
+    """Return whether the name says that a file is not a DICOM image."""
     return path.name.upper() in BY_FILE_NAME or BY_SUFFIX.get(suffix(path), "DICOM") != "DICOM"
 
 
 def has_preamble(file: IO[bytes]) -> bool:
-    """Whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
+    """Return whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
     head = file.read(132)
     file.seek(0)
     return head[128:] == b"DICM"
 
 
 def looks_like_dataset(file: IO[bytes]) -> bool:
-    """Whether the file begins like a DICOM dataset that lost its preamble; leaves `file` at its start."""
+    """Return whether the file begins like a DICOM dataset that lost its preamble; leaves `file` at its start."""
     head = file.read(8)
     file.seek(0)
     if len(head) < 8 or head[:2] not in (b"\x02\x00", b"\x08\x00"):
@@ -150,7 +150,7 @@ def looks_like_dataset(file: IO[bytes]) -> bool:
 
 
 def pydicom_errors() -> tuple[type[Exception], ...]:
-    """What pydicom raises on broken files, when it reads them and when it converts a value."""
+    """Return what pydicom raises on broken files, when it reads them and when it converts a value."""
     own = needed("pydicom.errors", "pydicom", "DICOM")
     library = (own.InvalidDicomError, own.BytesLengthException, struct.error, zlib.error)
     return (
@@ -161,7 +161,7 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
 
 @cache
 def tags(*keywords: str) -> frozenset[Any]:
-    """The tags of keywords, looked up once instead of once a file."""
+    """Return the tags of keywords, looked up once instead of once a file."""
     return frozenset(map(needed("pydicom.tag", "pydicom", "DICOM").Tag, keywords))
 
 
@@ -173,7 +173,7 @@ def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implic
 
 
 def read_dataset(file: IO[bytes], **options: Any) -> Any:
-    """The elements of `KEYWORDS`; one that is the same in several files is converted once."""
+    """Return the elements of `KEYWORDS`; one that is the same in several files is converted once."""
     dataset = needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=tags(*KEYWORDS), **options)
     shared, errors = tags(*SHARED_KEYWORDS), pydicom_errors()
     for element in [*dataset.values()]:
@@ -199,7 +199,7 @@ def read_header(path: Path) -> ImageFile | Broken | None:
 
 
 def is_multi_frame(path: Path) -> bool:
-    """Whether a DICOM file is a volume by itself."""
+    """Return whether a DICOM file is a volume by itself."""
     if path.name.upper() == "DICOMDIR":
         return False
     with quiet():
@@ -256,7 +256,7 @@ def unpacks_without_end(file: IO[bytes]) -> bool:
 
 
 def kind_in_words(path: Path) -> str:
-    """What a DICOM file says it stores, such as 'Encapsulated PDF'; empty where it is none, or does not say."""
+    """Return what a DICOM file says it stores, such as 'Encapsulated PDF'; empty where it is none, or does not say."""
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)
     try:
         with quiet(), path.open("rb") as file:
@@ -277,8 +277,8 @@ def syntax_of(dataset: Any) -> str:
 
 def one_line(value: Any) -> str:
     """Text of an element for a line on a screen: printable, and at most 64 characters."""
-    parts = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
-    words = " ".join("" if part is None else str(part) for part in parts).split()
+    values = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
+    words = " ".join("" if item is None else str(item) for item in values).split()
     return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
 
 
@@ -289,7 +289,17 @@ def sop_class(dataset: Any) -> str:
 
 
 def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
-    """What is missing where a file or its pixels' `length` hold fewer than the header tells of; else empty."""
+    """Return in words which pixels are missing from a file; empty where none are.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        What the header says of them.
+    length : int
+        Bytes of the pixel element.
+    file_bytes : int
+        Bytes of the file.
+    """
     options, frames = pixels.options, pixels.options["number_of_frames"]
     if pixels.compressed:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
@@ -298,8 +308,8 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
     size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
     needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
-    there = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
-    return f"{max(0, there)} of {needed_bytes} bytes of pixels" if there < needed_bytes else ""
+    present_bytes = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
+    return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
 
 
 def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
@@ -331,7 +341,7 @@ def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFi
 
 
 def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
-    """How and where the pixels are stored."""
+    """Return how and where the pixels are stored."""
     stored = dataset.get_item(keyword, keep_deferred=True)
     as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
     options = as_options(dataset, pixel_keyword=keyword, pixel_vr=stored.VR)
@@ -354,7 +364,21 @@ def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
 
 
 def as_stored(value: Any, bits: int, signed: bool) -> int | None:
-    """A padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+    """Return a padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+
+    Parameters
+    ----------
+    value : int or bytes or None
+        As pydicom gives it.
+    bits : int
+        Bits allocated to a pixel.
+    signed : bool
+        Whether pixels are signed.
+
+    Returns
+    -------
+    int or None
+        None where the element is missing or holds no number.
 
     Examples
     --------

@@ -21,21 +21,29 @@ LONGEST_FOLDER = 64  # letters
 
 
 def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, ...]:
-    """The series of `path` in the order of their files, numbered from 1."""
+    """Return the series of a path in the order of their files, numbered from 1.
+
+    Parameters
+    ----------
+    series : mapping of str to sequence of Slice
+        By SeriesInstanceUID.
+    path : Path
+        What was opened.
+    """
     folders = {uid: {ct_slice.image.path.parent for ct_slice in slices} for uid, slices in series.items()}
     several = len(set().union(*folders.values())) > 1
     lines = []
     for number, (uid, slices) in enumerate(series.items(), 1):
         image = slices[0].image
         sizes = Counter((ct_slice.image.columns, ct_slice.image.rows) for ct_slice in slices)
-        places = {ct_slice.geometry.position for ct_slice in slices} - {None}
+        positions = {ct_slice.geometry.position for ct_slice in slices} - {None}
         dtype = np.dtype(output_types([ct_slice.geometry for ct_slice in slices], image.pixels.floating)[0])
         times, default_time, spacing_mm = times_and_spacing(slices, path)
         lines.append(
             Series(
                 number,
                 uid,
-                len(places) or len(slices),
+                len(positions) or len(slices),
                 sizes.most_common(1)[0][0],
                 image.modality,
                 dtype.name,
@@ -70,7 +78,20 @@ def times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, fl
 
 
 def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
-    """The slices of one geometry that are read by default, scouts left out; empty where none has a place."""
+    """Return the slices of one geometry that are read by default, scouts left out.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one series.
+    path : Path
+        For errors.
+
+    Returns
+    -------
+    list of Slice
+        Empty where none has a position.
+    """
     groups = geometry_groups([ct_slice for ct_slice in slices if is_placed(ct_slice) and not is_scout(ct_slice)])
     if not groups:
         return []
@@ -81,7 +102,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
 
 
 def folder_of(folders: set[Path], path: Path) -> str:
-    """Where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
+    """Return where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
     if len(folders) > 1:
         return f"{len(folders)} folders"
     folder = next(iter(folders))
@@ -91,12 +112,12 @@ def folder_of(folders: set[Path], path: Path) -> str:
 
 
 def is_placed(ct_slice: Slice) -> bool:
-    """Whether a slice has a position and a direction."""
+    """Return whether a slice has a position and a direction."""
     return bool(ct_slice.geometry.position and ct_slice.geometry.orientation)
 
 
 def is_scout(ct_slice: Slice) -> bool:
-    """Whether a slice is a picture to plan the scan by."""
+    """Return whether a slice is a picture to plan the scan by."""
     return ct_slice.image.scout or ct_slice.geometry.scout
 
 
@@ -113,7 +134,7 @@ def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def alike(first: Slice, second: Slice) -> bool:
-    """Whether two slices can belong to one volume."""
+    """Return whether two slices can belong to one volume."""
     if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
     a, b = first.geometry, second.geometry

@@ -24,5 +24,5 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
 
 
 def is_alone(path: Path) -> bool:
-    """Whether a file is a volume by itself, and not a slice of its folder."""
+    """Return whether a file is a volume by itself, and not a slice of its folder."""
     return bool(label_class(path)) or is_multi_frame(path)

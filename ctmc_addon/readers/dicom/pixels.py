@@ -49,13 +49,29 @@ def check_codec(image: ImageFile) -> None:
 
 
 def syntax_name(syntax: str) -> str:
-    """The transfer syntax in words, or its UID where it is a private one."""
+    """Return the transfer syntax in words, or its UID where it is a private one."""
     with quiet():  # a damaged one
         return str(needed("pydicom.uid", "pydicom", "DICOM").UID(syntax).name)
 
 
 def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[Any]]:
-    """Pixels as stored, (rows, columns) each, unused high bits removed; the file is opened once for all `frames`."""
+    """Yield the pixels as stored, unused high bits removed; the file is opened once.
+
+    Parameters
+    ----------
+    image : ImageFile
+    frames : sequence of int
+        Numbers of the frames, from 0 on.
+
+    Returns
+    -------
+    iterator of (rows, columns) arrays
+
+    Raises
+    ------
+    ReadError
+        If pixels are missing, damaged or compressed in a way that no installed library unpacks.
+    """
     pydicom = needed("pydicom", "pydicom", "DICOM")
     syntax, options = image.pixels.syntax, image.pixels.options
     try:
@@ -116,7 +132,7 @@ def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]
 
 
 def padding_mark(dtype: Any) -> Any:
-    """What stands for padding until the lowest real value is known.
+    """Return what stands for padding until the lowest real value is known.
 
     The type's own lowest value: a real pixel that holds it is then the lowest anyway.
     """
@@ -126,7 +142,20 @@ def padding_mark(dtype: Any) -> Any:
 def real_ends(
     stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None
 ) -> tuple[float, float, NDArray[np.bool_] | None]:
-    """Lowest and highest scaled value of the pixels that are not padding, and which are, if any."""
+    """Return the range of the pixels that are not padding.
+
+    Parameters
+    ----------
+    stored : (rows, columns) integers
+    geometry : FrameGeometry
+        It has slope and intercept.
+    padding : (low, high) int, optional
+        Stored values that are padding.
+
+    Returns
+    -------
+    lowest and highest scaled value, and a (rows, columns) bool array of padding or None
+    """
     real, padded = stored, None
     if padding is not None:
         low, high = padding
@@ -144,7 +173,23 @@ def real_ends(
 def fill_slice(
     stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None, out: NDArray[Any]
 ) -> SliceRead:
-    """Rescale one frame into `out` (rows, columns); padding becomes `padding_mark`."""
+    """Rescale one frame; padding becomes `padding_mark`.
+
+    Parameters
+    ----------
+    stored : (rows, columns) integers
+    geometry : FrameGeometry
+        It has slope and intercept.
+    padding : (low, high) int, optional
+        Stored values that are padding.
+    out : (rows, columns) int16, int32 or float32
+        Is filled.
+
+    Raises
+    ------
+    DoesNotFit
+        If a value is outside the type of `out`.
+    """
     low, high, padded = real_ends(stored, geometry, padding)
     if not low > high:  # as where all is padding; floats may be NaN
         _rescale(stored, geometry.slope, geometry.intercept, low, high, out)

@@ -52,14 +52,14 @@ class DicomSource(VolumeSource):
     def __init__(self, path: Path, content: FolderContent) -> None:
         self.content = content
         images = {ct_slice.image.path: ct_slice.image for slices in content.series.values() for ct_slice in slices}
-        alone = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
+        multi_frame = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
         # A slice's own name often is an identifier.
-        named_path = path if path.is_dir() or alone else path.absolute().parent
+        named_path = path if path.is_dir() or multi_frame else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
         super().__init__(path, listed(content.series, path), [*images, *unused], stem(named_path))
 
     def selected_series(self, series: str | int | None) -> Series | None:
-        """The series that would be read; by default the one with the most slices that have a place."""
+        """Return the series that would be read; by default the one with the most slices that have a place."""
         requested_series = "" if series is None else str(series).strip()
         matching = [line for line in self.series if requested_series in ("", line.uid, str(line.number))]
         return max(
@@ -125,7 +125,7 @@ class DicomSource(VolumeSource):
 
 
 def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
-    """How the slices become a volume, and words about a spacing of the file that cannot be used."""
+    """Return how the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or min(pixel_spacing) <= 0:
@@ -141,7 +141,24 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
 
 
 def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSource]:
-    """Headers of every DICOM image in the folder, of its `files` if given, or of the file's series in its folder."""
+    """Read the headers of the DICOM images at a path.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, or a file, which stands for its series in its folder.
+    files : sequence of Path, optional
+        Only these files of the folder.
+
+    Returns
+    -------
+    DicomSource
+
+    Raises
+    ------
+    ReadError
+        If a file at `path` is no DICOM image or is damaged.
+    """
     stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
@@ -172,7 +189,12 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
 
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
-    """Every DICOM image among `files`, in their order; parsing holds the interpreter, so one thread does it."""
+    """Read the header of every DICOM image among files, in their order; other files are passed over.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    """
     headers = yield from quiet_batches_steps(read_header, files, "Reading headers", 16)
     return [header for header in headers if header is not None]
 
@@ -209,7 +231,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
 
 
 def name_pattern(path: Path) -> str:
-    """What the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
+    """Return what the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
 
     Examples
     --------
@@ -221,7 +243,7 @@ def name_pattern(path: Path) -> str:
 
 
 def is_named_dicom(path: Path) -> bool:
-    """Whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
+    """Return whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
     return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
@@ -234,13 +256,26 @@ def check_whole(content: FolderContent, uid: str) -> None:
 
 
 def truncated(broken: Broken) -> ReadError:
-    """The error for a DICOM file that cannot be read to its end."""
+    """Return the error for a DICOM file that cannot be read to its end."""
     damage = broken.damage or f"{broken.path.stat().st_size} bytes"
     return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); copy it again")
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
-    """The largest group of slices of one size, orientation and spacing, and what was left out."""
+    """Return the largest group of slices of one size, orientation and spacing, and notes of what was left out.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one series.
+    path : Path
+        For errors.
+
+    Raises
+    ------
+    ReadError
+        If the slices cannot be told apart into stacks.
+    """
     placed = [ct_slice for ct_slice in slices if is_placed(ct_slice)]
     scouts = sum(map(is_scout, placed))
     best = largest_group(slices, path)

@@ -92,7 +92,28 @@ class DicomSlices(SliceReader):
 def values_steps(
     slices: Sequence[Slice], stack: Stack, whole: bool, budget: Budget
 ) -> Steps[tuple[NDArray[Any] | SliceReader, list[str]]]:
-    """The ordered slices in the smallest type that holds them, in memory if all are wanted, and notes of padding."""
+    """Return the values in the smallest type that holds them, and notes about padding.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        In the order of the volume.
+    stack : Stack
+        Their positions; an uneven one is resampled.
+    whole : bool
+        Whether to read all values into memory now.
+    budget : Budget
+        The memory that they may take.
+
+    Returns
+    -------
+    (slices, rows, columns) int16, int32 or float32 array or SliceReader, and notes
+
+    Raises
+    ------
+    MemoryLimitError
+        If they do not fit.
+    """
     types = output_types([one.geometry for one in slices], any(one.image.pixels.floating for one in slices))
     if not whole:
         dtype, seen = yield from type_steps(slices, types)
@@ -144,14 +165,26 @@ def limits(ct_slice: Slice) -> tuple[float, float]:
 
 
 def fits(low: float, high: float, dtype: Any) -> bool:
-    """Whether a type holds values from `low` to `high`."""
+    """Return whether a type holds values from `low` to `high`."""
     if np.dtype(dtype).kind == "f" or low > high:
         return True
     return bool(np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max)
 
 
 def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[Any]) -> None:
-    """Linear mean of two slices, rounded where `out` is integer; beside padding the nearer slice alone."""
+    """Write the linear mean of two slices, rounded where `out` is integer.
+
+    Where one of them is padding, the value is that of the nearer slice.
+
+    Parameters
+    ----------
+    low : (rows, columns)
+    high : (rows, columns)
+    weight : float
+        Of `high`, 0 to 1.
+    out : (rows, columns)
+        Is filled.
+    """
     mean = low.astype(np.float64) * (1.0 - weight) + high.astype(np.float64) * weight
     out[...] = np.rint(mean) if out.dtype.kind in "iu" else mean
     mark = padding_mark(out.dtype)
@@ -161,7 +194,7 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
 
 
 def padding_notes(seen: SliceRead) -> list[str]:
-    """The note that says what padding became, if there is any."""
+    """Return the note that says what padding became, if there is any."""
     if not seen.padded:
         return []
     if seen.lowest == math.inf:

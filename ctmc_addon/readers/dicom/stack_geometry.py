@@ -50,7 +50,7 @@ class Stack:
 
     @property
     def resampled(self) -> bool:
-        """Whether slices of the volume lie between slices of the stack."""
+        """Return whether slices of the volume lie between slices of the stack."""
         return bool(self.weight.any())
 
 
@@ -92,11 +92,11 @@ def stack_up(
     along = dot(positions_lps, normal)  # (n,) mm
     order, notes = _without_duplicates(along, np.argsort(along, kind="stable"))
     if len(order) < 2:
-        alone = f"there is one slice only ({names[order[0]]})"
+        reason = f"there is one slice only ({names[order[0]]})"
         if len(along) > 1:
-            alone = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place"
+            reason = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place"
         raise ReadError(
-            f"{alone}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
+            f"{reason}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
         )
     along, points, names = along[order], positions_lps[order], [names[at] for at in order]
     notes += _aligned(along, points, names, pixel_spacing, strict)
@@ -119,7 +119,20 @@ def stack_up(
 
 
 def checked_normal(row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normal of the slices, (3,), or a `ReadError` if the directions are not two perpendicular units."""
+    """Return the unit normal of the slices, (3,) float64.
+
+    Parameters
+    ----------
+    row : (3,) float64
+        Direction of rising columns, LPS+.
+    column : (3,) float64
+        Direction of rising rows, LPS+.
+
+    Raises
+    ------
+    ReadError
+        If the directions are not two perpendicular units.
+    """
     lengths = [math.sqrt(float((axis * axis).sum())) for axis in (row, column)]
     slant = float((row * column).sum())
     if not all(abs(length - 1) < 0.01 for length in lengths) or not abs(slant) < 0.01:
@@ -134,7 +147,13 @@ def checked_normal(row: NDArray[np.float64], column: NDArray[np.float64]) -> NDA
 
 
 def dot(points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inner products of (n, 3) with (3,), summed in a fixed order: the order of slices hangs on it."""
+    """Return inner products, (n,), summed in a fixed order: the order of slices depends on their last bit.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    direction : (3,) float64
+    """
     return (points[:, 0] * direction[0] + points[:, 1] * direction[1]) + points[:, 2] * direction[2]
 
 
@@ -213,7 +232,7 @@ def _resampling(
 
 
 def named_gaps(gaps: NDArray[np.float64], most: int = 6) -> str:
-    """The different gaps in words, to 0.01 mm: '1.08, 4, 7'.
+    """Return the different gaps in words, to 0.01 mm: '1.08, 4, 7'.
 
     Examples
     --------

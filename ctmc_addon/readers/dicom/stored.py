@@ -48,7 +48,7 @@ class StoredPixels:
         self.process, self.asked = None, None
 
     def slice_steps(self, number: int, step: Step) -> Steps[NDArray[Any]]:
-        """A slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
+        """Return a slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
         if not self.decodes_here and self.process is None:
             self.process = yield from started_steps(max(one.image.rows * one.image.columns for one in self.slices))
             self.decodes_here = self.process is None
@@ -89,11 +89,22 @@ class StoredPixels:
 
 
 def needs_process(ct_slice: Slice) -> bool:
-    """Whether a slice is decoded by a library in C."""
+    """Return whether a slice is decoded by a library in C."""
     return ct_slice.image.pixels.syntax not in (*UNCOMPRESSED, RLE)
 
 
 def frames_of(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
-    """All pixels decoded here; a file is opened once for frames that follow one another."""
+    """Yield the pixels of slices that are decoded in this process.
+
+    A file is opened once for frames that follow one another.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+
+    Returns
+    -------
+    iterator of (rows, columns) arrays
+    """
     groups = groupby(slices, key=lambda ct_slice: ct_slice.image)
     return chain.from_iterable(stored_frames(image, [one.frame for one in group]) for image, group in groups)

@@ -24,7 +24,12 @@ OVERLAP = 0.5  # of the shorter of two acquisitions that lies within the other
 
 
 def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
-    """The slices of each of the volumes at the same places, in the order of time; mostly one with all slices.
+    """Return the slices of each of the volumes at the same positions, in the order of time; mostly one with all slices.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one geometry.
 
     Raises
     ------
@@ -38,14 +43,14 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
     mean = len(slices) / len(groups)
     if mean < FEWEST:  # the scanner counts slices
         groups = [list(range(len(slices)))]
-    parts = [part for group in groups for part in by_acquisition(group, acquisition, along)]
+    pieces = [piece for group in groups for piece in by_acquisition(group, acquisition, along)]
     times: list[list[int]] = []
-    for part in parts:  # those that follow each other in space are one volume
-        room = next((time for time in times if not overlaps(along[time], along[part])), None)
+    for piece in pieces:  # those that follow each other in space are one volume
+        room = next((time for time in times if not overlaps(along[time], along[piece])), None)
         if room is None:
-            times.append(list(part))
+            times.append(list(piece))
         else:
-            room += part
+            room += piece
     if len(times) == 1:
         times = in_order(slices, along) or times
     selected = [[slices[at] for at in sorted(time)] for time in times]
@@ -55,7 +60,12 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def heights(slices: Sequence[Slice]) -> NDArray[np.float64]:
-    """Where slices of one orientation stand along their normal, (n,) mm."""
+    """Return where slices of one orientation stand along their normal, (n,) mm.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+    """
     first = slices[0].geometry.orientation or ()
     normal = checked_normal(np.array(first[:3]), np.array(first[3:]))
     return dot(np.array([ct_slice.geometry.position for ct_slice in slices], np.float64), normal)
@@ -70,16 +80,16 @@ def grouped(numbers: Iterable[int], keys: Sequence[str]) -> list[list[int]]:
 
 
 def by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.float64]) -> list[list[int]]:
-    """The acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
-    parts = grouped(group, keys)
-    if min(map(len, parts)) < FEWEST:
+    """Return the acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
+    pieces = grouped(group, keys)
+    if min(map(len, pieces)) < FEWEST:
         return [group]
-    several = any(overlaps(along[one], along[other]) for at, one in enumerate(parts) for other in parts[:at])
-    return parts if several else [group]
+    several = any(overlaps(along[one], along[other]) for at, one in enumerate(pieces) for other in pieces[:at])
+    return pieces if several else [group]
 
 
 def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    """Whether two sets of heights share more than half of the shorter one's extent."""
+    """Return whether two sets of heights share more than half of the shorter one's extent."""
     shared = min(first.max(), second.max()) - max(first.min(), second.min())
     return bool(shared > OVERLAP * min(np.ptp(first), np.ptp(second)))
 
@@ -89,16 +99,16 @@ def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[i
 
     Empty where it has one, or as many as differ from place to place.
     """
-    places: dict[int, list[int]] = {}
+    by_height: dict[int, list[int]] = {}
     images: set[tuple[int, str, int]] = set()
     for number, (ct_slice, height) in enumerate(zip(slices, along, strict=True)):
-        place = round(height / SAME_MM)
-        image = (place, ct_slice.image.uid, ct_slice.frame)
+        level = round(height / SAME_MM)
+        image = (level, ct_slice.image.uid, ct_slice.frame)
         if image not in images:  # else a copy of the file
-            places.setdefault(place, []).append(number)
+            by_height.setdefault(level, []).append(number)
             images.add(image)
-    count = len(next(iter(places.values())))
-    if count < 2 or len(places) < 2 or {len(place) for place in places.values()} != {count}:
+    count = len(next(iter(by_height.values())))
+    if count < 2 or len(by_height) < 2 or {len(level) for level in by_height.values()} != {count}:
         return []
     orders: tuple[Callable[[Slice], Any], ...] = (
         lambda ct_slice: ct_slice.geometry.moment.trigger,
@@ -109,24 +119,24 @@ def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[i
         keys = [order(ct_slice) for ct_slice in slices]
         if None in keys:
             continue
-        ranked = [sorted(place, key=keys.__getitem__) for place in places.values()]
-        if tells_apart([[keys[number] for number in place] for place in ranked]):
+        ranked = [sorted(level, key=keys.__getitem__) for level in by_height.values()]
+        if tells_apart([[keys[number] for number in level] for level in ranked]):
             return [list(time) for time in zip(*ranked, strict=True)]
     return []
 
 
 def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
-    """Whether sorted keys of each place give times that cannot be mixed.
+    """Return whether sorted keys of each place give times that cannot be mixed.
 
     They differ at each place, and each time ends before the next begins, or each place before the next.
     """
-    if any(one == other for place in ranked for one, other in itertools.pairwise(place)):
+    if any(one == other for level in ranked for one, other in itertools.pairwise(level)):
         return False
     times = list(zip(*ranked, strict=True))
     by_time = all(max(one) < min(other) for one, other in itertools.pairwise(times))
-    places = sorted((place[0], place[-1]) for place in ranked)
-    by_place = all(one[1] < other[0] for one, other in itertools.pairwise(places))
-    return by_time or by_place
+    ends = sorted((level[0], level[-1]) for level in ranked)
+    by_level = all(one[1] < other[0] for one, other in itertools.pairwise(ends))
+    return by_time or by_level
 
 
 def check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:

@@ -57,7 +57,7 @@ class ImageFolder(VolumeSource):
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The image files of a folder, in natural order; hidden ones are passed over."""
+    """Return the image files of a folder, in natural order; hidden ones are passed over."""
     files = (path for path in folder.iterdir() if suffix(path) in IMAGE_SUFFIXES and not path.name.startswith("."))
     return sorted((path for path in files if path.is_file()), key=natural_key)
 
@@ -74,7 +74,7 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
 
 
 def is_alone(path: Path) -> bool:
-    """Whether a file is a volume by itself, and not a slice of its folder."""
+    """Return whether a file is a volume by itself, and not a slice of its folder."""
     return format_of(path) == "TIFF" and page_count(path) > 1
 
 
@@ -103,7 +103,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
 
 
 def format_by_name(path: Path) -> str:
-    """The format of an image by its suffix, such as 'JPEG'."""
+    """Return the format of an image by its suffix, such as 'JPEG'."""
     return BY_SUFFIX[suffix(path)]
 
 

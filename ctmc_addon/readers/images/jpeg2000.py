@@ -21,14 +21,14 @@ MOST_BEHIND = 1 << 16  # bytes behind it
 
 
 class Depth(NamedTuple):
-    """How values are stored."""
+    """How the values of a JPEG 2000 picture are stored."""
 
     bits: int
     signed: bool
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type that holds them."""
+        """Return the type that holds the values."""
         return np.dtype(f"{'i' if self.signed else 'u'}{1 if self.bits <= 8 else 2}")
 
     def as_stored(self, pixels: NDArray[Any]) -> NDArray[Any]:
@@ -39,7 +39,19 @@ class Depth(NamedTuple):
 
 
 def check_pixels(path: Path, pixels: int) -> None:
-    """Refuse a slice with far more pixels than its bytes can hold: its decoder would make room for all of them."""
+    """Refuse a slice with far more pixels than its bytes can hold: its decoder would make room for all of them.
+
+    Parameters
+    ----------
+    path : Path
+    pixels : int
+        Rows times columns, as its header says.
+
+    Raises
+    ------
+    ReadError
+        If they are too many.
+    """
     size = path.stat().st_size
     if pixels > HARMLESS and pixels > MOST_PIXELS_OF_A_BYTE * size:
         raise ReadError(f"{path.name} claims {pixels} pixels in {size} bytes; copy or export it again")

@@ -107,7 +107,25 @@ def gray_slice(header: Picture) -> NDArray[Any]:
 
 
 def gray(pixels: NDArray[Any], name: str, tolerance: int) -> NDArray[Any]:
-    """(rows, columns) of a picture whose channels, if it has several, are equal and opaque."""
+    """Return the gray values of a picture.
+
+    Parameters
+    ----------
+    pixels : (rows, columns) or (rows, columns, channels) integers
+    name : str
+        Of the file, for errors.
+    tolerance : int
+        By how much channels may differ.
+
+    Returns
+    -------
+    (rows, columns) integers
+
+    Raises
+    ------
+    ReadError
+        If the picture is colored or transparent.
+    """
     if pixels.ndim == 2:
         return pixels
     channels = pixels.shape[-1] if pixels.ndim == 3 else 0

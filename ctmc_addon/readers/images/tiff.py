@@ -110,7 +110,7 @@ class TiffStack(VolumeSource):
 
 
 def opened_stack(path: Path) -> TiffStack | None:
-    """The volume in a TIFF of several pages; None where it has one: a single page is a slice of its folder."""
+    """Return the volume in a TIFF of several pages; None where it has one: a single page is a slice of its folder."""
     with open_tiff(path) as tiff:
         return TiffStack(path, page_stack(tiff, path)) if pages_of(tiff) > 1 else None
 
@@ -127,12 +127,12 @@ def pages_of(tiff: Any) -> int:
 
 
 def open_tiff(path: Path) -> Any:
-    """The TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found."""
+    """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found."""
     tifffile = needed("tifffile", "tifffile", "TIFF")
     tiff: Any = None
     damage = ""
     try:
-        tiff = tifffile.TiffFile(path, **alone(tifffile))
+        tiff = tifffile.TiffFile(path, **without_companions(tifffile))
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
     except (*DAMAGE, tifffile.TiffFileError) as error:
@@ -145,7 +145,7 @@ def open_tiff(path: Path) -> Any:
     return tiff
 
 
-def alone(tifffile: Any) -> dict[str, bool]:
+def without_companions(tifffile: Any) -> dict[str, bool]:
     """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
     kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
     # In versions of 2023 some are properties, which cannot be set.
@@ -154,7 +154,7 @@ def alone(tifffile: Any) -> dict[str, bool]:
 
 
 def chain_damage(tiff: Any) -> str:
-    """What is wrong with the chain of pages, which tifffile only logs: it must end with the offset 0."""
+    """Return what is wrong with the chain of pages, which tifffile only logs: it must end with the offset 0."""
     count = len(tiff.pages)
     tiff.filehandle.seek(tiff.pages.next_page_offset)
     following = tiff.filehandle.read(tiff.tiff.offsetsize)
@@ -167,7 +167,7 @@ def chain_damage(tiff: Any) -> str:
 
 
 def tiff_picture(path: Path) -> Picture:
-    """What the header says of the first page, and how many pages there are."""
+    """Return what the header says of the first page, and how many pages there are."""
     with open_tiff(path) as tiff:
         layout = page_layout(tiff, tiff.pages[0], path)
         return Picture(path, *layout.shape, gray_dtype(layout), pages_of(tiff), "")
@@ -181,7 +181,7 @@ def tiff_slice(path: Path) -> NDArray[Any]:
 
 
 def gray_dtype(layout: PageLayout) -> np.dtype[Any]:
-    """The type of a page's gray values, in the machine's byte order."""
+    """Return the type of a page's gray values, in the machine's byte order."""
     return layout.dtype if layout.colors is None else layout.colors.dtype
 
 
@@ -191,7 +191,7 @@ def stack_sides(series: Any) -> int:
 
 
 def page_stack(tiff: Any, path: Path) -> PageStack:
-    """The first series of pages, or all pages where each is a series of its own."""
+    """Return the first series of pages, or all pages where each is a series of its own."""
     first, every = tiff.series[0], list(tiff.series)
     layout = page_layout(tiff, first.keyframe, path)
     size = layout.shape

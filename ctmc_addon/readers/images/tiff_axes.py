@@ -45,7 +45,21 @@ class Pages(NamedTuple):
 
 
 def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
-    """The slices and times among the pages of a series; of several channels the first is taken.
+    """Return the slices and times among the pages of a series; of several channels the first is taken.
+
+    Parameters
+    ----------
+    axes : str
+        A letter for each axis, as tifffile names them.
+    shape : tuple of int
+        The size along each.
+    path : Path
+        For errors.
+
+    Raises
+    ------
+    ReadError
+        If there is a single slice, or more than one time and channel that cannot be told apart.
 
     Examples
     --------
@@ -79,7 +93,7 @@ def spacing_of_tiff(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple
 
 
 def ome_spacing(text: str) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """The PhysicalSize of the first `Pixels` of OME-XML; its unit is µm where none is given."""
+    """Return the PhysicalSize of the first `Pixels` of OME-XML; its unit is µm where none is given."""
     element = re.search(r"<(?:\w+:)?Pixels\s[^<>]*>", text)
     words = dict(re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else ""))
     sizes = [words.get(f"PhysicalSize{axis}") for axis in "XYZ"]
@@ -96,14 +110,14 @@ def imagej_spacing(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[
     for name in ("XResolution", "YResolution"):
         value = tags[name].value if name in tags else None
         pair = value if isinstance(value, tuple) and len(value) == 2 else (0, 0)
-        known = all(isinstance(part, int) and part > 0 for part in pair)
-        sizes.append(pair[1] / pair[0] if known else None)
+        is_fraction = all(isinstance(part, int) and part > 0 for part in pair)
+        sizes.append(pair[1] / pair[0] if is_fraction else None)
     depth = number_of(about.get("spacing", 1.0))
     return in_mm([*sizes, depth], [unit] * 3)
 
 
 def number_of(value: Any) -> float | None:
-    """A length above 0, or None; ImageJ's spacing is negative where a stack was turned round."""
+    """Return a length above 0, or None; ImageJ's spacing is negative where a stack was turned round."""
     try:
         number = abs(float(value))
     except (TypeError, ValueError):

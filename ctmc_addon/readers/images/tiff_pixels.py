@@ -128,7 +128,7 @@ def _of_stream(content: bytes, layout: PageLayout, size: int, path: Path) -> byt
 
 
 def _of_packbits(content: bytes) -> bytes:
-    """PackBits, TIFF 6.0 section 9."""
+    """Unpack PackBits (TIFF 6.0, section 9)."""
     pieces, at = [], 0
     while at < len(content):
         head = content[at]

@@ -79,7 +79,7 @@ class PageLayout(NamedTuple):
 
     @property
     def how_stored(self) -> tuple[Any, ...]:
-        """All but where the pixels are, their colors and tables."""
+        """Return all but where the pixels are, their colors and tables."""
         return self[: self._fields.index("offsets")]
 
     @property
@@ -140,7 +140,7 @@ def page_layout(tiff: Any, page: Any, path: Path) -> PageLayout:
         return values[0]
 
     def same(code: int, default: int | None = None) -> int:
-        """The value of every sample; some writers list more than there are."""
+        """Return the value of every sample; some writers list more than there are."""
         values = set(numbers.get(code, () if default is None else (default,))[:samples])
         if len(values) != 1:
             raise damaged(path, f"its tag {NAMES[code]} has {len(values)} different values, and 1 is needed")
@@ -189,7 +189,7 @@ def check_tags(tiff: Any, page: Any, path: Path) -> None:
 
 
 def damaged(path: Path, what: str) -> ReadError:
-    """The error for a page that cannot be what it says."""
+    """Return the error for a page that cannot be what it says."""
     return ReadError(f"{path.name} is truncated or damaged ({what}); copy it again")
 
 

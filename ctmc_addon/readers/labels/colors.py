@@ -17,7 +17,12 @@ MOST = 0xFFFF
 
 
 def rgb_of_shares(words: Sequence[str]) -> RGB | None:
-    """The color of three shares of 1 in words; None where they are something else.
+    """Return the color of three shares of 1 in words; None where they are something else.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Red, green and blue.
 
     Examples
     --------
@@ -32,9 +37,12 @@ def rgb_of_shares(words: Sequence[str]) -> RGB | None:
 
 
 def rgb_of_bytes(words: Sequence[str]) -> RGB | None:
-    """The color of three numbers from 0 to 255 in words; what lies beyond goes to the nearest limit.
+    """Return the color of three numbers from 0 to 255 in words; None where they are something else.
 
-    None where they are something else.
+    Parameters
+    ----------
+    words : sequence of str
+        Red, green and blue; what lies beyond goes to the nearest limit.
 
     Examples
     --------
@@ -58,7 +66,7 @@ def _three_numbers(words: Sequence[str]) -> list[float] | None:
 
 
 def rgb_of_cielab(stored: Sequence[int]) -> RGB:
-    """The sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
+    """Return the sRGB color of a RecommendedDisplayCIELabValue; what sRGB cannot show goes to the nearest limit.
 
     Parameters
     ----------

@@ -42,12 +42,20 @@ class Edges(NamedTuple):
 
     @property
     def crossings(self) -> NDArray[np.int64]:
-        """How many rows each edge touches: what the work is measured by."""
+        """Return how many rows each edge touches: what the work is measured by."""
         return np.maximum(0, self.last - self.first + 1)
 
 
 def edges_of(contours: Sequence[NDArray[np.float64]], rows: int) -> Edges:
-    """The edges of contours (n, 2), each joined to a ring, in a picture of so many rows."""
+    """Return the edges of contours, each joined to a ring.
+
+    Parameters
+    ----------
+    contours : sequence of (n, 2) float64
+        Column and row in pixels.
+    rows : int
+        Of the picture.
+    """
     rings = [np.clip(corners, -FAR, FAR) for corners in contours]
     start = np.concatenate(rings) if rings else np.zeros((0, 2))
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) if rings else np.zeros((0, 2))
@@ -58,7 +66,13 @@ def edges_of(contours: Sequence[NDArray[np.float64]], rows: int) -> Edges:
 
 
 def filled_steps(edges: Edges, columns: int) -> Steps[Filled]:
-    """Pixels inside an odd number of contours, or on one, in a picture of so many columns.
+    """Return the pixels inside an odd number of contours, or on one.
+
+    Parameters
+    ----------
+    edges : Edges
+    columns : int
+        Of the picture.
 
     Examples
     --------

@@ -132,7 +132,7 @@ class LabelMap:
         return [f"{unit} overlap and each is kept whole; they share {limited(shared, ' voxels')}"]
 
     def empty_note(self, unit: str) -> list[str]:
-        """Which labels have no voxel at all."""
+        """Return which labels have no voxel at all."""
         empty = [self.name(label) for label in sorted(self.names) if not self.painted[label]]
         if not empty:
             return []
@@ -141,7 +141,7 @@ class LabelMap:
         ]
 
     def undescribed_note(self) -> list[str]:
-        """Which labels have voxels and no name."""
+        """Return which labels have voxels and no name."""
         undescribed = [
             str(label) for label in np.flatnonzero(self.painted).tolist() if label and label not in self.names
         ]
@@ -152,19 +152,19 @@ class LabelMap:
         ]
 
     def name(self, label: int) -> str:
-        """A label's name, or its number."""
+        """Return a label's name, or its number."""
         return self.names.get(label) or f"label {label}"
 
 
 def limited(texts: Iterable[str], end: str = "") -> str:
-    """The first texts, and how many more there are."""
+    """Return the first texts, and how many more there are."""
     listed = list(texts)
     more = f"{end} and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else end
     return ", ".join(listed[:MOST_NAMED]) + more
 
 
 def clean_name(text: object, fallback: str) -> str:
-    r"""A name from a file, fit for one line.
+    r"""Return a name from a file, fit for one line.
 
     Examples
     --------

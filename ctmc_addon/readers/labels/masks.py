@@ -116,7 +116,7 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
 def same_place(
     affine: NDArray[np.float64] | None, other: NDArray[np.float64] | None, shape: tuple[int, int, int]
 ) -> bool:
-    """Whether two volumes (slices, rows, columns) have their corners at the same places."""
+    """Return whether two volumes (slices, rows, columns) have their corners at the same places."""
     if affine is None or other is None:
         return affine is other
     ends = np.array([(x, y, z, 1) for x in (0, shape[2]) for y in (0, shape[1]) for z in (0, shape[0])], np.float64)
@@ -133,7 +133,7 @@ def other_grid(folder: Path, first: str, name: str) -> ReadError:
 
 
 def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource]]) -> Steps[MaskFolder | None]:
-    """The masks that lie as files in a folder, one in each; None where they are something else.
+    """Return the masks that lie as files in a folder, one in each; None where they are something else.
 
     Bytes are taken for masks until they are read; wider numbers are looked at, which is short for anything else.
     """
@@ -157,7 +157,7 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
 
 
 def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
-    """Whether a file may hold a mask: bytes by their type, other numbers by all of them."""
+    """Return whether a file may hold a mask: bytes by their type, other numbers by all of them."""
     dtype = source.series[0].dtype
     if dtype in ("uint8", "int8", "bool"):
         return True
@@ -202,7 +202,7 @@ def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:
 
 
 def middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
-    """Whether the slice in the middle of a folder has two values at most: no CT has."""
+    """Return whether the slice in the middle of a folder has two values at most: no CT has."""
     slices = source.content.series[source.series[0].uid]
     if len(source.series) > 1 or len(slices) < 2:
         return False
@@ -216,7 +216,7 @@ def middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
 
 
 def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> MaskFolder:
-    """The folder of masks, or a `ReadError` where they are of different sizes."""
+    """Return the folder of masks, or a `ReadError` where they are of different sizes."""
     first, *others = masks.items()
     for name, source in others:
         if source.series[0].shape != first[1].series[0].shape:

@@ -62,11 +62,11 @@ class AnalyzeFile(VolumeSource):
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
-    """The volume of a `.hdr`, or of the `.img` beside it."""
+    """Return the volume of a `.hdr`, or of the `.img` beside it."""
     header_path = path.with_suffix(".hdr")
     data_path = next((file for file in map(header_path.with_suffix, DATA_SUFFIXES) if file.is_file()), None)
-    for missing, there in ((".hdr", header_path.is_file()), (".img", data_path is not None)):
-        if not there:
+    for missing, exists in ((".hdr", header_path.is_file()), (".img", data_path is not None)):
+        if not exists:
             raise ReadError(f"{path.name} is one half of a pair, and its {missing} is missing; keep the two together")
     assert data_path is not None
     yield from imported_steps(MODULE, "nibabel", "Analyze")

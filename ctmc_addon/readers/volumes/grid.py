@@ -17,16 +17,42 @@ from ..streams import is_packed, opened
 
 
 def check_bytes(path: Path, needed: int) -> None:
-    """Refuse a file that is too short for all times, whichever is read: it is not as its header says."""
-    there = path.stat().st_size
-    if there < needed:
-        raise ReadError(f"{path.name} is truncated: {there} of {needed} bytes are there; copy it again")
+    """Refuse a file that is too short for all times, whichever is read: it is not as its header says.
+
+    Parameters
+    ----------
+    path : Path
+    needed : int
+        Bytes.
+
+    Raises
+    ------
+    ReadError
+        If the file has fewer.
+    """
+    stored_bytes = path.stat().st_size
+    if stored_bytes < needed:
+        raise ReadError(f"{path.name} is truncated: {stored_bytes} of {needed} bytes are there; copy it again")
 
 
 def grid_slices(
     path: Path, start: int, shape: tuple[int, int, int], dtype: np.dtype[Any], time: int, times: int
 ) -> SliceReader:
-    """Volume `time` (from 1 on) of `times` volumes (slices, rows, columns) that begin at byte `start` of a file."""
+    """Return the reader of one of several volumes that follow each other in a file.
+
+    Parameters
+    ----------
+    path : Path
+    start : int
+        Byte at which the first begins.
+    shape : (slices, rows, columns) int
+    dtype : dtype
+        With its byte order.
+    time : int
+        Which volume, from 1 on.
+    times : int
+        How many there are.
+    """
     size = math.prod(shape) * dtype.itemsize
     if not is_packed(path):
         if times > 1:

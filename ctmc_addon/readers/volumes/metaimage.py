@@ -46,7 +46,7 @@ class MetaImageFile(VolumeSource):
             self.start = stream.tell()
         self.size, times = checked_size(self.fields, path.name)
         self.dtype = checked_dtype(self.fields, path.name)
-        self.place = placed(self.fields, path.name)
+        self.geometry = placed(self.fields, path.name)
         columns, rows, slices = self.size
         self.data_files = data_files({"data file": names}, path, slices * times) if names else []
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
@@ -54,17 +54,17 @@ class MetaImageFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
-        affine, notes = self.place
+        affine, notes = self.geometry
         columns, rows, slices = self.size
         times = self.series[0].times
         files, count = self.data_files or [self.path], slices * times
         if count % len(files):
             raise ReadError(f"{self.path.name} names {len(files)} data files for {count} slices; repair the header")
-        parts = []
+        readers = []
         for number, file in enumerate(files):
-            part = self._stored_steps(file, (count // len(files), rows, columns))
-            parts.append((yield from equal_part(part, number, len(files))))
-        stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
+            opening = self._stored_steps(file, (count // len(files), rows, columns))
+            readers.append((yield from equal_part(opening, number, len(files))))
+        stored = readers[0] if len(readers) == 1 else JoinedSlices(readers)
         if times > 1:
             stored = TimeSlices(stored, (request.time - 1) * slices, slices)
         return RawValues(stored, affine, notes)
@@ -129,7 +129,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
 
 
 def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: str) -> list[float] | None:
-    """The `count` numbers of the first of `keys` that there is, or None."""
+    """Return the `count` numbers of the first of `keys` that there is, or None."""
     key = next((key for key in keys if key.lower() in fields), None)
     if key is None:
         return None
@@ -156,7 +156,20 @@ def is_true(text: str) -> bool:
 
 
 def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, int], int]:
-    """(columns, rows, slices) and the number of times, or a `ReadError` for anything that is not one volume."""
+    """Return (columns, rows, slices) and the number of times.
+
+    Parameters
+    ----------
+    fields : mapping of str to str
+        The header.
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        For anything that is not one volume.
+    """
     sides = [whole(word, "DimSize", name) for word in fields.get("dimsize", "").split()[:9]]
     dimensions = whole(fields.get("ndims", "0"), "NDims", name)
     if dimensions != len(sides) or not sides or min(sides) < 1:
@@ -173,7 +186,7 @@ def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, 
 
 
 def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
-    """The type of the values in the file, with its byte order."""
+    """Return the type of the values in the file, with its byte order."""
     word = fields.get("elementtype", "").upper()
     code = TYPES.get(word.removeprefix("MET_"))
     if code is None:

@@ -68,7 +68,7 @@ def open_steps(path: Path) -> Steps[MghFile]:
 
 
 def read_header(path: Path) -> tuple[Any, bool]:
-    """The header by nibabel, and whether it has directions."""
+    """Return the header by nibabel, and whether it has directions."""
     mgh = needed(MODULE, "nibabel", "MGH")
     errors = (*HEADER_ERRORS, mgh.HeaderDataError, mgh.MGHError)
     try:

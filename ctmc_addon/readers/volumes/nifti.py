@@ -123,7 +123,20 @@ def header_errors() -> tuple[type[Exception], ...]:
 
 
 def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int], int]:
-    """(columns, rows, slices) and the number of times, or a `ReadError` for anything that is not a volume at times."""
+    """Return (columns, rows, slices) and the number of times.
+
+    Parameters
+    ----------
+    sides : sequence of int
+        The size along each axis, x first.
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        For anything that is not a volume at times.
+    """
     shape = tuple(int(side) for side in sides)
     if any(side < 1 for side in shape) or len(shape) < 2:
         raise ReadError(f"{name} has the size {shape}, which is not a volume; export it again")
@@ -139,7 +152,7 @@ def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int],
 
 
 def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
-    """The type of the values in the file, or a `ReadError` for color, complex and long double."""
+    """Return the type of the values in the file, or a `ReadError` for color, complex and long double."""
     dtype: np.dtype[Any] = header.get_data_dtype()
     if dtype.names is not None:
         raise ReadError(f"{name} has RGB voxels; convert it to gray values or labels (one number a voxel)")

@@ -109,11 +109,11 @@ class NrrdFile(VolumeSource):
             )
         shape = (stored_slices // len(files), rows, stored_columns)  # in each data file
         start = 0 if self.data_files else self.data_start
-        parts = []
+        readers = []
         for number, file in enumerate(files):
-            part = stored_steps(file, self.path, start, self.header, shape, self.dtype)
-            parts.append((yield from equal_part(part, number, len(files))))
-        stored = parts[0] if len(parts) == 1 else JoinedSlices(parts)
+            opening = stored_steps(file, self.path, start, self.header, shape, self.dtype)
+            readers.append((yield from equal_part(opening, number, len(files))))
+        stored = readers[0] if len(readers) == 1 else JoinedSlices(readers)
         if self.times == 1:
             return stored
         if self.interleaved:
@@ -167,9 +167,23 @@ def header_lines(stream: IO[bytes], name: str) -> tuple[list[bytes], list[str]]:
 
 
 def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int], int, bool]:
-    """Size along the three axes of space, which axes those are, and the number of volumes along a fourth.
+    """Return the size along the three axes of space, which axes those are, and the number of volumes along a fourth.
 
-    The last is whether a voxel's values of all volumes lie together. A `ReadError` for anything else.
+    Parameters
+    ----------
+    header : mapping
+        As pynrrd reads it.
+    name : str
+        Of the file, for errors.
+
+    Returns
+    -------
+    size, axes, count, and whether a voxel's values of all volumes lie together
+
+    Raises
+    ------
+    ReadError
+        For anything else.
     """
     sizes = [int(side) for side in header["sizes"]]
     kept = [axis for axis, side in enumerate(sizes) if side > 1 or len(sizes) <= 3]
@@ -194,7 +208,7 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
 
 
 def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
-    """The type of the values in the file, with its byte order."""
+    """Return the type of the values in the file, with its byte order."""
     word = str(header["type"]).strip().lower()
     code = next((code for code, words in TYPES.items() if word in words), None)
     if code is None:
@@ -211,7 +225,7 @@ def checked_dtype(header: Mapping[str, Any], name: str) -> np.dtype[Any]:
 
 
 def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]:
-    """The files that hold the values, in order; none where they follow the header.
+    """Return the files that hold the values, in order; none where they follow the header.
 
     `data file` is a name, a list under `LIST`, or a pattern `name%d first last step [dimension]`. Each lies in the
     header's folder or below: a header that came by mail must not name another file of the machine, or of the network.
@@ -232,7 +246,7 @@ def data_files(header: Mapping[str, Any], path: Path, slices: int) -> list[Path]
 
 
 def outside_allowed_steps(steps: Steps[Result]) -> Steps[Result]:
-    """The same steps, in which headers may name data files anywhere; between two steps they may not."""
+    """Return the same steps, in which headers may name data files anywhere; between two steps they may not."""
     context = copy_context()
     context.run(_outside.set, True)
     with closing(steps):
@@ -246,7 +260,7 @@ def outside_allowed_steps(steps: Steps[Result]) -> Steps[Result]:
 
 
 def inner_path(name: str, header_name: str) -> PurePath:
-    """A data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
+    """Return a data file's name as a path below the header's folder; a `ReadError` where it leads elsewhere."""
     if _outside.get() and "\0" not in name:
         return PurePath(name)
     inner = PurePosixPath(name.replace("\\", "/"))
@@ -260,7 +274,7 @@ def inner_path(name: str, header_name: str) -> PurePath:
 
 
 def open_data_file(file: Path, header: Path) -> IO[bytes]:
-    """A data file for reading, or a `ReadError` if there is no such file."""
+    """Return a data file for reading, or a `ReadError` if there is no such file."""
     if not file.is_file():
         raise ReadError(f"{header.name} names the data file {file.name[:80]}, which is missing; keep the two together")
     return file.open("rb")
@@ -274,7 +288,7 @@ def stored_steps(
     shape: tuple[int, int, int],
     dtype: np.dtype[Any],
 ) -> Steps[SliceReader]:
-    """What reads the values of one data file, which begin behind byte `start` and what the header skips.
+    """Return what reads the values of one data file, which begin behind byte `start` and what the header skips.
 
     Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
     """
@@ -316,7 +330,21 @@ def stored_steps(
 
 
 def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[None]:
-    """Fill `values` (n,) from numbers in words; too few, too many and other words are a `ReadError`."""
+    """Fill values from numbers in words.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Is filled.
+    stream : binary file
+    name : str
+        Of the file, for errors.
+
+    Raises
+    ------
+    ReadError
+        For too few, too many and other words.
+    """
     done, unfinished_word, more = 0, b"", True
     while more:
         yield Step(min(1.0, done / len(values)), f"Reading {name}")

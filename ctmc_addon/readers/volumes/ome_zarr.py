@@ -55,7 +55,7 @@ class Multiscale(NamedTuple):
 
     @property
     def space(self) -> tuple[int, int, int]:
-        """The numbers of the axes z, y and x: by their names, else the last three."""
+        """Return the numbers of the axes z, y and x: by their names, else the last three."""
         names = [str(axis.get("name", "")).lower() for axis in self.axes]
         last = len(self.axes)
         if all(names.count(letter) == 1 for letter in "zyx"):
@@ -86,12 +86,12 @@ class OmeZarr(VolumeSource):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All metadata and chunks, which are looked for when they are asked for."""
+        """Return all metadata and chunks, which are looked for when they are asked for."""
         found = (Path(folder) / file for folder, _, files in os.walk(self.path) for file in files)
         return tuple(sorted(found, key=natural_key))
 
     def selected_series(self, series: str | int | None) -> Series | None:
-        """The channel that would be read; by default the first."""
+        """Return the channel that would be read; by default the first."""
         word = "" if series is None else str(series).strip()
         return next((line for line in self.series if word in ("", str(line.number))), None)
 
@@ -173,7 +173,7 @@ def open_steps(path: Path) -> Steps[OmeZarr]:
 
 
 def ome_of(folder: Path) -> dict[str, Any]:
-    """What the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
+    """Return what the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
     third = read_json(folder / "zarr.json", folder.name)
     attributes = third.get("attributes") if third else read_json(folder / ".zattrs", folder.name)
     if not isinstance(attributes, dict):
@@ -208,18 +208,18 @@ def image_folder(path: Path) -> Path:
 
 
 def images_of(about: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The images of a well."""
+    """Return the images of a well."""
     well = about.get("well")
     return [image for image in listed(well, "images") if isinstance(image, dict)] if isinstance(well, dict) else []
 
 
 def is_array(folder: Path) -> bool:
-    """Whether a folder is an array, and not a group of some."""
+    """Return whether a folder is an array, and not a group of some."""
     return (folder / ".zarray").is_file() or read_json(folder / "zarr.json", folder.name).get("node_type") == "array"
 
 
 def is_inner(word: Any) -> bool:
-    """Whether a path in metadata leads to a folder within their own."""
+    """Return whether a path in metadata leads to a folder within their own."""
     if not isinstance(word, str) or "\0" in word or "\\" in word or ":" in word:
         return False
     inner = PurePosixPath(word)
@@ -227,7 +227,7 @@ def is_inner(word: Any) -> bool:
 
 
 def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
-    """The first image that the metadata of a group tell of."""
+    """Return the first image that the metadata of a group tell of."""
     found = about["multiscales"]
     first = found[0] if isinstance(found[0], dict) else {}
     version = str(about.get("version", first.get("version", VERSIONS[0])))
@@ -268,14 +268,14 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
 def check_axes(image: Multiscale, name: str) -> None:
     """Refuse what is not a volume at times and of channels."""
     space = set(image.space)
-    known = space | {image.axis("time", "t"), image.axis("channel", "c")}
+    known_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}
     words = " ".join(str(axis.get("name", "?"))[:20] for axis in image.axes)
     is_flat = len(image.axes) < 3 or any(image.axes[axis].get("type") in ("time", "channel") for axis in space)
     for header in image.levels:
         if is_flat or header.shape[image.space[0]] < 2:
             raise ReadError(f"{header.name} holds one slice only (axes {words}); a surface needs at least 2 slices")
         for number, side in enumerate(header.shape):
-            if side > 1 and number not in known:
+            if side > 1 and number not in known_axes:
                 raise ReadError(
                     f"{header.name} has {side} volumes along an axis of its own (axes {words}); save one of them"
                 )
@@ -307,14 +307,14 @@ def scale_and_shift(
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of the metadata is a number of a size that occurs."""
+    """Return whether a value of the metadata is a number of a size that occurs."""
     return (
         isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e30 and not math.isnan(value)
     )
 
 
 def channel_names(about: Mapping[str, Any], count: int) -> list[str]:
-    """The channels' labels of `omero`, empty where there are none."""
+    """Return the channels' labels of `omero`, empty where there are none."""
     omero = about.get("omero")
     channels = listed(omero, "channels") if isinstance(omero, dict) else []
     words = [channel.get("label", "") if isinstance(channel, dict) else "" for channel in channels]

@@ -62,12 +62,12 @@ class ArrayHeader(NamedTuple):
 
     @property
     def chunk_bytes(self) -> int:
-        """Bytes of a decoded chunk."""
+        """Return how many bytes a decoded chunk has."""
         return math.prod(self.chunks) * self.dtype.itemsize
 
 
 def read_json(path: Path, name: str) -> dict[str, Any]:
-    """An object in a file of metadata; empty where there is no such file.
+    """Return an object in a file of metadata; empty where there is no such file.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
 
 
 def outermost(about: Mapping[str, Any]) -> str:
-    """The codec that was the last to pack, check sums left out."""
+    """Return the codec that was the last to pack, check sums left out."""
     codecs = [about.get("compressor"), *listed(about, "codecs")]
     words = [str(codec.get("id", codec.get("name"))) for codec in codecs if isinstance(codec, dict)]
     packing = [word.removeprefix("numcodecs.") for word in words if "crc32" not in word]
@@ -130,7 +130,7 @@ def outermost(about: Mapping[str, Any]) -> str:
 
 
 def listed(about: Mapping[str, Any], key: str) -> list[Any]:
-    """The list of that name; empty where there is none."""
+    """Return the list of that name; empty where there is none."""
     found = about.get(key)
     return found if isinstance(found, list) else []
 
@@ -163,7 +163,7 @@ def sizes(found: Any, what: str, name: str) -> tuple[int, ...]:
 
 
 def stored_type(word: Any, third: bool, name: str) -> np.dtype[Any]:
-    """The type of the values, in the machine's byte order."""
+    """Return the type of the values, in the machine's byte order."""
     code = TYPES.get(str(word)) if third else str(word)[1:] if str(word)[:1] in "<>|=" else None
     kind = str(word) if isinstance(word, str) else "of several numbers"
     if code in ("b1", "?"):
@@ -174,7 +174,7 @@ def stored_type(word: Any, third: bool, name: str) -> np.dtype[Any]:
 
 
 def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
-    """What is said where files of chunks are not there: a store leaves out those of the fill value.
+    """Return what is said where files of chunks are not there: a store leaves out those of the fill value.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
 
 
 def chunk_files(folder: Path) -> Iterator[str]:
-    """The files below an array's folder that are not metadata."""
+    """Yield the files below an array's folder that are not metadata."""
     for _, _, files in os.walk(folder):
         yield from (file for file in files if not file.startswith(".") and file != "zarr.json")
 
@@ -221,7 +221,7 @@ class ZarrSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """A layer of chunks, or so many of its slices that they are not much."""
+        """Return a layer of chunks, or so many of its slices that they are not much."""
         return min(self.chunk_slices, max(1, RUN // (self.shape[1] * self.shape[2] * self.dtype.itemsize)))
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
@@ -279,8 +279,8 @@ class ZarrSlices(SliceReader):
         _, y, x = (self.header.chunks[axis] for axis in self.axes)
         chunks = max(1, BLOCK // self.header.chunk_bytes)
         across = columns[-1] // x - columns[0] // x + 1
-        for row, own_rows in parts(rows, y * max(1, chunks // across)):
-            for column, own_columns in parts(columns, x * min(chunks, across)):
+        for row, own_rows in chunk_ranges(rows, y * max(1, chunks // across)):
+            for column, own_columns in chunk_ranges(columns, x * min(chunks, across)):
                 block = self._selected(slices, own_rows, own_columns)
                 out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
 
@@ -316,12 +316,12 @@ class ZarrSlices(SliceReader):
                 )
 
 
-def parts(numbers: range, side: int) -> Iterator[tuple[int, range]]:
-    """The numbers in each stretch of `side`, counted from 0, and the first one's place among all.
+def chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
+    """Yield the numbers in each stretch of `side`, counted from 0, and the first one's place among all.
 
     Examples
     --------
-    >>> list(parts(range(3, 10, 2), 4))
+    >>> list(chunk_ranges(range(3, 10, 2), 4))
     [(0, range(3, 5, 2)), (1, range(5, 9, 2)), (3, range(9, 11, 2))]
     """
     first = 0

@@ -20,9 +20,18 @@ STREAMS: dict[str, tuple[Callable[[], Any], float]] = {  # and how many bytes ar
 
 
 def unpacks_beyond(path: Path, codec: str, most: int) -> bool:
-    """Whether a file unpacks to more than `most` bytes, and to more than is harmless; False where there is none.
+    """Return whether a file unpacks to more than `most` bytes, and to more than is harmless; False where there is none.
 
     Of Zstandard and the others with a length in their first bytes it is this length, which is all that is unpacked.
+
+    Parameters
+    ----------
+    path : Path
+        Of a chunk.
+    codec : str
+        Its name in the array's metadata.
+    most : int
+        Bytes that the chunk should have.
     """
     if not path.is_file():
         return False
@@ -53,7 +62,7 @@ def streams_beyond(path: Path, start: Callable[[], Any], most: int) -> bool:
 
 
 def zstandard_size(head: bytes) -> int:
-    """The length that the first frame of Zstandard tells of, RFC 8878 3.1.1.1; 0 where it tells none.
+    """Return the length that the first frame of Zstandard tells of, RFC 8878 3.1.1.1; 0 where it tells none.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from typing import Any
 
 
 def modules() -> tuple[Any, ...]:
-    """Every module that registers, in order; imported only when Blender asks."""
+    """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
     from .ct import histogram, load, region, slice, threshold, view
     from .scene import pick_point, rulers, slice_object, volume_object

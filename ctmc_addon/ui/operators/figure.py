@@ -33,7 +33,7 @@ from ...blender.figure.spec import (
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
 from ...blender.materials import material_color
-from ...blender.rulers import is_ruler, places_of, text_of
+from ...blender.rulers import is_ruler, points_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...core import MeshError, OutputError, Steps
@@ -78,7 +78,7 @@ class FigureOperator(jobs.LongOperator):
         return {"RUNNING_MODAL"}
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         return f"{subject(context)}_{self.named}.png"
 
     def plan(self: Any, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
@@ -92,12 +92,12 @@ class FigureOperator(jobs.LongOperator):
         return concluded_steps(work, scene.session_uid, target)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """The steps of this kind of figure."""
+        """Return the steps of this kind of figure."""
         raise NotImplementedError
 
 
 def concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[jobs.Conclusion]:
-    """The work, and the message of success."""
+    """Return the work, and the message of success."""
     yield from work
 
     def conclude() -> str:
@@ -110,30 +110,30 @@ def concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[job
 
 
 def subject(context: bpy.types.Context) -> str:
-    """What the figure is of, for the name of its file."""
+    """Return what the figure is of, for the name of its file."""
     obj, volume = context.view_layer.objects.active, volumes.current(context.scene)
     name = obj.name if surfaces.is_surface(obj) else "ctmc" if volume is None else volume.name
     return file_name(name)
 
 
 def page_of(panel: Any, kind: str) -> Page:
-    """The page of the panel for a kind of figure."""
+    """Return the page of the panel for a kind of figure."""
     return replace(PAGES[kind], **values_of(panel, Page, kind))
 
 
 def style_of(panel: Any, caption: str = "") -> FigureStyle:
-    """The style of the panel; `caption` where none was typed."""
+    """Return the style of the panel; `caption` where none was typed."""
     shown = FigureStyle(**values_of(panel, FigureStyle))
     return replace(shown, caption=(shown.caption or caption or None) if panel.use_caption else "")
 
 
 def blend_of(panel: Any, target: Path) -> Path | None:
-    """Where the figure's own scene goes."""
+    """Return where the figure's own scene goes."""
     return target.with_suffix(".blend") if panel.write_blend else None
 
 
 def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected reconstructions; where there is none, the active one."""
+    """Return the selected reconstructions; where there is none, the active one."""
     active = context.view_layer.objects.active
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
@@ -154,7 +154,7 @@ def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: 
 
 
 def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
-    """The selected surfaces as one cell, with the slices and rulers that are visible, and a caption."""
+    """Return the selected surfaces as one cell, with the slices and rulers that are visible, and a caption."""
     objects = shown_surfaces(context)
     if not objects:
         raise MeshError("no reconstructed surface is selected; choose one or several first")
@@ -173,13 +173,13 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
     slices = tuple(obj for obj in seen if is_slice(obj))
     marks = tuple(
-        RulerMark(tuple(place.to_tuple() for place in places_of(obj)), text_of(obj)) for obj in seen if is_ruler(obj)
+        RulerMark(tuple(point.to_tuple() for point in points_of(obj)), text_of(obj)) for obj in seen if is_ruler(obj)
     )
     return Cell(shown, slices=slices, rulers=marks), caption
 
 
 def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether there is something to show, with the reason if not."""
+    """Return whether there is something to show, with the reason if not."""
     objects = shown_surfaces(context)
     if not objects:
         operator.poll_message_set("Choose a reconstructed surface first")
@@ -204,7 +204,7 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """All selected surfaces in one figure."""
+        """Return all selected surfaces in one figure."""
         cell, caption = cell_of(context)
         return figure_steps([cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene)
 
@@ -223,7 +223,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Every setting in a cell."""
+        """Render a cell for every setting."""
         volume, settings = volumes.require_loaded(context.scene).full, context.scene.ctmc.all_settings()[0]
         comparison = Comparison(
             parsed_strides(panel.strides) if panel.use_strides else (),
@@ -240,7 +240,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
 
 
 def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the active surface is of the CT in memory, with the reason if not."""
+    """Return whether the active surface is of the CT in memory, with the reason if not."""
     if not surfaces.is_of_ct(context.view_layer.objects.active, context.scene):
         operator.poll_message_set("Make a surface of this CT active first")
         return False
@@ -261,7 +261,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces, volumes.has_volume, is_of_ct)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """The active surface, as it is shown."""
+        """Return the active surface, as it is shown."""
         require_png(target)
         require_engine(panel.engine, distances=True)
         volume = volumes.require_loaded(context.scene).full
@@ -290,13 +290,13 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces)
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """A video's name, or a folder's."""
+        """Return a video's name, or a folder's."""
         suffix = suffix_of(context.scene.ctmc_figure)
         self.filter_glob = f"*{suffix}" if suffix else ""
         return f"{subject(context)}_{self.named}{suffix}"
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """All selected surfaces on one table."""
+        """Return all selected surfaces on one table."""
         turn = Turn(**values_of(panel, Turn))
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
@@ -306,7 +306,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
 
 
 def suffix_of(panel: Any) -> str:
-    """The suffix of the format; empty for a folder of frames."""
+    """Return the suffix of the format; empty for a folder of frames."""
     return "" if panel.film == FRAMES else str(panel.film)
 
 

@@ -28,11 +28,11 @@ class SaveDialog:
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
 
     def ending(self) -> str:
-        """The suffix of a name without one."""
+        """Return the suffix of a name without one."""
         return self.suffixes[0]
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         raise NotImplementedError
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

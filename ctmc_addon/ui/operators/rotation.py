@@ -31,7 +31,7 @@ STAGES = {"Simplifying": 3, "Timing the rotation": 7}
 
 
 def is_mesh(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the active object is a mesh in object mode, with the reason if not."""
+    """Return whether the active object is a mesh in object mode, with the reason if not."""
     obj = context.view_layer.objects.active
     if obj is None or obj.type != "MESH":
         operator.poll_message_set("Choose a surface first")
@@ -43,7 +43,7 @@ def is_mesh(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def has_table(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether a test has been run, with the reason if not."""
+    """Return whether a test has been run, with the reason if not."""
     if session.of(context.scene).rotation is None:
         operator.poll_message_set("Run the rotation test first")
         return False
@@ -64,7 +64,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     needs = (is_mesh, jobs.idle)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Levels, then rounds."""
+        """Return what to time: levels, then rounds."""
         scene, obj = context.scene, context.view_layer.objects.active
         panel = scene.ctmc
         levels = parsed_levels(panel.rotation_levels)
@@ -82,7 +82,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
 
 
 def viewport_of(context: bpy.types.Context) -> bpy.types.Area:
-    """The 3D viewport that the button is in, else the first of the window; a `MeshError` where there is none."""
+    """Return the 3D viewport that the button is in, else the first of the window; a `MeshError` where there is none."""
     areas = [area for area in (context.area, *context.window.screen.areas) if area is not None]
     area = next((area for area in areas if area.type == "VIEW_3D"), None)
     if area is None:
@@ -91,7 +91,7 @@ def viewport_of(context: bpy.types.Context) -> bpy.types.Area:
 
 
 def full_mesh(scene: bpy.types.Scene, obj: bpy.types.Object) -> TriangleMesh:
-    """The surface before simplification where it is known, else as it is now; RAS+ mm."""
+    """Return the surface before simplification where it is known, else as it is now; RAS+ mm."""
     full = surfaces.full_of(obj, scene) if surfaces.is_surface(obj) else None
     mesh: TriangleMesh = evaluated_triangles(obj, scene) if full is None else full.mesh
     if not len(mesh.faces):
@@ -194,7 +194,7 @@ class CTMC_OT_rotation_save(Needs, SaveDialog, bpy.types.Operator):
     needs = (has_table,)
 
     def suggestion(self, _context: bpy.types.Context) -> str:
-        """A name for the file."""
+        """Suggest a name for the file."""
         return "rotation_test.csv"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 
 def modules() -> tuple[Any, ...]:
-    """Every module that registers, in order; imported only when Blender asks."""
+    """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, main, presets, results, rotation, settings, surface
     from .ct import region, slice
     from .scene import rulers, volume_object

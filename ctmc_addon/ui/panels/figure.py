@@ -22,7 +22,7 @@ OPERATORS = {
 
 
 class CTMC_PT_figure(SubPanel, bpy.types.Panel):
-    """Figures for print."""
+    """Panel for figures for print."""
 
     bl_idname = "CTMC_PT_figure"
     bl_label = "Figure"
@@ -67,7 +67,7 @@ def draw_switched(layout: Any, panel: Any, name: str) -> None:
 
 
 def draw_page(layout: Any, panel: Any) -> None:
-    """Width, resolution, background."""
+    """Draw width, resolution and background."""
     kind = "figure" if panel.kind == "deviation" else panel.kind
     column = layout.column(align=True)
     column.prop(panel, f"{kind}_width_mm")

@@ -73,7 +73,7 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
 
 
 def draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
-    """A tick with its words on the left; room for the value it is about."""
+    """Return a tick with its words on the left; room for the value it is about."""
     row = layout.split(factor=0.64)
     row.use_property_split = False
     row.prop(settings, name, text=text, translate=False)
@@ -81,7 +81,7 @@ def draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
 
 
 def holds_hu(scene: bpy.types.Scene) -> bool:
-    """Whether gray values of the scene's CT are HU."""
+    """Return whether gray values of the scene's CT are HU."""
     volume = volumes.current(scene)
     return volume is not None and volume.kind == ValueKind.HU
 
@@ -102,7 +102,7 @@ def width_of(context: bpy.types.Context) -> float:
 
 
 def is_narrow(context: bpy.types.Context) -> bool:
-    """Whether two buttons with words have no room side by side."""
+    """Return whether two buttons with words have no room side by side."""
     return width_of(context) < NARROW
 
 
@@ -112,7 +112,7 @@ def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any
 
 
 def text_width(text: str) -> float:
-    """How wide a text is in Blender's own font, pixels at its usual size."""
+    """Return how wide a text is in Blender's own font, pixels at its usual size."""
     import blf
 
     blf.size(FONT, POINTS)

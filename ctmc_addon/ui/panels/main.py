@@ -36,11 +36,11 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
         bpy.types.CTMC_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """Nothing of its own."""
+        """Draw nothing: what the panel shows is in the panels below it."""
 
 
 class CTMC_PT_load(Step, bpy.types.Panel):
-    """The CT."""
+    """Panel that loads a CT and says what it is."""
 
     bl_idname = "CTMC_PT_load"
     bl_label = "Load"
@@ -51,7 +51,7 @@ class CTMC_PT_load(Step, bpy.types.Panel):
 
 
 class CTMC_PT_surface(Step, bpy.types.Panel):
-    """Where the surface is sought."""
+    """Panel for threshold or labels, and what decides where the surface lies."""
 
     bl_idname = "CTMC_PT_surface"
     bl_label = "Surface"
@@ -73,7 +73,7 @@ class CTMC_PT_voxels(Step, bpy.types.Panel):
 
 
 class CTMC_PT_simplify(Step, bpy.types.Panel):
-    """How many triangles are left."""
+    """Panel that says how many triangles are to be left."""
 
     bl_idname = "CTMC_PT_simplify"
     bl_label = "Simplify"
@@ -118,7 +118,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 def alpha_matters(settings: Any) -> bool:
-    """Whether alpha has an effect; settings that contradict each other are said elsewhere."""
+    """Return whether alpha has an effect; settings that contradict each other are said elsewhere."""
     try:
         matters: bool = settings.to_settings().alpha_matters
     except SettingsError:
@@ -151,7 +151,7 @@ def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> Non
 
 
 def removed_text(context: bpy.types.Context, settings: Any) -> str:
-    """What the goal removes, of how many triangles."""
+    """Return what the goal removes, of how many triangles."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
     if settings.goal == "reduction":

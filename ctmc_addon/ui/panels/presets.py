@@ -19,7 +19,7 @@ SUBFOLDER = "ctmc"
 
 
 def preset_values() -> list[str]:
-    """What a preset keeps: first the values, which switch themselves on, then the switches."""
+    """Return what a preset keeps: first the values, which switch themselves on, then the switches."""
     names = [name for name in SETTINGS if name not in OF_ONE_VOLUME]
     return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
 
@@ -38,7 +38,7 @@ class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
 
 
 class CTMC_PT_presets(PresetPanel, SidePanel, bpy.types.Panel):
-    """The list of presets."""
+    """Panel with the list of presets."""
 
     bl_idname = "CTMC_PT_presets"
     bl_label = "CTMC Presets"

@@ -67,7 +67,7 @@ def draw_mending(layout: Any, measurement: Measurement | None) -> None:
 
 
 def surface_text(measures: Measures | None) -> str:
-    """Whether a surface is closed, and what cuts it."""
+    """Return whether a surface is closed, and what cuts it."""
     if measures is None:
         return translate("Surface: not measured")
     if measures.closed:

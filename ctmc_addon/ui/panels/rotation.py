@@ -14,7 +14,7 @@ from .layout import SubPanel, draw_job, draw_pair, prepare
 
 
 class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
-    """The timed turntable."""
+    """Panel for the timed turntable."""
 
     bl_idname = "CTMC_PT_rotation"
     bl_label = "Rotation Test"
@@ -41,7 +41,7 @@ class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
 
 
 def draw_table(layout: Any, rows: list[list[str]]) -> None:
-    """Text in columns."""
+    """Draw text in columns."""
     flow = layout.box().grid_flow(row_major=True, columns=len(rows[0]), even_columns=True, align=True)
     for row in rows:
         for cell in row:

@@ -14,7 +14,7 @@ class SettingsPanel(SubPanel):
     names: tuple[str, ...] = ()
 
     def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
-        """One below the other."""
+        """Draw the settings one below the other."""
         prepare(self.layout)
         for name in self.names:
             draw_setting(self.layout, context.scene.ctmc, name)
@@ -29,7 +29,7 @@ class CTMC_PT_parts(SettingsPanel, bpy.types.Panel):
 
 
 class CTMC_PT_normals(SettingsPanel, bpy.types.Panel):
-    """Shading."""
+    """Panel for the normals that surfaces are shaded with."""
 
     bl_idname = "CTMC_PT_normals"
     bl_label = "Normals"

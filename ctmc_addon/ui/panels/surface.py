@@ -58,7 +58,7 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
 
 
 def threshold_text(scene: bpy.types.Scene) -> str:
-    """Which threshold is used: Otsu's, or that of a tissue."""
+    """Return which threshold is used: Otsu's, or that of a tissue."""
     volume, value = volumes.current(scene), threshold.used_threshold(scene)
     unit = " HU" if holds_hu(scene) else ""
     if not scene.ctmc.use_threshold:
@@ -76,7 +76,7 @@ def threshold_text(scene: bpy.types.Scene) -> str:
 
 
 def threshold_label(scene: bpy.types.Scene) -> str:
-    """The threshold with its unit."""
+    """Return the threshold with its unit."""
     volume = volumes.current(scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")
@@ -112,7 +112,7 @@ class CTMC_UL_labels(bpy.types.UIList):
         _index: int,
         _flag: int,
     ) -> None:
-        """One line."""
+        """Draw the line of a label."""
         row = layout.row(align=True)
         row.use_property_split = False
         row.prop(item, "chosen", text="")

@@ -39,16 +39,16 @@ def property_of(about: Setting, default: Any, **options: Any) -> Any:
     if about.type is str:
         return text(label, description, default=default or "", **options)
     is_integer = about.type is int
-    made: dict[str, Any] = {} if is_absent else {"default": default}
+    limits: dict[str, Any] = {} if is_absent else {"default": default}
     if about.low is not None:
-        made["min"] = 0 if is_absent else int(about.low) if is_integer else lowest(about)
+        limits["min"] = 0 if is_absent else int(about.low) if is_integer else lowest(about)
     if about.high is not None:
-        made["max"] = int(about.high) if is_integer else highest(about)
+        limits["max"] = int(about.high) if is_integer else highest(about)
     if not is_integer:
-        made["precision"] = 3
+        limits["precision"] = 3
     if about.size > 1:
-        return (integers if is_integer else decimals)(label, description, **{"size": about.size, **made, **options})
-    return (integer if is_integer else decimal)(label, description, **made | options)
+        return (integers if is_integer else decimals)(label, description, **{"size": about.size, **limits, **options})
+    return (integer if is_integer else decimal)(label, description, **limits | options)
 
 
 def items_of(about: Setting) -> list[tuple[str, str, str]]:

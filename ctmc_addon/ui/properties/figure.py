@@ -40,12 +40,12 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 def all_properties() -> dict[str, Any]:
-    """Every property of `scene.ctmc_figure`."""
+    """Return every property of `scene.ctmc_figure`."""
     return generated_properties() | panel_properties()
 
 
 def generated_properties() -> dict[str, Any]:
-    """What is made from the fields of blender.figure.spec."""
+    """Return what is made from the fields of blender.figure.spec."""
     from ...blender.figure.spec import FIGURE_SETTINGS, PAGES
 
     properties: dict[str, Any] = {}
@@ -66,7 +66,7 @@ def generated_properties() -> dict[str, Any]:
 
 
 def panel_properties() -> dict[str, Any]:
-    """What the panel alone asks."""
+    """Return the properties that the panel alone asks for."""
     from ...blender.figure.spec import VIDEO_FORMATS, Comparison
 
     frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")
@@ -101,7 +101,7 @@ def panel_properties() -> dict[str, Any]:
 
 
 def values_of(panel: Any, kind: type, page_kind: str = "") -> dict[str, Any]:
-    """The values of a described dataclass's fields in the panel, by name; those of a page are of `page_kind`."""
+    """Return the values of a described dataclass's fields in the panel, by name; those of a page are of `page_kind`."""
     values = {}
     own = defaults(kind)
     for name, about in descriptions(kind).items():

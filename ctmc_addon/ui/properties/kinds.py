@@ -15,7 +15,7 @@ from ..translations import OURS
 
 
 def in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
-    """A kind of property that takes its name and description first."""
+    """Return a kind of property that takes its name and description first."""
 
     def make(name: str, description: str, **options: Any) -> Any:
         return kind(name=name, description=description, translation_context=OURS, **options)

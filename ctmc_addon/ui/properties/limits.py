@@ -14,22 +14,22 @@ DEFAULTS = ReconstructionSettings()
 
 
 def optional(name: str) -> bool:
-    """Whether a setting may be absent."""
+    """Return whether a setting may be absent."""
     return getattr(DEFAULTS, name) is None
 
 
 def lowest(about: Setting) -> float:
-    """The smallest float32 that the setting allows."""
+    """Return the smallest float32 that the setting allows."""
     low = np.float32(about.low)
     return float(np.nextafter(low, np.float32(np.inf)) if about.low_open else low)
 
 
 def highest(about: Setting) -> float:
-    """The largest float32 that the setting allows."""
+    """Return the largest float32 that the setting allows."""
     high = np.float32(about.high)
     return float(np.nextafter(high, np.float32(0.0)) if about.high_open else high)
 
 
 def switch(name: str) -> str:
-    """The property that says whether a setting is there."""
+    """Return the property that says whether a setting is there."""
     return f"use_{name}"

@@ -16,7 +16,7 @@ from .limits import highest, switch
 
 
 def current_volume(properties: Any) -> Any:
-    """The scene's volume, in memory or in its file; `volumes` holds bpy and is looked up only when asked."""
+    """Return the scene's volume, in memory or in its file; `volumes` holds bpy and is looked up only when asked."""
     from ..state import volumes
 
     return volumes.current_full(properties.id_data)
@@ -31,7 +31,7 @@ def fit_region(properties: Any) -> None:
 
 
 def get_unit(properties: Any) -> int:
-    """The region's unit as its choice shows it."""
+    """Return the region's unit as its choice shows it."""
     return SETTINGS["region_unit"].choices.index(properties.region_unit)
 
 
@@ -86,7 +86,7 @@ def set_ratio(properties: Any, ratio: float) -> None:
 
 
 def get_keep_largest(properties: Any) -> bool:
-    """Whether only the largest components are kept."""
+    """Return whether only the largest components are kept."""
     return bool(properties.keep_parts > 0)
 
 
@@ -97,7 +97,7 @@ def set_keep_largest(properties: Any, keeps: bool) -> None:
 
 
 def get_color(properties: Any) -> Any:
-    """The color of the active surface, that of bone without one."""
+    """Return the color of the active surface, that of bone without one."""
     from ..state import surfaces
 
     return surfaces.active_color(properties.id_data)

@@ -22,7 +22,7 @@ LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMER
 
 
 def scene_properties() -> dict[str, Any]:
-    """What a scene keeps of how its CT is read and called."""
+    """Return what a scene keeps of how its CT is read and called."""
     about = descriptions(ReadingOptions)
     properties = {name: option(name) for name in SHOWN if name != "flip"}
     properties |= {f"flip_{axis}": option("flip", axis) for axis in SIDES}
@@ -30,7 +30,7 @@ def scene_properties() -> dict[str, Any]:
 
 
 def dialog_properties() -> dict[str, Any]:
-    """What the dialog asks, and what buttons and scripts hand to it."""
+    """Return what the dialog asks, and what buttons and scripts hand to it."""
     hidden = {"flip", "series", "time"}
     properties = {
         name: option(name, options={"SKIP_SAVE", "HIDDEN"} if name in hidden else {"SKIP_SAVE"}) for name in SHOWN
@@ -40,7 +40,7 @@ def dialog_properties() -> dict[str, Any]:
 
 
 def option(name: str, axis: str = "", **options: Any) -> Any:
-    """The property of one option; of `flip` the switch of one axis, if it is given."""
+    """Return the property of one option; of `flip` the switch of one axis, if it is given."""
     about = descriptions(ReadingOptions)[name]
     if axis:
         return boolean(SIDES[axis], tooltip(about), **options)
@@ -48,18 +48,18 @@ def option(name: str, axis: str = "", **options: Any) -> Any:
 
 
 def options_of_scene(stored: Any) -> ReadingOptions:
-    """How the panel wants the scene's CT to be read."""
+    """Return how the panel wants the scene's CT to be read."""
     return chosen(stored, "".join(axis for axis in SIDES if getattr(stored, f"flip_{axis}")))
 
 
 def options_of_dialog(operator: Any) -> ReadingOptions:
-    """How the dialog, a button or a script wants a CT to be read."""
+    """Return how the dialog, a button or a script wants a CT to be read."""
     ticked = "".join(axis for axis, is_ticked in zip(SIDES, operator.flip_axes, strict=True) if is_ticked)
     return chosen(operator, operator.flip or ticked)
 
 
 def chosen(properties: Any, flip: str) -> ReadingOptions:
-    """The options in the properties of a scene or a dialog."""
+    """Return the options in the properties of a scene or a dialog."""
     values: dict[str, Any] = {}
     for name in SHOWN:
         if name != "flip":

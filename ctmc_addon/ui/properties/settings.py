@@ -38,7 +38,7 @@ class SettingsMethods:
     use_label: Any
 
     def to_settings(self) -> ReconstructionSettings:
-        """The settings as core takes them, checked.
+        """Return the settings as core takes them, checked.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class SettingsMethods:
         return ReconstructionSettings.from_dict(values)
 
     def all_settings(self) -> list[ReconstructionSettings]:
-        """The settings of every surface to make: one for each label that is ticked, or a single one."""
+        """Return the settings of every surface to make: one for each label that is ticked, or a single one."""
         settings = self.to_settings()
         if settings.label is None:
             return [settings]
@@ -61,11 +61,11 @@ class SettingsMethods:
         return [replace(settings, label=label) for label in ticked or [settings.label]]
 
     def color_of(self, label: int | None) -> tuple[float, float, float] | None:
-        """The color chosen in the list for a label; None for one that is not in it."""
+        """Return the color chosen in the list for a label; None for one that is not in it."""
         return next((tuple(item.color) for item in self.labels if item.value == label), None)
 
     def name_of(self, label: int) -> str:
-        """What a label's surface is called: its name in the list, else its number."""
+        """Return what a label's surface is called: its name in the list, else its number."""
         named = next((item.name for item in self.labels if item.value == label), "")
         return named or f"Label {label}"
 
@@ -192,7 +192,7 @@ class CTMCLabel(PropertyGroup):
 
 
 def all_properties() -> dict[str, Any]:
-    """Every property of `scene.ctmc`."""
+    """Return every property of `scene.ctmc`."""
     properties: dict[str, Any] = {}
     for name, about in SETTINGS.items():
         if optional(name):
@@ -205,7 +205,7 @@ def all_properties() -> dict[str, Any]:
 
 
 def volume_properties() -> dict[str, Any]:
-    """What the file knows of its CT, and how it is to be read."""
+    """Return what the file knows of its CT, and how it is to be read."""
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
         "volume_fingerprint": text("Fingerprint", "To know the CT again by"),

@@ -22,14 +22,14 @@ _usual: WeakKeyDictionary[Volume, tuple[float, float]] = WeakKeyDictionary()
 
 
 def current_volume(scene: Any) -> Volume | None:
-    """The scene's volume; `volumes` holds bpy and is looked up only when asked."""
+    """Return the scene's volume; `volumes` holds bpy and is looked up only when asked."""
     from ..state import volumes
 
     return volumes.current(scene)
 
 
 def window_and_level(view: Any) -> tuple[float, float]:
-    """What was chosen for this volume, else what its kind and range suggest."""
+    """Return what was chosen for this volume, else what its kind and range suggest."""
     scene = view.id_data
     if view.chosen_for == scene.ctmc.volume_fingerprint:
         return tuple(view.chosen_window)
@@ -42,14 +42,22 @@ def window_and_level(view: Any) -> tuple[float, float]:
 
 
 def choose(view: Any, window: float, level: float) -> None:
-    """Store window and level for the present volume."""
+    """Store window and level for the present volume.
+
+    Parameters
+    ----------
+    view : scene.ctmc_view
+    window : float
+        In the values' unit.
+    level : float
+    """
     view.chosen_for = view.id_data.ctmc.volume_fingerprint
     view.chosen_window = (window, level)
     notify(view.id_data.ctmc, "window")
 
 
 def positions_of(view: Any) -> list[float]:
-    """Where the slice of each plane lies; a file of version 0.2 has one position for all."""
+    """Return where the slice of each plane lies; a file of version 0.2 has one position for all."""
     if not view.is_property_set("positions"):
         # Blender 5 keeps what is registered apart from what a user has added.
         stored = view.bl_system_properties_get() if hasattr(view, "bl_system_properties_get") else view
@@ -59,7 +67,7 @@ def positions_of(view: Any) -> list[float]:
 
 
 def get_position(view: Any) -> float:
-    """Where the slice of the present plane lies."""
+    """Return where the slice of the present plane lies."""
     return positions_of(view)[list(PLANES).index(view.plane)]
 
 

@@ -65,9 +65,16 @@ def estimate_steps(fields: FieldCache, settings: tuple[ReconstructionSettings, .
 
 
 def learn(scene_uid: int, results: Sequence[Reconstruction], seconds: float) -> None:
-    """Measure the next estimate on what these surfaces have cost, `seconds` together after their last stages.
+    """Correct the next estimate by what these surfaces have cost.
 
-    Each has its share of these by its triangles: a small one beside a large one would make every triangle expensive.
+    Parameters
+    ----------
+    scene_uid : int
+        session_uid of the scene.
+    results : sequence of Reconstruction
+    seconds : float
+        What all of them took after their last stages; each has its share by its triangles, as a small one
+        beside a large one would make every triangle expensive.
     """
     scene = session.scene_of(scene_uid)
     cost = None if scene is None else session.of(scene).cost

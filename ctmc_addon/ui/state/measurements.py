@@ -47,7 +47,7 @@ def measurement_steps(mesh: TriangleMesh, full: TriangleMesh | None) -> Steps[Me
 
 
 def mesh_state(obj: bpy.types.Object) -> State:
-    """What tells one state of an object's surface from another: positions, keys and the modifiers that show."""
+    """Return what tells one state of an object's surface from another: positions, keys and the modifiers that show."""
     return [*plain_state(obj, None)[:-1], modifiers_text(obj)]
 
 
@@ -61,12 +61,12 @@ def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
 
 
 def modifiers_text(obj: bpy.types.Object) -> str:
-    """The settings of all modifiers that show in the viewport, in their order."""
+    """Return the settings of all modifiers that show in the viewport, in their order."""
     return json.dumps([settings_text(modifier) for modifier in obj.modifiers if modifier.show_viewport])[1:-1]
 
 
 def settings_text(modifier: bpy.types.Modifier) -> str:
-    """What a modifier does, as text: its settings, and those of its nodes' inputs."""
+    """Return what a modifier does, as text: its settings, and those of its nodes' inputs."""
     names = [
         setting.identifier
         for setting in modifier.bl_rna.properties
@@ -76,7 +76,7 @@ def settings_text(modifier: bpy.types.Modifier) -> str:
 
 
 def inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
-    """What a Geometry Nodes modifier is given, as text; Blender 5.2 keeps a group for each input."""
+    """Return what a Geometry Nodes modifier is given, as text; Blender 5.2 keeps a group for each input."""
     if modifier.type != "NODES":
         return []
     if not hasattr(modifier, "properties"):
@@ -86,7 +86,7 @@ def inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
 
 
 def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
-    """A setting of a modifier; of another object, its name and where it stands."""
+    """Return a setting of a modifier; of another object, its name and where it stands."""
     value = getattr(modifier, name)
     if isinstance(value, bpy.types.Object):
         return f"{value.name} {[list(row) for row in value.matrix_world]}"
@@ -103,7 +103,7 @@ def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
-    """What was measured of an object as it is now; None where that is not known."""
+    """Return what was measured of an object as it is now; None where that is not known."""
     try:
         stored = parsed_json(obj[PROPERTY])
         if stored["state"] != mesh_state(obj):

@@ -46,22 +46,32 @@ _sessions: dict[int, Session] = {}
 
 
 def of(scene: bpy.types.Scene) -> Session:
-    """The session of a scene."""
+    """Return the session of a scene."""
     return _sessions.setdefault(scene.session_uid, Session())
 
 
 def scene_of(uid: int) -> bpy.types.Scene | None:
-    """The scene with this session_uid, if it is still there."""
+    """Return the scene with this session_uid; None where it is gone.
+
+    Parameters
+    ----------
+    uid : int
+    """
     return next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
 
 
 def object_of(uid: int | None) -> bpy.types.Object | None:
-    """The object with this session_uid, if it is still there."""
+    """Return the object with this session_uid; None where it is gone.
+
+    Parameters
+    ----------
+    uid : int or None
+    """
     return next((obj for obj in bpy.data.objects if obj.session_uid == uid), None)
 
 
 def viewports() -> Iterator[bpy.types.Area]:
-    """The 3D viewports of all windows."""
+    """Yield the 3D viewports of all windows."""
     for window in bpy.context.window_manager.windows:
         yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
 
@@ -86,7 +96,7 @@ def clear(*_: Any) -> None:
 
 
 def register() -> None:
-    """Listen for another file."""
+    """Subscribe to the loading of another file."""
     bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
 
 

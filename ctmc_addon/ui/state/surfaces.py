@@ -24,37 +24,37 @@ from . import session, volumes
 
 
 def is_surface(obj: bpy.types.Object | None) -> bool:
-    """Whether an object was reconstructed by us."""
+    """Return whether an object was reconstructed by us."""
     return read_provenance(obj) is not None
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active object, if it is selected and was reconstructed by us."""
+    """Return the active object, if it is selected and was reconstructed by us."""
     obj = context.view_layer.objects.active
     return obj if is_surface(obj) and obj.select_get() else None
 
 
 def selected_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Every selected object that was reconstructed by us."""
+    """Return every selected object that was reconstructed by us."""
     return [obj for obj in context.view_layer.objects.selected if is_surface(obj)]
 
 
 def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected surfaces of the CT in memory, the active one first."""
+    """Return the selected surfaces of the CT in memory, the active one first."""
     active = context.view_layer.objects.active
     selected = [obj for obj in context.selected_objects if is_of_ct(obj, context.scene)]
     return sorted(selected, key=lambda obj: obj != active)
 
 
 def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The scene's active object, if it was reconstructed by us and is not another file's."""
+    """Return the scene's active object, if it was reconstructed by us and is not another file's."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     obj = layer.objects.active
     return obj if is_surface(obj) and obj.library is None else None
 
 
 def active_color(scene: bpy.types.Scene) -> Color:
-    """The color of the scene's active surface, that of bone without one."""
+    """Return the color of the scene's active surface, that of bone without one."""
     obj = of_scene(scene)
     return BONE if obj is None else material_color(obj)
 
@@ -73,12 +73,12 @@ def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
 
 
 def require_settings(obj: bpy.types.Object) -> ReconstructionSettings:
-    """The settings that a surface was made with."""
+    """Return the settings that a surface was made with."""
     return require_provenance(obj).settings
 
 
 def can_change(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the active object is a surface that can be changed, with the reason if not."""
+    """Return whether the active object is a surface that can be changed, with the reason if not."""
     obj = context.view_layer.objects.active
     if not is_surface(obj):
         operator.poll_message_set("Choose a reconstructed surface first")
@@ -97,19 +97,19 @@ def full_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | N
 
 
 def origin_of(obj: bpy.types.Object) -> session.Origin:
-    """What decides the surface that an object had before simplification."""
+    """Return what decides the surface that an object had before simplification."""
     provenance = require_provenance(obj)
     return origin(provenance.fingerprint, provenance.settings)
 
 
 def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin:
-    """The settings without goal and alpha, and the CT: equal where the surface before simplification is."""
+    """Return the settings without goal and alpha, and the CT: equal where the surface before simplification is."""
     plain = replace(settings, simplifier="none", reduction=None, target_faces=None, max_error_mm=None, alpha=1.0)
     return fingerprint, plain
 
 
 def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> dict[ReconstructionSettings, int]:
-    """Which selected object each of the surfaces to make goes into; those not in it get a new object.
+    """Return which selected object each of the surfaces to make goes into; those not in it get a new object.
 
     A single surface goes into the active one, several into those with the same label.
 

@@ -51,7 +51,7 @@ class Loaded:
 
     @property
     def full(self) -> Volume:
-        """All samples: what surfaces are made from, and what regions and strides count in."""
+        """Return all samples: what surfaces are made from, and what regions and strides count in."""
         return self.file or self.volume
 
     @property
@@ -60,13 +60,13 @@ class Loaded:
         return next((series.times for series in self.series if series.number == self.series_number), 1)
 
     def is_another_time_of(self, other: Loaded | None) -> bool:
-        """Whether it is the same series at another time: what was chosen for one then holds for the other."""
+        """Return whether it is the same series at another time: what was chosen for one then holds for the other."""
         if other is None or (self.path, self.series_number) != (other.path, other.series_number):
             return False
         return self.times > 1 and self.full.size == other.full.size and self.reading.time != other.reading.time
 
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
-        """The settings as they are for `volume`."""
+        """Return the settings as they are for `volume`."""
         return settings_of_copy(settings, self.shown_stride)
 
 
@@ -99,12 +99,12 @@ def discard_unused(*_: Any) -> None:
 
 
 def loaded(scene: bpy.types.Scene) -> Loaded | None:
-    """What was last loaded for `scene`, if it was loaded in this session."""
+    """Return what was last loaded for `scene`, if it was loaded in this session."""
     return _loaded.get(scene.ctmc.volume_fingerprint)
 
 
 def require_loaded(scene: bpy.types.Scene) -> Loaded:
-    """The CT of the scene, or a `ReadError`."""
+    """Return the CT of the scene, or a `ReadError`."""
     ct = loaded(scene)
     if ct is None:
         raise ReadError("the CT is not in memory; load it first")
@@ -112,54 +112,54 @@ def require_loaded(scene: bpy.types.Scene) -> Loaded:
 
 
 def current(scene: bpy.types.Scene) -> Volume | None:
-    """The volume last loaded for `scene`, if it was loaded in this session."""
+    """Return the volume last loaded for `scene`, if it was loaded in this session."""
     ct = loaded(scene)
     return None if ct is None else ct.volume
 
 
 def current_full(scene: bpy.types.Scene) -> Volume | None:
-    """All samples of the CT last loaded for `scene`, in memory or in its file."""
+    """Return all samples of the CT last loaded for `scene`, in memory or in its file."""
     ct = loaded(scene)
     return None if ct is None else ct.full
 
 
 def is_coarse(scene: bpy.types.Scene) -> bool:
-    """Whether a coarse copy is shown of a CT that does not fit in memory."""
+    """Return whether a coarse copy is shown of a CT that does not fit in memory."""
     ct = loaded(scene)
     return ct is not None and ct.file is not None
 
 
 def last_path() -> Path | None:
-    """Where the CT lies that was loaded last in this session, of whatever file."""
+    """Return where the CT lies that was loaded last in this session, of whatever file."""
     return _loaded[next(reversed(_loaded))].path if _loaded else None
 
 
 def missing(scene: bpy.types.Scene) -> bool:
-    """Whether the file knows a CT that is not in memory."""
+    """Return whether the file knows a CT that is not in memory."""
     return bool(scene.ctmc.volume_path) and loaded(scene) is None
 
 
 def has_volume(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether a CT is in memory, with the reason if not."""
+    """Return whether a CT is in memory, with the reason if not."""
     if current(context.scene) is None:
         operator.poll_message_set("Load the CT again first" if missing(context.scene) else "Load a CT first")
         return False
     return True
 
 
-def there(path: str) -> bool:
+def exists(path: str) -> bool:
     """Return whether a file or folder exists at a path that a .blend has noted."""
     return Path(bpy.path.abspath(path)).exists()
 
 
 def name_of(path: str) -> str:
-    """The last part of a path that a file has noted, whichever system wrote it."""
+    """Return the last part of a path that a file has noted, whichever system wrote it."""
     return path.replace("\\", "/").rstrip("/").rpartition("/")[2]
 
 
-def stored_path(path: Path, beside: str = "") -> str:
-    """How a file notes a path: relative to the .blend `beside`, by default the present one, where that is possible."""
-    blend = beside or bpy.data.filepath
+def stored_path(path: Path, blend_path: str = "") -> str:
+    """Return how a file notes a path: relative to `blend_path`, by default the present .blend, where possible."""
+    blend = blend_path or bpy.data.filepath
     if not blend:
         return str(path)
     try:

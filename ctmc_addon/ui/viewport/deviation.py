@@ -17,12 +17,12 @@ _before: dict[int, tuple[str, str]] = {}  # how each viewport was shaded, by its
 
 
 def shadings() -> list[Any]:
-    """How the 3D viewports of all windows are shaded."""
+    """Return how the 3D viewports of all windows are shaded."""
     return [area.spaces.active.shading for area in session.viewports()]
 
 
 def is_shown() -> bool:
-    """Whether a viewport shows the colors of attributes."""
+    """Return whether a viewport shows the colors of attributes."""
     return any(shading.type == "SOLID" and shading.color_type == ATTRIBUTE for shading in shadings())
 
 

@@ -58,7 +58,7 @@ _open: list[Open] = []  # at most one
 
 
 def current() -> Open | None:
-    """The histogram that is open."""
+    """Return the histogram that is open."""
     return _open[0] if _open else None
 
 
@@ -85,7 +85,7 @@ def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
 
 
 def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:
-    """What `restore_limits` brings back."""
+    """Return what `restore_limits` brings back."""
     settings = scene.ctmc
     return settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label
 
@@ -97,7 +97,7 @@ def restore_limits(scene: bpy.types.Scene, stored: tuple[Any, ...]) -> None:
 
 
 def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
-    """Where the open histogram lies in its viewport; None where no CT is loaded, or labels."""
+    """Return where the open histogram lies in its viewport; None where no CT is loaded, or labels."""
     ct, shown = volumes.loaded(scene), current()
     if ct is None or shown is None or ct.volume.kind == ValueKind.LABEL:
         return None
@@ -108,28 +108,46 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
 
 
 def bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
-    """The tissues on the axis: lowest and highest value, and what they may be called."""
+    """Return the tissues on the axis: lowest and highest value, and what they may be called."""
     bands = tissue_bands(strip.low, strip.high) if volume.kind == ValueKind.HU else []
     named = [(band, translate(band.name)) for band in bands]
     return [(band.low, band.high, (f"{name} {band.low:.6g}", name)) for band, name in named]
 
 
 def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
-    """Whether a press at this pixel takes the upper limit; else the threshold."""
+    """Return whether a press takes the upper limit; else it takes the threshold.
+
+    Parameters
+    ----------
+    strip : Strip
+    scene : bpy.types.Scene
+    x : float
+        Pixel in the viewport.
+    """
     threshold, upper = limits_of(scene)
     value = strip.value_at(x)
-    known = value if threshold is None else threshold
-    return grabbed_limit(Limits(known, upper), value, strip.high, strip.reach)
+    current_value = value if threshold is None else threshold
+    return grabbed_limit(Limits(current_value, upper), value, strip.high, strip.reach)
 
 
 def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
-    """The pixel of a line; one that is not there yet stands at the end."""
+    """Return the pixel of a line; one that is not there yet stands at the end."""
     value = limits_of(scene)[is_upper]
     return strip.axis[1] if value is None else strip.x_of(value)
 
 
 def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None:
-    """Bring a line to a pixel."""
+    """Bring a line of the histogram to a pixel, and with it the threshold or the upper limit.
+
+    Parameters
+    ----------
+    strip : Strip
+    scene : bpy.types.Scene
+    is_upper : bool
+        Whether it is the upper limit's line.
+    x : float
+        Pixel in the viewport.
+    """
     settings = scene.ctmc
     threshold, upper = limits_of(scene)
     value = strip.value_at(x)
@@ -146,7 +164,7 @@ def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None
 
 
 def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
-    """What the strip shows of the scene's CT."""
+    """Return what the strip shows of the scene's CT."""
     ct, opened = volumes.require_loaded(scene), current()
     first, last = strip.axis
     bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
@@ -172,16 +190,16 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
 
 
 def with_unit(value: float, is_hu: bool) -> str:
-    """A value, with its unit where it has one."""
+    """Return a value, with its unit where it has one."""
     return f"{value:.6g} HU" if is_hu else f"{value:.6g}"
 
 
 def title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
-    """The limits in words."""
+    """Return the limits in words."""
     threshold, upper = limits_of(scene)
     words = {"Threshold": threshold, "Upper Limit": upper}
-    said = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]
-    return "    ".join(said)
+    phrases = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]
+    return "    ".join(phrases)
 
 
 def draw() -> None:

@@ -156,7 +156,7 @@ def clear(*_: Any) -> None:
     live.stop_work()
     live.changed = live.fields = None
     preview.state.shown = preview.state.maker = None
-    preview.state.wanted = False
+    preview.state.requested = False
 
 
 def before_undo(*_: Any) -> None:
@@ -168,7 +168,7 @@ def after_undo(*_: Any) -> None:
     """Follow the settings again after undo, which may have changed any of them."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
-        start(scene, stale=preview.state.wanted)
+        start(scene, stale=preview.state.requested)
 
 
 def after_load(*_: Any) -> None:

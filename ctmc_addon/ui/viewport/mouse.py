@@ -11,7 +11,7 @@ COVERING = {"UI", "TOOLS", "HEADER", "TOOL_HEADER", "HUD", "ASSET_SHELF"}
 
 
 def viewport_at(context: bpy.types.Context, pointer: int) -> bpy.types.Area | None:
-    """The 3D viewport that had this pointer when an operator began; None where it is gone."""
+    """Return the 3D viewport that had this pointer when an operator began; None where it is gone."""
     areas = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
     return next((area for area in areas if area.as_pointer() == pointer), None)
 

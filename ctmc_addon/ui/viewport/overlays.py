@@ -41,7 +41,7 @@ _last: dict[str, Any] = {}  # "key", "volume" and "picture" of the slice drawn l
 
 
 def scene_volume(context: bpy.types.Context) -> Volume | None:
-    """The volume to draw in this viewport, or None."""
+    """Return the volume to draw in this viewport, or None."""
     space = context.space_data
     if space is None or space.type != "VIEW_3D" or not space.overlay.show_overlays:
         return None
@@ -49,34 +49,34 @@ def scene_volume(context: bpy.types.Context) -> Volume | None:
 
 
 def wanted_labels(settings: Any) -> tuple[int, ...]:
-    """The labels that the next surfaces are made of; none where it is a threshold."""
+    """Return the labels that the next surfaces are made of; none where it is a threshold."""
     if not settings.use_label:
         return ()
     return tuple(item.value for item in settings.labels if item.chosen) or (settings.label,)
 
 
 def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
-    """The colors of the list of labels, as they appear: what is stored are amounts of light."""
+    """Return the colors of the list of labels, as they appear: what is stored are amounts of light."""
     return {item.value: tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color) for item in settings.labels}
 
 
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
-    """The slice as it is now, made anew only when something about it has changed."""
+    """Return the slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
-    place = slice_at(volume, view.plane, view.position)
+    shown_slice = slice_at(volume, view.plane, view.position)
     labels = wanted_labels(settings)
     above = None if labels else used_threshold(scene)
     upper = settings.upper if settings.use_upper and not labels else None
     window, level = window_and_level(view)
     scale = machine().scale
     colors = label_colors(settings) if labels and volume.kind == ValueKind.LABEL else {}
-    key = (place, window, level, above, upper, labels, scale, tuple(colors.items()))
+    key = (shown_slice, window, level, above, upper, labels, scale, tuple(colors.items()))
     if _last.get("volume") is not volume or _last.get("key") != key:
-        values = slice_values(volume, place)
+        values = slice_values(volume, shown_slice)
         shown = windowed(values, window, level, above, labels, upper)
         if colors:
             shown = in_label_colors(values, colors, labels)
-        drawn = Picture(shown, slice_corners(volume, place) * scale)
+        drawn = Picture(shown, slice_corners(volume, shown_slice) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
     return last

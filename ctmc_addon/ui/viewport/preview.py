@@ -17,8 +17,8 @@ from ...core.volume import quick_threshold
 from ..properties.preferences import machine
 from ..state import session, volumes
 
-Place = tuple[Any, ...]
-"""What decides where a surface lies, as `place_of` has it."""
+PreviewKey = tuple[Any, ...]
+"""What decides where a surface lies, as `key_of` has it."""
 
 
 @dataclass
@@ -27,17 +27,17 @@ class State:
 
     Parameters
     ----------
-    wanted : bool
+    requested : bool
         Whether a surface is to be shown as soon as one is known: `shown` is None while its threshold is counted.
-    place : Place or None
+    key : PreviewKey or None
         What decides where that lies which is shown.
     """
 
     scene: int = 0
     maker: Preview | None = None
     shown: PreviewSurface | None = None
-    wanted: bool = False
-    place: Place | None = None
+    requested: bool = False
+    key: PreviewKey | None = None
     color: tuple[float, float, float] = BONE
 
 
@@ -45,14 +45,14 @@ state = State()
 
 
 def prepare(loaded: volumes.Loaded) -> None:
-    """Get ready for another volume."""
+    """Forget what was shown and get ready for another volume."""
     limits = machine()
-    state.shown, state.wanted = None, False
+    state.shown, state.requested = None, False
     state.maker = Preview(loaded.volume, limits.preview_seconds, limits.budget)
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
-    """The settings to preview, for what is in memory; None where it is off or they contradict each other."""
+    """Return the settings to preview, for what is in memory; None where it is off or they contradict each other."""
     ct = volumes.loaded(scene)
     try:
         settings = scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
@@ -67,7 +67,7 @@ def follow(scene: bpy.types.Scene) -> None:
     if settings is None or state.maker is None:
         hide()
         return
-    state.wanted = True
+    state.requested = True
     state.maker.budget = machine().preview_seconds
     show(scene, state.maker.interactive(settings))
 
@@ -78,14 +78,14 @@ def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Ste
         return
     surface = yield from state.maker.refine_steps(settings)
     scene = session.scene_of(scene_uid)
-    if surface is not None and state.wanted and scene is not None:
+    if surface is not None and state.requested and scene is not None:
         show(scene, surface)
 
 
 def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     """Put a surface on the graphics card when Blender draws next."""
     settings = scene.ctmc
-    state.scene, state.shown, state.place = scene.session_uid, None, place_of_preview(scene)
+    state.scene, state.shown, state.key = scene.session_uid, None, preview_key(scene)
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
     recolor(scene)
@@ -100,7 +100,7 @@ def recolor(scene: bpy.types.Scene) -> None:
 
 
 def move(alpha: float) -> None:
-    """Move what is shown to another alpha."""
+    """Move the preview to another alpha."""
     if state.shown is not None:
         state.shown.move(alpha)
         session.redraw_viewports()
@@ -108,7 +108,7 @@ def move(alpha: float) -> None:
 
 def hide() -> None:
     """Show nothing."""
-    state.wanted = False
+    state.requested = False
     if state.shown is not None:
         state.shown = None
         session.redraw_viewports()
@@ -117,30 +117,30 @@ def hide() -> None:
 def is_made(context: bpy.types.Context) -> bool:
     """Whether the surface that is shown stands in the viewport already; the two would flicker through each other."""
     fingerprint = context.scene.ctmc.volume_fingerprint
-    if state.place is None:
+    if state.key is None:
         return False
-    made = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
+    surfaces = [(obj, read_provenance(obj)) for obj in context.view_layer.objects if obj.type == "MESH"]
     return any(
         provenance.fingerprint == fingerprint
-        and place_of(provenance.settings, provenance.threshold) == state.place
+        and key_of(provenance.settings, provenance.threshold) == state.key
         and obj.visible_get()
-        for obj, provenance in made
+        for obj, provenance in surfaces
         if provenance is not None
     )
 
 
-def place_of_preview(scene: bpy.types.Scene) -> Place | None:
-    """Where the preview of a scene lies; None where there is none."""
+def preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
+    """Return where the preview of a scene lies; None where there is none."""
     ct, settings = volumes.loaded(scene), settings_of(scene)
     try:
-        return None if ct is None or settings is None else place_of(settings, quick_threshold(ct.volume, settings))
+        return None if ct is None or settings is None else key_of(settings, quick_threshold(ct.volume, settings))
     except CtmcError:
         return None
 
 
 @lru_cache(maxsize=256)
-def place_of(settings: ReconstructionSettings, threshold: float | None) -> Place:
-    """What decides where a surface lies: label or threshold that is used, upper limit, smoothing.
+def key_of(settings: ReconstructionSettings, threshold: float | None) -> PreviewKey:
+    """Return what decides where a surface lies: label or threshold that is used, upper limit, smoothing.
 
     All other settings leave out parts or move it by less than a voxel.
     """

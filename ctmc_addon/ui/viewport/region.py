@@ -49,7 +49,7 @@ class RegionFace:
         self.base = self.middle - step * (region[self.axis] + region[self.axis + 3]) / 2
 
     def offset(self) -> float:
-        """Where the side is, from the base outwards, Blender units."""
+        """Return where the side is, from the base outwards, Blender units."""
         return float(self.outward * self.settings.region[self.face] * self.unit)
 
     def move(self, offset: float) -> None:
@@ -58,20 +58,20 @@ class RegionFace:
         self.settings.region = with_moved_face(tuple(self.settings.region), self.face, value, self.limits)
 
     def matrix(self) -> Matrix:
-        """The arrow's base, pointing outwards."""
+        """Return the matrix of the arrow's base, which points outwards."""
         turned = Vector(self.direction).to_track_quat("Z", "Y").to_matrix().to_4x4()
         return Matrix.Translation(Vector(self.base)) @ turned
 
 
 def current_face(face: int) -> RegionFace | None:
-    """The side as it is at this moment; Blender keeps handles longer than any scene or volume."""
+    """Return the side as it is at this moment; Blender keeps handles longer than any scene or volume."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
     return None if volume is None else RegionFace(scene, volume, face)
 
 
 def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
-    """What the arrow of a side reads and writes."""
+    """Return what the arrow of a side reads and writes."""
 
     def read() -> float:
         side = current_face(face)
@@ -86,7 +86,7 @@ def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
 
 
 def read_middle() -> tuple[float, float, float]:
-    """The move handle's offset: it stands in the box's middle, as its matrix says."""
+    """Return the move handle's offset: it stands in the box's middle, as its matrix says."""
     side = current_face(0)
     if side is None:
         return (0.0, 0.0, 0.0)
@@ -94,7 +94,7 @@ def read_middle() -> tuple[float, float, float]:
     return (x, y, z)
 
 
-def write_middle(place: Any) -> None:
+def write_middle(point: Any) -> None:
     """Bring the box's middle to a place in the viewport."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
@@ -103,7 +103,7 @@ def write_middle(place: Any) -> None:
     settings = scene.ctmc
     region = tuple(settings.region)
     limits = region_limits(volume, settings.region_unit)
-    shift = region_shift(volume, settings.region_unit, (np.array(place) - np.array(read_middle())) / machine().scale)
+    shift = region_shift(volume, settings.region_unit, (np.array(point) - np.array(read_middle())) / machine().scale)
     for axis in range(3):
         region = moved_region(region, axis, float(shift[axis]), limits)
     settings.region = region

@@ -21,8 +21,8 @@ WIDTH = 2.0
 class Pending:
     """The points that were clicked so far, and the one under the mouse; world space."""
 
-    places: list[Any] = field(default_factory=list)
-    next_place: Any = None
+    world_points: list[Any] = field(default_factory=list)
+    next_point: Any = None
 
 
 pending = Pending()
@@ -31,13 +31,13 @@ _handlers: list[Any] = []
 
 def draw_wire() -> None:
     """Draw the wire that is being made."""
-    places = [*pending.places, *([] if pending.next_place is None else [pending.next_place])]
-    if len(places) < 2:
+    world_points = [*pending.world_points, *([] if pending.next_point is None else [pending.next_point])]
+    if len(world_points) < 2:
         return
     context = bpy.context
     size = (context.region.width, context.region.height)
-    pairs = [(number, number + 1) for number in range(len(places) - 1)]
-    draw_lines(np.array([place[:] for place in places]), pairs, COLOR, size, WIDTH)
+    pairs = [(number, number + 1) for number in range(len(world_points) - 1)]
+    draw_lines(np.array([point[:] for point in world_points]), pairs, COLOR, size, WIDTH)
 
 
 def draw_values() -> None:
@@ -63,4 +63,4 @@ def unregister() -> None:
     """Draw no more."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
-    pending.places, pending.next_place = [], None
+    pending.world_points, pending.next_point = [], None

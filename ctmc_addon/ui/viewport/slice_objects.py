@@ -63,7 +63,7 @@ HANDLERS = {
 
 
 def register() -> None:
-    """Listen for changes."""
+    """Subscribe to changes of the scene."""
     change_events.subscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))

@@ -29,7 +29,7 @@ def follow(properties: Any, name: str) -> None:
 
 
 def register() -> None:
-    """Listen for changes."""
+    """Subscribe to changes of the scene."""
     change_events.subscribe(follow)
 
 

@@ -12,7 +12,7 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.compose import compose
 from ctmc_addon.blender.figure.render import figure_steps
-from ctmc_addon.blender.figure.ruler_marks import WIDTH_MM, arc, value_place
+from ctmc_addon.blender.figure.ruler_marks import WIDTH_MM, arc, value_position
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, RulerMark, ShownSurface
 from ctmc_addon.blender.slices import add_slice, cut_at_slice
 from ctmc_addon.blender.surface import add_reconstruction
@@ -71,16 +71,16 @@ def test_an_angle_is_drawn_as_an_arc_the_shorter_way_round():
     drawn = arc(np.array([[10.0, 0.0], [0.0, 0.0], [0.0, 10.0]]))
     assert np.allclose(np.hypot(*drawn.T), 3.5)
     assert drawn.min() > -1e-9
-    x, y = value_place(np.array([[30.0, 20.0], [20.0, 20.0], [20.0, 30.0]]), 6.0, 2.0, (60.0, 60.0))
+    x, y = value_position(np.array([[30.0, 20.0], [20.0, 20.0], [20.0, 30.0]]), 6.0, 2.0, (60.0, 60.0))
     assert x < 17.5
     assert y + 2.0 < 19.0, "the box of the letters is clear of both sides"
 
 
 def test_a_value_stays_on_the_page_and_off_its_line():
     upright = np.array([[3.0, 10.0], [3.0, 40.0]])
-    x, _ = value_place(upright, 10.0, 2.0, (60.0, 60.0))
+    x, _ = value_position(upright, 10.0, 2.0, (60.0, 60.0))
     assert x == pytest.approx(3.0 + 5.0 + 1.2)
-    x, _ = value_place(np.add(upright, (30.0, 0.0)), 10.0, 2.0, (60.0, 60.0))
+    x, _ = value_position(np.add(upright, (30.0, 0.0)), 10.0, 2.0, (60.0, 60.0))
     assert abs(x - 33.0) == pytest.approx(5.0 + 1.2)
 
 

@@ -229,7 +229,7 @@ DICOM = (
 
 def test_dicom(tmp_path):
     pydicom = pytest.importorskip("pydicom")
-    from fuzz.seeds import ct_dataset
+    from fuzz.dicom_seeds import ct_dataset
 
     for number in range(3):
         pydicom.dcmwrite(tmp_path / f"{number}.dcm", ct_dataset(number, VALUES[number].astype(np.uint16)))

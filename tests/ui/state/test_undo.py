@@ -140,7 +140,7 @@ def test_save_as_to_another_folder_keeps_the_way_to_the_ct(loaded, ball_file, tm
     bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=copy)
     assert Path(bpy.path.abspath(loaded.ctmc.volume_path)).resolve() == ball_file
     bpy.ops.wm.open_mainfile(filepath=str(target))
-    assert volumes.there(bpy.context.scene.ctmc.volume_path)
+    assert volumes.exists(bpy.context.scene.ctmc.volume_path)
 
 
 @pytest.mark.parametrize("memory", [3, "mine", {"report": "{}"}, {"settings": "[", "report": "none"}])

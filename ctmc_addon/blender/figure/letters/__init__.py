@@ -30,7 +30,7 @@ CHARACTERS = frozenset(
 
 
 def text_curve(body: str, size: float) -> Any:
-    """A text in letters of a size; the font is inside the file."""
+    """Return a text in letters of a size; the font is inside the file."""
     import bpy
 
     curve: Any = bpy.data.curves.new("CTMC Text", "FONT")
@@ -43,7 +43,7 @@ def text_curve(body: str, size: float) -> Any:
 
 
 def font() -> Any:
-    """The font as a block of the file, packed: a .blend names no folder of this machine."""
+    """Return the font as a block of the file, packed: a .blend names no folder of this machine."""
     import bpy
 
     for block in bpy.data.fonts:

@@ -23,7 +23,7 @@ RLE_HEADER = 64  # bytes: the number of segments and where each begins
 
 
 def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
-    """The stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
+    """Yield the stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
     pixels = image.pixels
     if pixels.syntax == DEFLATED_FRAMES:
         return read_frames(image, deflated_frames)
@@ -35,7 +35,7 @@ def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
 def read_frames(
     image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
 ) -> Iterator[NDArray[Any]]:
-    """Frames from the opened file."""
+    """Yield the frames of a file that is open."""
     with opened(image.path) as (elements, _):
         elements.file.seek(image.pixels.start)
         yield from read(elements.file, image)
@@ -78,7 +78,7 @@ def packed_sizes(size: int) -> tuple[int, int]:
 
 
 def unpacked_rle(packed: bytes, most: int) -> bytes:
-    r"""The bytes of a frame that is one segment of runs; no more than `most` of them.
+    r"""Return the bytes of a frame that is one segment of runs; no more than `most` of them.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def unpacked_rle(packed: bytes, most: int) -> bytes:
 
 
 def encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
-    """The compressed frames, each as it stands in the file."""
+    """Yield the compressed frames, each as it stands in the file."""
     count = image.pixels.options["number_of_frames"]
     frames = needed("pydicom.encaps", "pydicom", "DICOM").generate_frames(file, number_of_frames=count)
     for number in range(count):
@@ -117,7 +117,23 @@ def encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
 
 
 def values_of(piece: bytes, bits: int, first_bit: int, image: ImageFile) -> NDArray[Any]:
-    """The pixels (rows, columns) in some bytes."""
+    """Unpack the pixels of one frame.
+
+    Parameters
+    ----------
+    piece : bytes
+        Bytes in which the frame lies.
+    bits : int
+        Bits of a pixel: 1, 8 or 16.
+    first_bit : int
+        Where in the first byte the frame begins.
+    image : ImageFile
+        It knows rows and columns.
+
+    Returns
+    -------
+    (rows, columns) uint8 or uint16
+    """
     size = image.rows * image.columns
     if len(piece) * 8 < first_bit + size * bits:
         raise Damaged(f"{len(piece)} bytes of a frame of {image.columns} x {image.rows} pixels")

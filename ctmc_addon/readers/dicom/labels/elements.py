@@ -23,13 +23,13 @@ DEEPEST = 16  # sequences within sequences
 MOST_ITEMS = 2_000_000
 ITEMS_PER_STEP = 256
 
-# What to read: a tag leads to VALUE (its bytes), PLACE (where its bytes are) or to the tags of a sequence's items.
-VALUE, PLACE = "value", "place"
-Wanted = Mapping[int, Any]
+# What to read: a tag leads to VALUE (its bytes), LOCATION (where its bytes are) or to the tags of a sequence's items.
+VALUE, LOCATION = "value", "location"
+Requested = Mapping[int, Any]
 Found = dict[int, Any]
 
 
-class Place(NamedTuple):
+class ValueLocation(NamedTuple):
     """Where a value stands in the file."""
 
     vr: str  # empty where the file does not say it
@@ -42,7 +42,7 @@ class Damaged(Exception):
 
 
 class Elements:
-    """Elements of an open file.
+    """Reads the elements of an open file.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ class Elements:
         self.at = file.tell()
         self.items = 0
 
-    def dataset_steps(self, wanted: Wanted) -> Steps[Found]:
-        """The wanted elements, and the place of the pixels; steps within long sequences."""
+    def dataset_steps(self, requested: Requested) -> Steps[Found]:
+        """Return the wanted elements, and the place of the pixels; steps within long sequences."""
         found: Found = {}
         while self.at < self.size:
             tag, vr, length = self._header(self.implicit)
             if tag in PIXELS:
-                found[tag] = Place(vr, self.at, length)
+                found[tag] = ValueLocation(vr, self.at, length)
                 break
-            inner = wanted.get(tag)
+            inner = requested.get(tag)
             if not isinstance(inner, Mapping):
                 self._take(found, tag, vr, length, inner, 0)
                 continue
@@ -79,7 +79,7 @@ class Elements:
             found[tag] = items
         return found
 
-    def _items(self, length: int, wanted: Wanted, vr: str, depth: int) -> Iterator[Found]:
+    def _items(self, length: int, requested: Requested, vr: str, depth: int) -> Iterator[Found]:
         """The items of the sequence whose value begins here."""
         if depth > DEEPEST:
             raise Damaged(f"more than {DEEPEST} sequences within each other")
@@ -95,10 +95,10 @@ class Elements:
             self.items += 1
             if self.items > MOST_ITEMS:
                 raise Damaged(f"more than {MOST_ITEMS} items in sequences")
-            yield self._item(item_length, wanted, implicit, depth)
+            yield self._item(item_length, requested, implicit, depth)
         self._check_end(stop, length)
 
-    def _item(self, length: int, wanted: Wanted, implicit: bool, depth: int) -> Found:
+    def _item(self, length: int, requested: Requested, implicit: bool, depth: int) -> Found:
         stop, outer = self._stop(length), self.implicit
         found: Found = {}
         self.implicit = implicit
@@ -107,7 +107,7 @@ class Elements:
             if tag == ITEM_END:
                 self.implicit = outer
                 return found
-            self._take(found, tag, vr, inner_length, wanted.get(tag), depth)
+            self._take(found, tag, vr, inner_length, requested.get(tag), depth)
         self.implicit = outer
         self._check_end(stop, length)
         return found
@@ -126,8 +126,8 @@ class Elements:
                     raise Damaged(f"a value of {length} bytes at byte {start}")
                 found[tag] = self.file.read(length)
             else:
-                if inner == PLACE:
-                    found[tag] = Place(vr, start, length)
+                if inner == LOCATION:
+                    found[tag] = ValueLocation(vr, start, length)
                 self.file.seek(end)
             self.at = end
 

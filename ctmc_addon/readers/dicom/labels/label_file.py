@@ -50,7 +50,14 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
 
 
 def inflated(packed: bytes, most: int = 0) -> bytes:
-    """What was deflated without a header: all of it, or so many bytes at most."""
+    """Return what was deflated without a header.
+
+    Parameters
+    ----------
+    packed : bytes
+    most : int
+        Return no more bytes than these.
+    """
     stream = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
         plain = stream.decompress(packed, most)
@@ -62,7 +69,7 @@ def inflated(packed: bytes, most: int = 0) -> bytes:
 
 
 def decimals(value: bytes) -> NDArray[np.float64]:
-    """Decimal numbers: DS."""
+    """Return the decimal numbers of a DS element."""
     words = value.rstrip(b"\0 ").split(b"\\")
     try:
         return np.fromiter(map(float, words), np.float64, len(words))
@@ -71,7 +78,20 @@ def decimals(value: bytes) -> NDArray[np.float64]:
 
 
 def numbers(value: bytes, count: int) -> tuple[float, ...]:
-    """`count` decimal numbers of a size that occurs; `Damaged` where there are others."""
+    """Return decimal numbers of a size that occurs.
+
+    Parameters
+    ----------
+    value : bytes
+        A DS element.
+    count : int
+        How many there must be.
+
+    Raises
+    ------
+    Damaged
+        If there are others.
+    """
     found = tuple(decimals(value).tolist())
     if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
         raise Damaged(f"{len(found)} numbers such as {found[0]:g} where {count} in mm belong")
@@ -79,7 +99,7 @@ def numbers(value: bytes, count: int) -> tuple[float, ...]:
 
 
 def whole(value: bytes) -> int:
-    """A number in words: IS."""
+    """Return the whole number of an IS element."""
     try:
         return int(value.rstrip(b"\0"))
     except ValueError as error:  # of too many digits too
@@ -87,28 +107,37 @@ def whole(value: bytes) -> int:
 
 
 def shown(value: bytes) -> str:
-    """The beginning of a damaged value, for an error."""
+    """Return the beginning of a damaged value, for an error."""
     text = value.rstrip(b"\0 ").decode("ascii", "replace")
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def unsigned(value: bytes) -> tuple[int, ...]:
-    """Numbers of 16 bits: US."""
+    """Return the numbers of 16 bits of a US element."""
     return tuple(int.from_bytes(value[at : at + 2], "little") for at in range(0, len(value) // 2 * 2, 2))
 
 
 def first_unsigned(found: Found, tag: int, default: int) -> int:
-    """The first number of 16 bits of an element; the default where it is missing or empty."""
+    """Return the first number of 16 bits of an element.
+
+    Parameters
+    ----------
+    found : Found
+        Elements by tag.
+    tag : int
+    default : int
+        Returned where the element is missing or empty.
+    """
     return (*unsigned(found.get(tag, b"")), default)[0]
 
 
 def uid(value: bytes) -> str:
-    """A UID, without its padding."""
+    """Return a UID without its padding."""
     return value.rstrip(b"\0 ").decode("ascii", "replace")
 
 
 def texts(found: Found) -> Any:
-    """A function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
+    """Return a function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
     charset = needed("pydicom.charset", "pydicom", "DICOM")
     names = [name.strip().decode("ascii", "replace") for name in found.get(0x00080005, b"").split(b"\\")]
 
@@ -124,9 +153,18 @@ def texts(found: Found) -> Any:
 
 
 def reference_of(found: Found, series: list[Found], instances: int, uids: str = "") -> Reference:
-    """What a dataset says of the series it belongs to; `series` are the items with its UID.
+    """Return what a dataset says of the series that it belongs to.
 
-    `instances` is the tag of the sequence in them that names images.
+    Parameters
+    ----------
+    found : Found
+        Its elements.
+    series : list of Found
+        The sequence's items with the series' UID.
+    instances : int
+        Tag of the sequence in them that names images.
+    uids : str
+        UID of the frame of reference, where the dataset's own is not meant.
     """
     named = [image[0x00081155] for item in series for image in item.get(instances, ()) if 0x00081155 in image]
     return Reference(

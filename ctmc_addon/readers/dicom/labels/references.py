@@ -35,7 +35,7 @@ class Reference(NamedTuple):
     frame_of_reference: str
 
     def matches(self, images: list[ImageFile]) -> list[ImageFile]:
-        """The images of the referenced series; of several the one with most of the slices that are named."""
+        """Return the images of the referenced series; of several the one with most of the slices that are named."""
         candidates = [image for image in images if image.gray and not image.scout]
         named = [image for image in candidates if image.uid in self.instances]
         of_series = [image for image in candidates if image.series in self.series]
@@ -46,10 +46,10 @@ class Reference(NamedTuple):
 
 
 def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
-    """The slices of the referenced series that lie near `path`; none where there are too few."""
+    """Return the slices of the referenced series that lie near `path`; none where there are too few."""
     if not any(reference):
         return []
-    for files in (below(path.parent, DEEPEST_BELOW), beside(path.parent)):
+    for files in (below(path.parent, DEEPEST_BELOW), neighbors(path.parent)):
         listed = [file for _, file in zip(range(MOST_FILES), files, strict=False)]
         headers = yield from headers_steps(listed)
         images = reference.matches([header for header in headers if isinstance(header, ImageFile)])
@@ -61,7 +61,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
 
 
 def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, list[str]]:
-    """The grid of the volume that these slices make, and what was done to make it."""
+    """Return the grid of the volume that these slices make, and what was done to make it."""
     slices, notes = one_geometry(slices, path)
     slices = max(times_of(slices), key=len)  # all times stand at the same places
     spacing = slices[0].geometry.spacing
@@ -75,7 +75,14 @@ def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, l
 
 
 def below(folder: Path, deepest: int) -> Iterator[Path]:
-    """Files of a folder and of those in it; hidden ones and what cannot be listed are passed over."""
+    """Yield the files of a folder and of those in it; hidden ones and what cannot be listed are passed over.
+
+    Parameters
+    ----------
+    folder : Path
+    deepest : int
+        How many folders deep to look.
+    """
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
@@ -93,7 +100,7 @@ def below(folder: Path, deepest: int) -> Iterator[Path]:
             yield from below(path, deepest - 1)
 
 
-def beside(folder: Path) -> Iterator[Path]:
+def neighbors(folder: Path) -> Iterator[Path]:
     """Files of the folders beside `folder`; none where those would be a home's or the whole disk's."""
     folder = folder.resolve()
     around = folder.parent

@@ -50,25 +50,25 @@ class SegmentationSource(VolumeSource):
             reason = "its frames do not lie on the slices"
             try:
                 grid, notes = grid_of(self.slices, image.path, strict)
-                places = grid.places(frames.positions, frames.orientation, frames.spacing, size)
-                if places is not None:
-                    return grid, places, notes
+                offsets = grid.offsets(frames.positions, frames.orientation, frames.spacing, size)
+                if offsets is not None:
+                    return grid, offsets, notes
             except ReadError as error:
                 reason = str(error)
             notes = [f"the CT that the segmentation refers to was not used for its grid: {reason}"]
         grid, own = grid_of_frames(
             frames.positions, frames.orientation, frames.spacing, size, frames.gap, image.path.name
         )
-        places = grid.places(frames.positions, frames.orientation, frames.spacing, size)
-        if places is None:
+        offsets = grid.offsets(frames.positions, frames.orientation, frames.spacing, size)
+        if offsets is None:
             raise ReadError(f"the frames of {image.path.name} do not lie on one grid; export it again")
-        return grid, places, [*notes, *own]
+        return grid, offsets, [*notes, *own]
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Put every frame in its position; segments that overlap lie in different layers."""
         header = self.header
-        grid, places, notes = self._grid(request.strict)
-        check_single(places, header.frames.segments, self.path.name)
+        grid, offsets, notes = self._grid(request.strict)
+        check_single(offsets, header.frames.segments, self.path.name)
         plain = plain_frames(header.image)
         if plain is None:
             check_codec(header.image)
@@ -77,13 +77,13 @@ class SegmentationSource(VolumeSource):
             highest = 2 ** header.image.pixels.options["bits_allocated"] - 1
         label_map = LabelMap(grid.shape, header.names, header.colors, self.path.name, highest, budget=request.budget)
         volume_slices = [np.flatnonzero(grid.source == at) for at in range(len(grid.positions))]
-        slices = [Slice(header.image, number) for number in range(len(places))]
+        slices = [Slice(header.image, number) for number in range(len(offsets))]
         with StoredPixels(slices) as decoded:
-            for number in range(len(places)):
-                step = Step(number / len(places), "Reading frames")
+            for number in range(len(offsets)):
+                step = Step(number / len(offsets), "Reading frames")
                 yield step
                 stored = next(plain) if plain else (yield from decoded.slice_steps(number, step))
-                at, row, column = places[number].tolist()
+                at, row, column = offsets[number].tolist()
                 for slice_number in volume_slices[at].tolist():
                     segment = int(header.frames.segments[number])
                     paint(label_map, (slice_number, row, column), stored, header, segment)
@@ -104,7 +104,20 @@ def open_steps(path: Path) -> Steps[SegmentationSource]:
 
 
 def paint(label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], header: Header, segment: int) -> None:
-    """Write the label of one frame into the label map, from a slice, row and column on."""
+    """Write the label of one frame into the label map.
+
+    Parameters
+    ----------
+    label_map : LabelMap
+    at : (slice, row, column) int
+        Where the frame's first pixel is.
+    stored : (rows, columns) uint8 or uint16
+        Pixels of the frame.
+    header : Header
+        It says what the pixels mean.
+    segment : int
+        Number of the frame's segment; a label map has its numbers in the pixels.
+    """
     slice_, top, left = at
     if header.kind == "LABELMAP":
         labels = np.where(stored == header.padding, 0, stored) if header.padding else stored
@@ -114,9 +127,9 @@ def paint(label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], h
         label_map.paint(slice_, inside, segment, top, left)
 
 
-def check_single(places: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:
+def check_single(offsets: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:
     """Refuse several frames of one segment at one place: time points, of which a volume has one."""
-    keys = np.column_stack([places, segments])
+    keys = np.column_stack([offsets, segments])
     several = len(keys) - len(np.unique(keys, axis=0))
     if several:
         raise ReadError(

@@ -71,7 +71,7 @@ class Header(NamedTuple):
 
 
 def header_steps(path: Path) -> Steps[Header]:
-    """What the file says of its frames and segments, checked."""
+    """Return what the file says of its frames and segments, checked."""
     with opened(path) as (elements, syntax):
         found = yield from elements.dataset_steps(WANTED)
         kind = uid(found.get(0x00620001, b"")).upper()
@@ -169,7 +169,7 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
                 return bytes(items[0][tag])
         return b""
 
-    places, segments, ways = [], [], set()
+    position_texts, segments, ways = [], [], set()
     for group in groups:
         position = of(group, 0x00209113, 0x00200032)
         if not position:
@@ -177,7 +177,7 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
                 f"the frames of {name} have no position in the patient (ImagePositionPatient), as those of slide "
                 "microscopy; export the segmentation of a CT"
             )
-        places.append(position)
+        position_texts.append(position)
         ways.add((of(group, 0x00209116, 0x00200037), of(group, 0x00289110, 0x00280030)))
         segment = unsigned(of(group, 0x0062000A, 0x0062000B))
         if not is_map and not (segment and 0 < segment[0] <= MOST_LABELS):
@@ -186,11 +186,11 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
     if not all(part for way in ways for part in way):
         raise ReadError(f"the frames of {name} have no orientation or no PixelSpacing; export it again")
     orientation, spacing = one_way({(numbers(turn, 6), numbers(sides, 2)) for turn, sides in ways}, name)
-    unique = {place: numbers(place, 3) for place in set(places)}
+    unique = {text: numbers(text, 3) for text in set(position_texts)}
     first = groups[0]
     gap = of(first, 0x00289110, 0x00180088) or of(first, 0x00289110, 0x00180050)
     return Frames(
-        np.array([unique[place] for place in places], np.float64),
+        np.array([unique[text] for text in position_texts], np.float64),
         np.array(segments, np.int64),
         orientation,
         spacing,

@@ -51,7 +51,7 @@ class SliceGrid(NamedTuple):
 
     @property
     def gap(self) -> float:
-        """Usual distance between slices, mm."""
+        """Return the usual distance between slices, mm."""
         heights = dot(self.positions, self._axes()[2])
         return float(np.median(np.diff(heights)))
 
@@ -75,7 +75,7 @@ class SliceGrid(NamedTuple):
         return nearest, x, y, along - heights[nearest]
 
     def on_slice(self, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float, float]:
-        """The scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
+        """Return the scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
 
         Then its way to the slice, and how far it leaves a plane parallel to it, mm.
         """
@@ -88,7 +88,7 @@ class SliceGrid(NamedTuple):
         corners = np.stack([dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]], axis=1)
         return nearest, corners, middle - float(heights[nearest]), float(np.ptp(along)) / 2
 
-    def places(
+    def offsets(
         self,
         positions: NDArray[np.float64],
         orientation: Sequence[float],
@@ -103,14 +103,24 @@ class SliceGrid(NamedTuple):
             return None
         nearest, x, y, way = self.located(positions)
         first = np.stack([nearest, np.rint(y), np.rint(x)], axis=1).astype(np.int64)  # (n, 3)
-        beside = max(float(np.abs(y - first[:, 1]).max()), float(np.abs(x - first[:, 2]).max()))
+        largest_offset = max(float(np.abs(y - first[:, 1]).max()), float(np.abs(x - first[:, 2]).max()))
         inside = (first[:, 1:] >= 0).all() and (first[:, 1:] + size <= self.shape[1:]).all()
-        fits = beside <= ON_PIXEL and inside and float(np.abs(way).max()) <= EVEN * self.gap
+        fits = largest_offset <= ON_PIXEL and inside and float(np.abs(way).max()) <= EVEN * self.gap
         return first if fits else None
 
 
 def grid_of_ct(slices: Sequence[Slice], stack: Stack, spacing: Sequence[float]) -> SliceGrid:
-    """The grid of the volume that is read from `slices` in the order of `stack`."""
+    """Return the grid of the volume that is read from slices.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one geometry.
+    stack : Stack
+        Their order and direction.
+    spacing : (row, column) float
+        Millimeters between pixels.
+    """
     ordered = [slices[at] for at in stack.order]
     image = ordered[0].image
     positions = np.array([ct_slice.geometry.position for ct_slice in ordered], np.float64)
@@ -129,7 +139,7 @@ def grid_of_frames(
     gap_hint: float,
     name: str,
 ) -> tuple[SliceGrid, list[str]]:
-    """An even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
+    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
 
     `gap_hint` is the distance between slices that the file tells, 0 where it tells none. A `ReadError` that calls the
     file `name` where the frames do not stand on an even grid.
@@ -167,9 +177,20 @@ def grid_of_frames(
 
 
 def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
-    """Slices of an even grid through all `heights`, for the gap that the file tells and for the narrowest one found.
+    """Return how many slices even grids through all heights have.
 
-    0 where the grid would not be even, or too fine to be meant.
+    Parameters
+    ----------
+    heights : (n,) float64
+        Along the normal, mm.
+    gap_hint : float
+        Millimeters between slices that the file tells; 0 for none.
+
+    Returns
+    -------
+    list of int
+        For the gap that the file tells and for the narrowest one found; 0 where the grid would not be even, or
+        too fine to be meant.
     """
     total = float(heights[-1] - heights[0])
     found = []

@@ -23,7 +23,7 @@ from ...labels.label_map import LabelMap, clean_name
 from ...optional_imports import imported_steps
 from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
-from .elements import PLACE, VALUE, Damaged, Elements, Found, Place
+from .elements import LOCATION, VALUE, Damaged, Elements, Found, ValueLocation
 from .label_file import decimals, opened, reference_of, texts, uid, whole
 from .references import Reference, found_steps, grid_of
 from .slice_grid import SliceGrid
@@ -39,7 +39,7 @@ WANTED = {
     0x30060039: {  # their contours
         0x30060084: VALUE,
         0x3006002A: VALUE,
-        0x30060040: {0x30060042: VALUE, 0x30060050: PLACE},
+        0x30060040: {0x30060042: VALUE, 0x30060050: LOCATION},
     },
 }
 CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
@@ -58,7 +58,7 @@ class Region(NamedTuple):
 
     name: str
     color: RGB | None
-    contours: list[tuple[str, Place]]  # type, and where the positions stand
+    contours: list[tuple[str, ValueLocation]]  # type, and where the positions stand
 
 
 class Header(NamedTuple):
@@ -114,7 +114,7 @@ def open_steps(path: Path) -> Steps[StructureSource]:
 
 
 def header_steps(path: Path) -> Steps[Header]:
-    """What the file says of its regions, and where their contours stand."""
+    """Return what the file says of its regions, and where their contours stand."""
     with opened(path) as (elements, _):
         found = yield from elements.dataset_steps(WANTED)
         decoded = texts(found)
@@ -130,7 +130,7 @@ def header_steps(path: Path) -> Steps[Header]:
             regions.append(Region(name, color_of(own), contours_of(own)))
     if not any(region.contours for region in regions):
         raise ReadError(f"{path.name} has no contours; choose another structure set")
-    if sum(place.length for region in regions for _, place in region.contours) > MOST_BYTES:
+    if sum(location.length for region in regions for _, location in region.contours) > MOST_BYTES:
         raise ReadError(f"{path.name} has more than {MOST_BYTES} bytes of contours; export fewer regions")
     return Header(uid(found.get(0x0020000E, b"")), regions, reference)
 
@@ -141,7 +141,7 @@ def color_of(item: Found) -> RGB | None:
     return rgb_of_bytes([word.decode("ascii", "replace") for word in words])
 
 
-def contours_of(item: Found) -> list[tuple[str, Place]]:
+def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
     """Type and place of every contour of a region."""
     contours = item.get(0x30060040, ())
     return [
@@ -152,21 +152,21 @@ def contours_of(item: Found) -> list[tuple[str, Place]]:
 
 
 def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[list[Planes], Counter[str]]]:
-    """The contours of every region by scanned slice, in pixels, and how many were left out and why."""
+    """Return the contours of every region by scanned slice, in pixels, and how many were left out and why."""
     regions, left_out = [], Counter[str]()
     total = sum(len(region.contours) for region in header.regions)
     done, gap = 0, grid.gap
     with opened(path) as (elements, _):
         for region in header.regions:
             nearest: dict[int, dict[float, list[NDArray[np.float64]]]] = {}
-            for kind, place in region.contours:
+            for kind, location in region.contours:
                 done += 1
                 if done % CONTOURS_PER_STEP == 0:
                     yield Step(done / total, "Reading contours")
                 if kind not in CLOSED:
                     left_out[f"contours of type {clean_name(kind, 'none')}, which enclose nothing"] += 1
                     continue
-                points = positions_of(elements, place)
+                points = positions_of(elements, location)
                 if len(points) < 3:
                     left_out["contours of less than 3 points"] += 1
                     continue
@@ -186,12 +186,12 @@ def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[lis
     return regions, left_out
 
 
-def positions_of(elements: Elements, place: Place) -> NDArray[np.float64]:
-    """The positions (n, 3) of one contour, mm; numbers in words, x, y and z in turn."""
-    if place.length > LONGEST_CONTOUR:
-        raise Damaged(f"a contour of {place.length} bytes, and at most {LONGEST_CONTOUR} are read")
-    elements.file.seek(place.start)
-    values = decimals(elements.file.read(place.length))
+def positions_of(elements: Elements, location: ValueLocation) -> NDArray[np.float64]:
+    """Return the positions (n, 3) of one contour, mm; numbers in words, x, y and z in turn."""
+    if location.length > LONGEST_CONTOUR:
+        raise Damaged(f"a contour of {location.length} bytes, and at most {LONGEST_CONTOUR} are read")
+    elements.file.seek(location.start)
+    values = decimals(elements.file.read(location.length))
     if len(values) % 3:
         raise Damaged(f"a contour of {len(values)} numbers, which are no positions")
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN

@@ -31,7 +31,7 @@ class Segment(NamedTuple):
 
 
 def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
-    """The segments that have a value, in the order of their numbers."""
+    """Return the segments that have a value, in the order of their numbers."""
     keys = (re.fullmatch(r"Segment(\d{1,9})_(?:ID|LabelValue)", key) for key in header)
     numbers = sorted({int(match[1]) for match in keys if match})
     is_old = not any(f"Segment{number}_LabelValue" in header for number in numbers)  # before Slicer 4.11: a mask each
@@ -57,7 +57,14 @@ def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
 
 
 def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tuple[dict[int, str], dict[int, RGB]]:
-    """Names and colors by label."""
+    """Return names and colors by label.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+    labels : sequence of int
+        The label of each.
+    """
     names = {label: segment.name for label, segment in zip(labels, segments, strict=True)}
     colors = {label: segment.color for label, segment in zip(labels, segments, strict=True) if segment.color}
     return names, colors
@@ -75,7 +82,19 @@ class Layered(NamedTuple):
 def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[Layered]:
     """Return the segments of a file's layers as labels, in layers (slices, rows, columns) of which none overlap.
 
-    Labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
+    Parameters
+    ----------
+    layers : sequence of SliceReader
+        (slices, rows, columns) each.
+    segments : sequence of Segment
+        With layer and value.
+    name : str
+        Of the file, for errors and notes.
+
+    Returns
+    -------
+    Layered
+        Its labels are the segments' values, or 1, 2, 3 and so on where segments of two layers share one.
     """
     values = [segment.value for segment in segments]
     missing = [segment.layer for segment in segments if segment.layer >= len(layers)]

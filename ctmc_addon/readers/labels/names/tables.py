@@ -35,7 +35,7 @@ class LabelTable(NamedTuple):
 
 
 def table_for(path: Path, name: str) -> LabelTable:
-    """The table that belongs to a label volume without names of its own; empty where there is none.
+    """Return the table that belongs to a label volume without names of its own; empty where there is none.
 
     A table of the volume's name, or the only one in its folder; else TotalSegmentator's where the volume is called so.
     """
@@ -53,7 +53,7 @@ def table_for(path: Path, name: str) -> LabelTable:
 
 
 def read_table(path: Path) -> LabelTable | None:
-    """The labels of a text file; None where a line of it is something else."""
+    """Return the labels of a text file; None where a line of it is something else."""
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
@@ -63,7 +63,7 @@ def read_table(path: Path) -> LabelTable | None:
 
 
 def parsed(text: str) -> LabelTable | None:
-    r"""The labels of a table's lines, the background left out; None for any other text.
+    r"""Return the labels of a table's lines, the background left out; None for any other text.
 
     Examples
     --------

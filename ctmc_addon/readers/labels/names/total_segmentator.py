@@ -14,7 +14,7 @@ VERTEBRAE += [f"C{n}" for n in range(7, 0, -1)]
 
 
 def names_in_order() -> Iterator[str]:
-    """The names of the labels 1 to 117."""
+    """Yield the names of the labels 1 to 117."""
 
     def pairs(first: str, second: str, *names: str) -> Iterator[str]:
         for name in names:
@@ -48,7 +48,7 @@ NAMES = dict(enumerate(names_in_order(), 1))
 
 
 def is_total_segmentator(name: str) -> bool:
-    """Whether a file's stem says that TotalSegmentator made it.
+    """Return whether a file's stem says that TotalSegmentator made it.
 
     Examples
     --------

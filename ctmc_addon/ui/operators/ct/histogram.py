@@ -19,7 +19,7 @@ DONE = {"FINISHED"}
 
 
 def has_gray_values(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the CT has gray values, with the reason if not."""
+    """Return whether the CT has gray values, with the reason if not."""
     volume = volumes.current(context.scene)
     if volume is not None and volume.kind == ValueKind.LABEL:
         operator.poll_message_set("A label volume has labels and no gray values")
@@ -28,7 +28,7 @@ def has_gray_values(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def viewport_of(context: bpy.types.Context) -> bpy.types.Area | None:
-    """The viewport that the mouse is in, else the first of the screen."""
+    """Return the viewport that the mouse is in, else the first of the screen."""
     areas = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen else []
     return context.area if context.area in areas else next(iter(areas), None)
 

@@ -108,7 +108,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     def steps(
         self, path: Path, reading: ReadingOptions, scene: int, expected: str, chosen: int
     ) -> Steps[jobs.Conclusion]:
-        """The work: series, values, statistics; the CT of this fingerprint is expected there, if any.
+        """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
         So many files of the folder were `chosen`; all of it is read.
         """
@@ -151,7 +151,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
 
 def last_folder(scene: bpy.types.Scene) -> Path | None:
-    """Where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    """Return where the last CT lies, of this file or of the one open before; None where that is not known any more."""
     stored = scene.ctmc.volume_path
     path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
@@ -214,8 +214,8 @@ def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct:
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    place = (volumes.stored_path(folder), folder.name or loaded.volume.name)
-    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, place)
+    names = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:
             obj.select_set(False)

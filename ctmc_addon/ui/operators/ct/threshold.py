@@ -84,7 +84,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
 
 def used_threshold(scene: bpy.types.Scene) -> float | None:
-    """The threshold that a reconstruction would use; None where it is not known yet or there is none."""
+    """Return the threshold that a reconstruction would use; None where it is not known yet or there is none."""
     ct = volumes.loaded(scene)
     try:
         return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))

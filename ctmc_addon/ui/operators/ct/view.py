@@ -54,7 +54,7 @@ class CTMC_OT_view(Needs, bpy.types.Operator):
 
     @classmethod
     def description(cls, _context: Any, properties: Any) -> str:
-        """The tooltip of the button of a side."""
+        """Return the tooltip of the button of a side."""
         return translate(SIDES[properties.side][1])
 
     def execute(self, context: bpy.types.Context) -> set[str]:

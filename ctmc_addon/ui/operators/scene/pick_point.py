@@ -22,7 +22,7 @@ from ...viewport.mouse import ray_under, viewport_at
 
 
 def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
-    """Where a ray meets the slice that is drawn, world space; None where it passes."""
+    """Return where a ray meets the slice that is drawn, world space; None where it passes."""
     view = scene.ctmc_view
     if not view.show_slice:
         return None
@@ -46,7 +46,7 @@ def found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area
 
 
 def point_text(volume: Volume, point_mm: Sequence[float]) -> str:
-    """Where a point is, and the value of the CT there."""
+    """Return where a point is, and the value of the CT there."""
     place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
     value = value_at(volume, point_mm)
     if value is None:

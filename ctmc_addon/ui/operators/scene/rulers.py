@@ -30,12 +30,12 @@ class Measure:
         points, scale = [tuple(self.points_mm[i : i + 3]) for i in range(0, 3 * KINDS[self.kind], 3)], machine().scale
         return self.add(context, [tuple(value * scale for value in point) for point in points], points)
 
-    def add(self: Any, context: bpy.types.Context, places: list[Any], points: list[Any]) -> set[str]:
+    def add(self: Any, context: bpy.types.Context, world_points: list[Any], points: list[Any]) -> set[str]:
         """Add the object, selected alone where Blender's mode allows it."""
         scene, name = context.scene, translate(self.called)
         fingerprint = scene.ctmc.volume_fingerprint
         try:
-            ruler = add_ruler(scene, self.kind, places, name, machine().scale, points, fingerprint)
+            ruler = add_ruler(scene, self.kind, world_points, name, machine().scale, points, fingerprint)
         except MeshError as error:
             return jobs.refuse(self, scene.session_uid, error)
         self.report({"INFO"}, ruler.name)
@@ -49,7 +49,7 @@ class Measure:
             return {"CANCELLED"}
         self.area = context.area.as_pointer()
         self.points = list[Any]()
-        rulers.pending.places, rulers.pending.next_place = [], None
+        rulers.pending.world_points, rulers.pending.next_point = [], None
         context.window.cursor_modal_set("CROSSHAIR")
         context.window_manager.modal_handler_add(self)
         self.ask(context)
@@ -67,7 +67,7 @@ class Measure:
             return {"CANCELLED"}
         if event.type == "MOUSEMOVE":
             found = self.under(context, area, event)
-            rulers.pending.next_place = None if found is None else found[1]
+            rulers.pending.next_point = None if found is None else found[1]
             area.tag_redraw()
         elif event.type == "LEFTMOUSE" and event.value == "PRESS" and window_under(area, event):
             found = self.under(context, area, event)
@@ -75,23 +75,23 @@ class Measure:
                 self.report({"WARNING"}, translate("There is no surface under the mouse"))
                 return {"RUNNING_MODAL"}
             self.points.append(patient_mm(found[0], found[1], machine().scale))
-            rulers.pending.places.append(found[1])
+            rulers.pending.world_points.append(found[1])
             if len(self.points) < KINDS[self.kind]:
                 self.ask(context)
                 return {"RUNNING_MODAL"}
-            places = list(rulers.pending.places)
+            world_points = list(rulers.pending.world_points)
             self.cancel(context)
-            return self.add(context, places, self.points)
+            return self.add(context, world_points, self.points)
         return {"PASS_THROUGH"}
 
     def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
-        """The object under the mouse and where it is hit; None where there is none."""
+        """Return the object under the mouse and where it is hit; None where there is none."""
         ray = ray_under(area, event)
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 
     def cancel(self: Any, context: bpy.types.Context) -> None:
         """Stop drawing the wire, and restore pointer and status bar."""
-        rulers.pending.places, rulers.pending.next_place = [], None
+        rulers.pending.world_points, rulers.pending.next_point = [], None
         if context.window is not None:
             context.window.cursor_modal_restore()
         if context.workspace is not None:

@@ -20,7 +20,7 @@ from ...viewport import slice_objects
 
 
 def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether objects can be selected, with the reason if not."""
+    """Return whether objects can be selected, with the reason if not."""
     if context.mode != "OBJECT":
         operator.poll_message_set("Leave edit mode first")
         return False

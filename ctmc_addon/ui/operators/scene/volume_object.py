@@ -21,7 +21,7 @@ from ...translations import translate
 
 
 def can_write(operator: Any, _context: bpy.types.Context) -> bool:
-    """Whether there is a place for the .vdb, and a module that writes it, with the reason if not."""
+    """Return whether there is a place for the .vdb, and a module that writes it, with the reason if not."""
     if vdb_writer() is None:
         operator.poll_message_set("This Blender has no OpenVDB module; the Blender of blender.org has one")
         return False
@@ -51,7 +51,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
     )
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The samples of the region at the stride."""
+        """Return the samples of the region at the stride."""
         scene = context.scene
         ct, settings = volumes.require_loaded(scene), scene.ctmc.to_settings()
         x, y, z = box_of(ct.full, settings.region, settings.region_unit)
@@ -75,7 +75,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
 
 
 def free_path(name: str) -> Path:
-    """A .vdb beside the .blend that is not there yet."""
+    """Return a .vdb beside the .blend that is not there yet."""
     folder = Path(bpy.data.filepath).parent
     stem = file_name(name)
     number, path = 1, folder / f"{stem}.vdb"

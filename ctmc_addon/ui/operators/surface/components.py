@@ -28,13 +28,13 @@ class ComponentsOperator(jobs.LongOperator):
     extracts = False
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The active surface, with these settings."""
+        """Return the active surface, with these settings."""
         work = from_full_steps(context, self.changes, extracts=self.extracts)
         return with_panel_steps(work, context.scene.session_uid, self.changes)
 
 
 def with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
-    """The work, and at its end the same settings in the panel."""
+    """Return the work, and at its end the same settings in the panel."""
     conclude = yield from work
 
     def conclude_and_show() -> str:
@@ -49,7 +49,7 @@ def with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[st
 
 
 def is_open(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the active surface was left open and its CT can close it, with the reason if not."""
+    """Return whether the active surface was left open and its CT can close it, with the reason if not."""
     obj = context.view_layer.objects.active
     if surfaces.require_settings(obj).close_border:
         operator.poll_message_set("The border is closed already")

@@ -65,7 +65,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         return True
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """The object's name."""
+        """Suggest the object's name."""
         return f"{file_name(context.object.name)}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

@@ -153,7 +153,7 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
 
 
 def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
-    """What a surface is called: its label, else tissue and threshold."""
+    """Return what a surface is called: its label, else tissue and threshold."""
     by_values = surface_name(request.kind, result.threshold, result.settings.upper)
     return f"{request.prefix} {request.structure or by_values}".strip()
 

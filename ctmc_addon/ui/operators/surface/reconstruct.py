@@ -52,7 +52,7 @@ def is_possible(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
-    """The settings of every surface of the panel; None while they contradict each other."""
+    """Return the settings of every surface of the panel; None while they contradict each other."""
     try:
         settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
     except SettingsError:
@@ -80,7 +80,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume, is_possible)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Every surface the panel asks for."""
+        """Return every surface the panel asks for."""
         scene = context.scene
         loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
@@ -195,7 +195,7 @@ def surface_steps(
 def remade_steps(
     full: Reconstruction, settings: ReconstructionSettings, budget: Budget
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
-    """The surface that the settings ask for, of the full one of other settings; and the full one of these."""
+    """Return the surface that the settings ask for, of the full one of other settings; and the full one of these."""
     if full.surface is not None and full.settings.alpha != settings.alpha:
         full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
     if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):

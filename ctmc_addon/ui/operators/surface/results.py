@@ -36,7 +36,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The surface as it shows, where the patient has it: moving the object is not a deviation."""
+        """Return the surface as it shows, where the patient has it: moving the object is not a deviation."""
         scene, obj = context.scene, context.view_layer.objects.active
         full = session.of(scene).full.get(surfaces.origin_of(obj))
         mesh = as_shown(obj, scene).mesh
@@ -59,7 +59,7 @@ def measure_steps(
 
 
 def has_full(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the full surface of the active one is in memory, with the reason if not."""
+    """Return whether the full surface of the active one is in memory, with the reason if not."""
     obj = context.view_layer.objects.active
     if surfaces.origin_of(obj) not in session.of(context.scene).full:
         operator.poll_message_set(
@@ -180,7 +180,7 @@ class CTMC_OT_copy_command(bpy.types.Operator):
 
 
 def command_text(scene: bpy.types.Scene) -> str:
-    """The command line of every surface the panel asks for."""
+    """Return the command line of every surface the panel asks for."""
     stored, loaded = scene.ctmc, volumes.loaded(scene)
     source = bpy.path.abspath(stored.volume_path)
     reading = loaded.reading if loaded is not None else options_of_scene(stored)

@@ -33,7 +33,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The active surface, from its full form."""
+        """Return the active surface, from its full form."""
         panel = context.scene.ctmc.to_settings()
         return from_full_steps(context, {name: getattr(panel, name) for name in ("simplifier", *GOALS)})
 

@@ -13,7 +13,7 @@ from ..layout import SubPanel, prepare
 
 
 class CTMC_PT_region(SubPanel, bpy.types.Panel):
-    """The region's numbers."""
+    """Panel with the region's numbers."""
 
     bl_idname = "CTMC_PT_region"
     bl_label = "Region"
@@ -42,7 +42,7 @@ class CTMC_PT_region(SubPanel, bpy.types.Panel):
 
 
 def columns_of(table: Any, name: str) -> Any:
-    """A row of the table: its name, then room for two fields of equal width."""
+    """Return a row of the table: its name, then room for two fields of equal width."""
     split = table.split(factor=0.1, align=True)
     split.label(text=name, translate=False)
     return split.row(align=True)

@@ -42,9 +42,10 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.prop(view, "position", slider=True)
         row.operator("ctmc.slice_step", text="", icon="TRIA_LEFT").by = -1
         row.operator("ctmc.slice_step", text="", icon="TRIA_RIGHT").by = 1
-        place = slice_at(volume, view.plane, view.position)
+        shown_slice = slice_at(volume, view.plane, view.position)
         text = translate("Slice {number} of {count}, {place}")
-        text = text.format(number=place.index + 1, count=place.count, place=slice_position_text(volume, place))
+        position = slice_position_text(volume, shown_slice)
+        text = text.format(number=shown_slice.index + 1, count=shown_slice.count, place=position)
         layout.label(text=text, translate=False)
         column = layout.column(align=True)
         column.active = not (

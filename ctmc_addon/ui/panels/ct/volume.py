@@ -43,14 +43,14 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
     """The file knows a CT that is not in memory."""
     box = layout.box()
     path = context.scene.ctmc.volume_path
-    gone = not volumes.there(path)
+    is_missing = not volumes.exists(path)
     text = translate(
         "The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on"
     )
-    if not gone:
+    if not is_missing:
         text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
     draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
-    if not gone:
+    if not is_missing:
         box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 
 

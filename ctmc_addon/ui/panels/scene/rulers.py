@@ -12,7 +12,7 @@ ICONS = {"distance": "DRIVER_DISTANCE", "angle": "DRIVER_ROTATIONAL_DIFFERENCE"}
 
 
 class CTMC_PT_rulers(SubPanel, bpy.types.Panel):
-    """Distances and angles between points."""
+    """Panel for distances and angles between points."""
 
     bl_idname = "CTMC_PT_rulers"
     bl_label = "Distances and Angles"

@@ -10,7 +10,7 @@ import pydicom
 import pytest
 
 from ctmc_addon.core import finish
-from ctmc_addon.readers.dicom.labels.elements import DEEPEST, PLACE, VALUE, Damaged, Elements, after_meta
+from ctmc_addon.readers.dicom.labels.elements import DEEPEST, LOCATION, VALUE, Damaged, Elements, after_meta
 
 POSITION = {0x52009230: {0x00209113: {0x00200032: VALUE}, 0x0062000A: {0x0062000B: VALUE}}}
 
@@ -83,6 +83,6 @@ def test_what_breaks_the_rules_is_said(content, words):
 
 def test_a_place_is_where_the_bytes_are():
     content = element(0x00080005, b"CS", b"ISO_IR 100") + element(0x00080016, b"UI", b"1.2\0")
-    found = read(content, {0x00080016: PLACE})
+    found = read(content, {0x00080016: LOCATION})
     place = found[0x00080016]
     assert content[place.start : place.start + place.length] == b"1.2\0"
