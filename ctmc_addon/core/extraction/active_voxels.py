@@ -76,8 +76,8 @@ class Slab:
         in its stead.
     is_cell : (n,) bool
         False for ghost cells.
-    edge_owners : three (n_axis,) intp
-        Which of the voxels own a crossed edge along x, y, z: one vertex each.
+    edge_slots : three (n_axis,) intp
+        Slots of the voxels that own a crossed edge along x, y, z, ascending: one vertex each.
     with_interior : (n_interior,) intp
         Which of the voxels have vertices inside them; none in the classic topology.
     corner_values : (n_interior, 8) float64
@@ -94,7 +94,7 @@ class Slab:
     slot: NDArray[np.intp]
     configuration: NDArray[np.int16]
     is_cell: NDArray[np.bool_]
-    edge_owners: tuple[NDArray[np.intp], ...]
+    edge_slots: tuple[NDArray[np.intp], ...]
     with_interior: NDArray[np.intp]
     corner_values: NDArray[np.float64]
     tables: TriangleTables
@@ -120,19 +120,23 @@ class Slab:
     @cached_property
     def segments(self) -> Segments:
         """The layers, cut where units begin and above the lowest layer of each; and how much is in each of them."""
-        starts = np.arange(-(-self.low // self.unit) * self.unit, self.high, self.unit)
-        layers = np.unique(np.concatenate([[self.low, self.high], starts, starts + 1]))
-        layers = layers[layers <= self.high]
+        starts = range(-(-self.low // self.unit) * self.unit, self.high, self.unit)
+        layers = np.array(sorted({self.low, *starts, *(start + 1 for start in starts), self.high}))
         layer_bytes = self.rows * self.pitch // BYTE
-        ranks = np.searchsorted(self.byte, (layers - self.low) * layer_bytes)
-        voxels = np.searchsorted(self.slot, ranks * BYTE)
-        vertices = [np.diff(np.searchsorted(owners, voxels)) for owners in self.edge_owners]
+        slots = np.searchsorted(self.byte, (layers - self.low) * layer_bytes) * BYTE
+        voxels = np.searchsorted(self.slot, slots)
+        vertices = [np.diff(np.searchsorted(of_axis, slots)) for of_axis in self.edge_slots]
         inside = np.zeros(len(self.with_interior) + 1, np.intp)
         np.cumsum(self.interior_counts, out=inside[1:])
         vertices.append(np.diff(inside[np.searchsorted(self.with_interior, voxels)]))
-        kinds = int(self.corner_list_kind.max(initial=0)) + 1
-        faces = [np.bincount(self.corner_list_kind[a:b], minlength=kinds) for a, b in pairwise(voxels.tolist())]
-        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), np.array(faces).T)
+        kind = self.corner_list_kind
+        is_kind = np.empty(len(kind), bool)
+        faces = np.empty((int(kind.max(initial=0)) + 1, len(layers) - 1), np.intp)
+        bounds = list(pairwise(voxels.tolist()))
+        for number, counts in enumerate(faces):
+            np.equal(kind, number, out=is_kind)
+            counts[:] = [np.count_nonzero(is_kind[begin:end]) for begin, end in bounds]
+        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), faces)
 
     @property
     def interior_counts(self) -> NDArray[Any]:
@@ -205,7 +209,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         slot=slot,
         configuration=case.astype(np.int16),
         is_cell=_bits_of(~ghost_bits, mixed_byte).take(slot).view(bool),
-        edge_owners=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
+        edge_slots=tuple(slot.take(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool))) for axis in range(3)),
         with_interior=np.zeros(0, np.intp),
         corner_values=np.zeros((0, 8)),
         tables=CLASSIC,
