@@ -74,8 +74,8 @@ class Slab:
     configuration : (n,) int16
         Configuration number in `tables`: the case, or one of the surfaces that the trilinear interpolant may have
         in its stead.
-    is_cell : (n,) bool
-        False for ghost cells.
+    ghosts : (n_ghosts,) intp
+        Which of the voxels are ghost cells, ascending.
     edge_slots : three (n_axis,) intp
         Slots of the voxels that own a crossed edge along x, y, z, ascending: one vertex each.
     with_interior : (n_interior,) intp
@@ -93,11 +93,16 @@ class Slab:
     byte: NDArray[np.intp]
     slot: NDArray[np.intp]
     configuration: NDArray[np.int16]
-    is_cell: NDArray[np.bool_]
+    ghosts: NDArray[np.intp]
     edge_slots: tuple[NDArray[np.intp], ...]
     with_interior: NDArray[np.intp]
     corner_values: NDArray[np.float64]
     tables: TriangleTables
+
+    @property
+    def cell_count(self) -> int:
+        """Number of active voxels that are no ghost cells."""
+        return len(self.slot) - len(self.ghosts)
 
     @property
     def vertex_count(self) -> int:
@@ -114,7 +119,7 @@ class Slab:
     def corner_list_kind(self) -> NDArray[np.uint8]:
         """(n,) the kind of every voxel's list of corners, as `CornerLists` has it; 0 for ghost cells."""
         kind = self.tables.corners.corner_list_kind.take(self.configuration)
-        kind *= self.is_cell
+        kind[self.ghosts] = 0
         return kind
 
     @cached_property
@@ -194,6 +199,11 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     byte *= BYTE
     byte += mixed_byte & 7
     slot = np.flatnonzero(_bits_of(active, mixed_byte).view(bool))
+    ghost_bits &= active
+    ghost_bytes = ghost_bits.view(np.uint8).take(mixed_byte)
+    with_ghost = np.flatnonzero(ghost_bytes != 0)
+    ghost = np.flatnonzero(np.unpackbits(ghost_bytes.take(with_ghost), bitorder="little"))  # of the bits of those
+    ghost_slots = with_ghost.take(ghost >> 3) * BYTE + (ghost & 7)
     cases = np.zeros(BYTE * len(byte), np.uint8)  # by slot
     for corner in reversed(corners):
         cases += cases
@@ -208,7 +218,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         byte=byte,
         slot=slot,
         configuration=case.astype(np.int16),
-        is_cell=_bits_of(~ghost_bits, mixed_byte).take(slot).view(bool),
+        ghosts=np.searchsorted(slot, ghost_slots),
         edge_slots=tuple(slot.take(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool))) for axis in range(3)),
         with_interior=np.zeros(0, np.intp),
         corner_values=np.zeros((0, 8)),

@@ -66,10 +66,10 @@ def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None
             voxel = by_kind[begin + first : min(begin + first + VOXELS_AT_ONCE, end)]
             configuration = slab.configuration.take(voxel).astype(np.intp)
             # All (corner_count, voxels): into flat `slots`, then into flat `vertex_of`.
-            neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1)
+            neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1, mode="clip")
             neighbor_index += voxel
-            vertex_flat_index = slots.take(neighbor_index)
-            vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1)
+            vertex_flat_index = slots.take(neighbor_index, mode="clip")
+            vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1, mode="clip")
             vertices = vertex_of.take(vertex_flat_index, mode="clip")
             for items, rows in runs.pieces(first, len(voxel)):
                 block = out[rows].reshape(-1, len(columns))

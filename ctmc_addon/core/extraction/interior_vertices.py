@@ -25,7 +25,9 @@ HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8
 
 def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
     """The slab with the configuration of the trilinear interpolant's surface in every ambiguous voxel."""
-    ambiguous = np.flatnonzero(NEEDS_DECISION.take(slab.configuration) & slab.is_cell)
+    needs_decision = NEEDS_DECISION.take(slab.configuration)
+    needs_decision[slab.ghosts] = False
+    ambiguous = np.flatnonzero(needs_decision)
     values = corner_values(slab.samples(ambiguous), grid, sampler)
     if grid.upper is not None:  # as far above the threshold as below the upper limit: one threshold for both
         values = np.minimum(values, threshold + (grid.upper - values))

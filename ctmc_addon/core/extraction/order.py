@@ -17,7 +17,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,7 @@ INSIDE = 5  # the last of the lists of vertices
 Pieces: TypeAlias = list[tuple[slice, slice]]  # some of the items of a list, and the rows where they stand
 
 
-@dataclass(frozen=True, eq=False)
-class Runs:
+class Runs(NamedTuple):
     """Where the items of a list stand in an array, a few runs of them one after the other.
 
     Parameters
@@ -151,23 +150,24 @@ def _runs(
     start = np.empty(counts.size, np.intp)
     start[order] = np.cumsum(rows.ravel()[order]) - rows.ravel()[order]
     start = start.reshape(counts.shape)
-    out = []
-    for number in range(int(slab[-1]) + 1):
-        own = slab == number
-        lists = zip(counts[:, own].tolist(), start[:, own].tolist(), sizes, strict=True)
-        out.append(tuple(_joined(*each) for each in lists))
-    return out
+    lists = list(zip(counts.tolist(), start.tolist(), sizes, strict=True))
+    bounds = np.searchsorted(slab, np.arange(slab[-1] + 2)).tolist()
+    return [
+        tuple(_joined(count[low:high], first[low:high], size) for count, first, size in lists)
+        for low, high in pairwise(bounds)
+    ]
 
 
 def _joined(counts: list[int], starts: list[int], size: int) -> Runs:
     """The runs of so many items each, those that follow one another in the array as one; at least one."""
-    ends, firsts = [0, counts[0]], [starts[0]]
-    for count, start in zip(counts[1:], starts[1:], strict=True):
-        if firsts[-1] + (ends[-1] - ends[-2]) * size == start or not count:
+    ends, firsts, follows = [0], [], -1
+    for count, start in zip(counts, starts, strict=True):
+        if not count:
+            continue
+        if start == follows:
             ends[-1] += count
-        elif ends[-1] == ends[-2]:  # nothing stands in the run before
-            ends[-1], firsts[-1] = ends[-2] + count, start
         else:
             ends.append(ends[-1] + count)
             firsts.append(start)
-    return Runs(ends, firsts, size)
+        follows = start + count * size
+    return Runs(ends, firsts, size) if firsts else Runs([0, 0], starts[:1], size)

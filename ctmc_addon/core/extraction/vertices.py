@@ -117,17 +117,17 @@ def _fill_edges(
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
         raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
-    on_cap = rise == 0
+    on_cap = np.flatnonzero(rise == 0)
     rise[on_cap] = 1.0
     t = level - low
     t /= rise
     t[on_cap] = 0.5
-    np.clip(t, NEAREST, 1 - NEAREST, out=t)
+    np.minimum(np.maximum(t, NEAREST, out=t), 1 - NEAREST, out=t)  # as `np.clip` with less overhead
 
     begin = position[axis]
     side = np.float32(1) if unit else np.diff(along.position, append=np.float32(0)).take(sample(axis))
     middle = begin + np.float32(0.5) * side
-    linear = (begin + t * side).astype(np.float32)
+    linear = (begin + t * side).astype(np.float32, copy=False)
     for alpha, points in zip(out.alphas, out.positions, strict=True):
         position[axis] = linear if alpha is None else blend(middle, linear, alpha)
         for items, rows in pieces:
@@ -148,7 +148,7 @@ def _fill_edges(
             return NOWHERE
         return np.flatnonzero((below if axis_ == axis else axes[axis_].index.take(sample(axis_))) == index)
 
-    share = (linear - below).astype(sampler.working_type)
+    share = (linear - below).astype(sampler.working_type, copy=False)
     normals = out.normals[pieces[0][1]] if len(pieces) == 1 else np.empty((len(slot), 3), np.float32)
     fill_normals(sampler, places, flat, (low, high), axis, share, normals)
     normals[on_cap] = 0.0
