@@ -74,10 +74,10 @@ class Slab:
     configuration : (n,) int16
         Configuration number in `tables`: the case, or one of the surfaces that the trilinear interpolant may have
         in its stead.
-    is_cell : (n,) bool
-        False for ghost cells.
-    edge_owners : three (n_axis,) intp
-        Which of the voxels own a crossed edge along x, y, z: one vertex each.
+    ghosts : (n_ghosts,) intp
+        Which of the voxels are ghost cells, ascending.
+    edge_slots : three (n_axis,) intp
+        Slots of the voxels that own a crossed edge along x, y, z, ascending: one vertex each.
     with_interior : (n_interior,) intp
         Which of the voxels have vertices inside them; none in the classic topology.
     corner_values : (n_interior, 8) float64
@@ -93,11 +93,16 @@ class Slab:
     byte: NDArray[np.intp]
     slot: NDArray[np.intp]
     configuration: NDArray[np.int16]
-    is_cell: NDArray[np.bool_]
-    edge_owners: tuple[NDArray[np.intp], ...]
+    ghosts: NDArray[np.intp]
+    edge_slots: tuple[NDArray[np.intp], ...]
     with_interior: NDArray[np.intp]
     corner_values: NDArray[np.float64]
     tables: TriangleTables
+
+    @property
+    def cell_count(self) -> int:
+        """Number of active voxels that are no ghost cells."""
+        return len(self.slot) - len(self.ghosts)
 
     @property
     def vertex_count(self) -> int:
@@ -114,25 +119,29 @@ class Slab:
     def corner_list_kind(self) -> NDArray[np.uint8]:
         """(n,) the kind of every voxel's list of corners, as `CornerLists` has it; 0 for ghost cells."""
         kind = self.tables.corners.corner_list_kind.take(self.configuration)
-        kind *= self.is_cell
+        kind[self.ghosts] = 0
         return kind
 
     @cached_property
     def segments(self) -> Segments:
         """The layers, cut where units begin and above the lowest layer of each; and how much is in each of them."""
-        starts = np.arange(-(-self.low // self.unit) * self.unit, self.high, self.unit)
-        layers = np.unique(np.concatenate([[self.low, self.high], starts, starts + 1]))
-        layers = layers[layers <= self.high]
+        starts = range(-(-self.low // self.unit) * self.unit, self.high, self.unit)
+        layers = np.array(sorted({self.low, *starts, *(start + 1 for start in starts), self.high}))
         layer_bytes = self.rows * self.pitch // BYTE
-        ranks = np.searchsorted(self.byte, (layers - self.low) * layer_bytes)
-        voxels = np.searchsorted(self.slot, ranks * BYTE)
-        vertices = [np.diff(np.searchsorted(owners, voxels)) for owners in self.edge_owners]
+        slots = np.searchsorted(self.byte, (layers - self.low) * layer_bytes) * BYTE
+        voxels = np.searchsorted(self.slot, slots)
+        vertices = [np.diff(np.searchsorted(of_axis, slots)) for of_axis in self.edge_slots]
         inside = np.zeros(len(self.with_interior) + 1, np.intp)
         np.cumsum(self.interior_counts, out=inside[1:])
         vertices.append(np.diff(inside[np.searchsorted(self.with_interior, voxels)]))
-        kinds = int(self.corner_list_kind.max(initial=0)) + 1
-        faces = [np.bincount(self.corner_list_kind[a:b], minlength=kinds) for a, b in pairwise(voxels.tolist())]
-        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), np.array(faces).T)
+        kind = self.corner_list_kind
+        is_kind = np.empty(len(kind), bool)
+        faces = np.empty((int(kind.max(initial=0)) + 1, len(layers) - 1), np.intp)
+        bounds = list(pairwise(voxels.tolist()))
+        for number, counts in enumerate(faces):
+            np.equal(kind, number, out=is_kind)
+            counts[:] = [np.count_nonzero(is_kind[begin:end]) for begin, end in bounds]
+        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), faces)
 
     @property
     def interior_counts(self) -> NDArray[Any]:
@@ -190,6 +199,11 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
     byte *= BYTE
     byte += mixed_byte & 7
     slot = np.flatnonzero(_bits_of(active, mixed_byte).view(bool))
+    ghost_bits &= active
+    ghost_bytes = ghost_bits.view(np.uint8).take(mixed_byte)
+    with_ghost = np.flatnonzero(ghost_bytes != 0)
+    ghost = np.flatnonzero(np.unpackbits(ghost_bytes.take(with_ghost), bitorder="little"))  # of the bits of those
+    ghost_slots = with_ghost.take(ghost >> 3) * BYTE + (ghost & 7)
     cases = np.zeros(BYTE * len(byte), np.uint8)  # by slot
     for corner in reversed(corners):
         cases += cases
@@ -204,8 +218,8 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
         byte=byte,
         slot=slot,
         configuration=case.astype(np.int16),
-        is_cell=_bits_of(~ghost_bits, mixed_byte).take(slot).view(bool),
-        edge_owners=tuple(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool)) for axis in range(3)),
+        ghosts=np.searchsorted(slot, ghost_slots),
+        edge_slots=tuple(slot.take(np.flatnonzero(((case ^ case >> (1 << axis)) & 1).view(bool))) for axis in range(3)),
         with_interior=np.zeros(0, np.intp),
         corner_values=np.zeros((0, 8)),
         tables=CLASSIC,

@@ -60,24 +60,21 @@ def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None
 
     by_kind = np.argsort(slab.corner_list_kind, kind="stable")
     ends = np.cumsum(slab.segments.voxels.sum(axis=1)).tolist()
-    for kind, ((begin, _), runs) in enumerate(zip(pairwise(ends), places.faces, strict=False), 1):
+    for kind, ((begin, end), runs) in enumerate(zip(pairwise(ends), places.faces, strict=False), 1):
         corner_count, columns = CornerLists.columns(kind)
-        for first, last in runs.chunks(VOXELS_AT_ONCE):
-            voxel = by_kind[begin + first : begin + last]
+        for first in range(0, end - begin, VOXELS_AT_ONCE):
+            voxel = by_kind[begin + first : min(begin + first + VOXELS_AT_ONCE, end)]
             configuration = slab.configuration.take(voxel).astype(np.intp)
             # All (corner_count, voxels): into flat `slots`, then into flat `vertex_of`.
-            neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1)
+            neighbor_index = neighbor_of_corner[:corner_count].take(configuration, axis=1, mode="clip")
             neighbor_index += voxel
-            vertex_flat_index = slots.take(neighbor_index)
-            vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1)
+            vertex_flat_index = slots.take(neighbor_index, mode="clip")
+            vertex_flat_index += offset_of_corner[:corner_count].take(configuration, axis=1, mode="clip")
             vertices = vertex_of.take(vertex_flat_index, mode="clip")
-            rows = runs.rows(first, len(voxel))
-            shape = (len(voxel), len(columns))
-            block = np.empty(shape, np.int32) if rows is None else out[rows].reshape(shape)
-            for column, source in enumerate(columns):
-                block[:, column] = vertices[source]
-            if rows is None:
-                runs.copy(block.reshape(-1, 3), first, out)
+            for items, rows in runs.pieces(first, len(voxel)):
+                block = out[rows].reshape(-1, len(columns))
+                for column, source in enumerate(columns):
+                    block[:, column] = vertices[source, items]
 
 
 def _first_layer_bytes(slab: Slab | None) -> NDArray[np.intp]:
@@ -121,17 +118,16 @@ def _vertex_numbers(
     slots = len(slab.byte) * BYTE
     numbers = np.empty((3 + int(interior.max(initial=0)), slots + len(top) * BYTE), np.int32)
     *edges, inside = (runs.places() for runs in places.vertices)
-    for row, owners, place in zip(numbers, slab.edge_owners, edges, strict=False):
-        row[slab.slot.take(owners)] = place
+    for row, of_axis, place in zip(numbers, slab.edge_slots, edges, strict=False):
+        row[of_axis] = place
     last = np.cumsum(interior, dtype=np.intp)
     for number, row in enumerate(numbers[3:]):
         has_vertex = interior > number
         row[slab.slot.take(slab.with_interior[has_vertex])] = inside[(last - interior)[has_vertex] + number]
     if following is not None:
         above, above_places = following
-        voxels = np.searchsorted(above.slot, len(top) * BYTE)
-        for row, owners, runs in zip(numbers, above.edge_owners[:2], above_places.vertices, strict=False):
-            of_top = owners[: np.searchsorted(owners, voxels)]
+        for row, of_axis, runs in zip(numbers, above.edge_slots[:2], above_places.vertices, strict=False):
+            of_top = of_axis[: np.searchsorted(of_axis, len(top) * BYTE)]
             start = runs.starts[0]  # those of a slab's lowest layer stand together
-            row[above.slot.take(of_top) + slots] = np.arange(start, start + len(of_top), dtype=np.int32)
+            row[of_top + slots] = np.arange(start, start + len(of_top), dtype=np.int32)
     return numbers

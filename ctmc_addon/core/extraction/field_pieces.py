@@ -135,7 +135,7 @@ class FieldSlabs:
             threads = self.budget.thread_count
             scanning = scan_steps(Stages(SCAN_STAGES), grid, float(self.field.level), threads, settings.topology)
             slabs, _ = yield from scanning
-            active += sum(int(slab.is_cell.sum()) for slab in slabs)
+            active += sum(slab.cell_count for slab in slabs)
             vertices += sum(slab.vertex_count for slab in slabs)
             faces += sum(slab.face_count for slab in slabs)
         return Counts(math.prod(axis.voxels for axis in self.axes), active, vertices, faces)

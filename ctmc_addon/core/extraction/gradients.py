@@ -147,7 +147,7 @@ def fill_normals(
         below += change
         gradient.append(below)
     length = np.sqrt((gradient[0] * gradient[0] + gradient[1] * gradient[1]) + gradient[2] * gradient[2])
-    length[length == 0] = 1.0
+    length[np.flatnonzero(length == 0)] = 1.0
     unknown = ~np.isfinite(length) if sampler.may_be_nan else NOWHERE  # a NaN or infinite voxel beside it
     length[unknown] = 1.0
     scale = -1.0 / length

@@ -25,7 +25,9 @@ HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8
 
 def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
     """The slab with the configuration of the trilinear interpolant's surface in every ambiguous voxel."""
-    ambiguous = np.flatnonzero(NEEDS_DECISION.take(slab.configuration) & slab.is_cell)
+    needs_decision = NEEDS_DECISION.take(slab.configuration)
+    needs_decision[slab.ghosts] = False
+    ambiguous = np.flatnonzero(needs_decision)
     values = corner_values(slab.samples(ambiguous), grid, sampler)
     if grid.upper is not None:  # as far above the threshold as below the upper limit: one threshold for both
         values = np.minimum(values, threshold + (grid.upper - values))
@@ -78,12 +80,12 @@ def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, runs: Runs,
     points = interior_points(configuration, interior_number, share)
     linear = (begin + points * side).astype(np.float32)
     middle = (begin + trilinear_tables().interior_middle[configuration, interior_number] * side).astype(np.float32)
-    made = out.like(len(voxel))
-    for alpha, position in zip(made.alphas, made.positions, strict=True):
-        position[:] = linear if alpha is None else blend(middle, linear, alpha)
-    if made.normals is not None:
-        made.normals[:] = _outward_normals(values, points, side)
-    made.copy(runs, 0, out)
+    normals = None if out.normals is None else _outward_normals(values, points, side)
+    for items, rows in runs.pieces(0, len(voxel)):
+        for alpha, position in zip(out.alphas, out.positions, strict=True):
+            position[rows] = linear[items] if alpha is None else blend(middle[items], linear[items], alpha)
+        if out.normals is not None and normals is not None:
+            out.normals[rows] = normals[items]
 
 
 def _outward_normals(

@@ -160,7 +160,7 @@ def count_steps(grid: Grid, threshold: float, budget: Budget | None = None, topo
     slabs, _ = yield from scan_steps(stages, grid, float(threshold), (budget or Budget()).thread_count, topology)
     return Counts(
         grid.voxels,
-        sum(int(slab.is_cell.sum()) for slab in slabs),
+        sum(slab.cell_count for slab in slabs),
         sum(slab.vertex_count for slab in slabs),
         sum(slab.face_count for slab in slabs),
     )

@@ -14,10 +14,10 @@ of the unit above are known from that layer alone, so pieces of whole units need
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from .active_voxels import Slab
 
 INSIDE = 5  # the last of the lists of vertices
+Pieces: TypeAlias = list[tuple[slice, slice]]  # some of the items of a list, and the rows where they stand
 
 
-@dataclass(frozen=True, eq=False)
-class Runs:
+class Runs(NamedTuple):
     """Where the items of a list stand in an array, a few runs of them one after the other.
 
     Parameters
@@ -52,44 +52,23 @@ class Runs:
             places[begin:end] = np.arange(start, start + end - begin, dtype=np.int32)
         return places
 
-    def chunks(self, most: int) -> Iterator[tuple[int, int]]:
-        """Yield where chunks of at most so many items begin and end: a long run by itself, short ones together.
+    def pieces(self, low: int, count: int) -> Pieces:
+        """Return where so many items from `low` on stand: which of them, counted from `low`, and in which rows.
 
         Examples
         --------
-        >>> list(Runs([0, 1, 9, 11, 12], [0, 5, 20, 40]).chunks(8))
-        [(0, 1), (1, 9), (9, 12)]
+        >>> Runs([0, 5, 20], [100, 300], 2).pieces(3, 6)
+        [(slice(0, 2, None), slice(106, 110, None)), (slice(2, 6, None), slice(300, 308, None))]
         """
-        low = 0
-        for begin, end in pairwise(self.ends):
-            if end - begin >= most // 2 or end - low > most:
-                if low < begin:
-                    yield low, begin
-                low = begin
-                while end - low > most or (end - low and end - begin >= most // 2):
-                    yield low, min(end, low + most)
-                    low = min(end, low + most)
-        if low < self.ends[-1]:
-            yield low, self.ends[-1]
-
-    def rows(self, low: int, count: int) -> slice | None:
-        """The rows of the array where so many items from `low` on stand; None where they are not in one run."""
+        pieces, done = [], 0
         run = bisect_right(self.ends, low) - 1
-        if low + count > self.ends[run + 1]:
-            return None
-        start = self.starts[run] + (low - self.ends[run]) * self.size
-        return slice(start, start + count * self.size)
-
-    def copy(self, rows: NDArray[Any], low: int, out: NDArray[Any]) -> None:
-        """Copy the rows of the items from `low` on to where they stand in `out`."""
-        run, done = bisect_right(self.ends, low) - 1, 0
-        while done < len(rows):
-            count = min(len(rows) - done, (self.ends[run + 1] - low) * self.size)
-            start = self.starts[run] + (low - self.ends[run]) * self.size
-            out[start : start + count] = rows[done : done + count]
-            done += count
+        while done < count:
+            end = min(count, self.ends[run + 1] - low)
+            row = self.starts[run] + (low + done - self.ends[run]) * self.size
+            pieces.append((slice(done, end), slice(row, row + (end - done) * self.size)))
+            done = end
             run += 1
-            low = self.ends[run]
+        return pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,23 +150,24 @@ def _runs(
     start = np.empty(counts.size, np.intp)
     start[order] = np.cumsum(rows.ravel()[order]) - rows.ravel()[order]
     start = start.reshape(counts.shape)
-    out = []
-    for number in range(int(slab[-1]) + 1):
-        own = slab == number
-        lists = zip(counts[:, own].tolist(), start[:, own].tolist(), sizes, strict=True)
-        out.append(tuple(_joined(*each) for each in lists))
-    return out
+    lists = list(zip(counts.tolist(), start.tolist(), sizes, strict=True))
+    bounds = np.searchsorted(slab, np.arange(slab[-1] + 2)).tolist()
+    return [
+        tuple(_joined(count[low:high], first[low:high], size) for count, first, size in lists)
+        for low, high in pairwise(bounds)
+    ]
 
 
 def _joined(counts: list[int], starts: list[int], size: int) -> Runs:
     """The runs of so many items each, those that follow one another in the array as one; at least one."""
-    ends, firsts = [0, counts[0]], [starts[0]]
-    for count, start in zip(counts[1:], starts[1:], strict=True):
-        if firsts[-1] + (ends[-1] - ends[-2]) * size == start or not count:
+    ends, firsts, follows = [0], [], -1
+    for count, start in zip(counts, starts, strict=True):
+        if not count:
+            continue
+        if start == follows:
             ends[-1] += count
-        elif ends[-1] == ends[-2]:  # nothing stands in the run before
-            ends[-1], firsts[-1] = ends[-2] + count, start
         else:
             ends.append(ends[-1] + count)
             firsts.append(start)
-    return Runs(ends, firsts, size)
+        follows = start + count * size
+    return Runs(ends, firsts, size) if firsts else Runs([0, 0], starts[:1], size)

@@ -25,7 +25,9 @@ from .trilinear_decider import trilinear_tables
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 13  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
-MIXED_ROWS = 16  # of which one is looked at to estimate them
+SLAB_CROSSED = 1 << 14  # edges along x that noise crosses, in words that are each crossed many times
+MIXED_ROWS = 16  # of which one is looked at to estimate both
+BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
@@ -59,11 +61,19 @@ def scan_steps(
         slab.segments  # noqa: B018  (kept by the slab: each thread counts its own)
         return slab
 
-    # Neither no sample of a word inside nor all, in one row of a few.
-    mixed = np.count_nonzero(bits[: grid.layers, ::MIXED_ROWS] + np.uint64(1) > 1, axis=(1, 2)) * MIXED_ROWS
-    ranges = _even_ranges(np.maximum(mixed / SLAB_MIXED, bits[0].size / SLAB_WORDS))
+    work = _surface_work(bits[: grid.layers, ::MIXED_ROWS]) * MIXED_ROWS
+    ranges = _even_ranges(np.maximum(work, bits[0].size / SLAB_WORDS))
     slabs = yield from stages.run(FINDING, map_steps(find, ranges, threads, ""))
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
+
+
+def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """Work that the surface is in every layer of some rows, 1 for that of a slab."""
+    mixed = np.count_nonzero(bits + np.uint64(1) > 1, axis=(1, 2))  # neither no sample of a word inside nor all
+    changes = (bits ^ bits >> np.uint64(1)) & np.uint64(2 ** (WORD - 1) - 1)
+    crossed = BIT_COUNT.take(changes.view(np.uint8)).sum(axis=(1, 2))
+    work: NDArray[np.float64] = np.maximum(mixed / SLAB_MIXED, crossed / SLAB_CROSSED)
+    return work
 
 
 def _keep_freed_pages() -> None:

@@ -24,7 +24,7 @@ from .case_table import NEAREST
 from .classify import highest_inside
 from .gradients import NOWHERE, Sampler, fill_normals
 from .grid import Axis, Grid
-from .order import Runs
+from .order import Pieces, Runs
 
 EDGES_AT_ONCE = 1 << 14  # filled in together: their arrays stay in the cache
 
@@ -45,23 +45,6 @@ class VertexArrays:
     alphas: tuple[float | None, ...]
     positions: tuple[NDArray[np.float32], ...]
     normals: NDArray[np.float32] | None
-
-    def part(self, low: int, high: int) -> VertexArrays:
-        """Views of the vertices `low` to `high`."""
-        normals = None if self.normals is None else self.normals[low:high]
-        return VertexArrays(self.alphas, tuple(position[low:high] for position in self.positions), normals)
-
-    def like(self, count: int) -> VertexArrays:
-        """Room for so many vertices with the same arrays."""
-        normals = None if self.normals is None else np.empty((count, 3), np.float32)
-        return VertexArrays(self.alphas, tuple(np.empty((count, 3), np.float32) for _ in self.positions), normals)
-
-    def copy(self, runs: Runs, low: int, out: VertexArrays) -> None:
-        """Copy these vertices, the items of `runs` from `low` on, to where they stand in `out`."""
-        for rows, place in zip(self.positions, out.positions, strict=True):
-            runs.copy(rows, low, place)
-        if self.normals is not None and out.normals is not None:
-            runs.copy(self.normals, low, out.normals)
 
 
 class ByteSamples(NamedTuple):
@@ -84,14 +67,10 @@ def fill_edge_vertices(
     flat = sampler.flat_index(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z))
     reach = (_reach(grid.x, x, BYTE), _reach(grid.y, y, 1), _reach(grid.z, z, 1))
     first = ByteSamples(sample, position, flat, reach)
-    for axis, (owners, of_axis) in enumerate(zip(slab.edge_owners, runs, strict=False)):
-        for start, end in of_axis.chunks(EDGES_AT_ONCE):
-            slot = slab.slot.take(owners[start:end])
-            rows = of_axis.rows(start, len(slot))
-            part = out.like(len(slot)) if rows is None else out.part(rows.start, rows.stop)
-            _fill_edges(grid, sampler, threshold, axis, first, slot, part)
-            if rows is None:
-                part.copy(of_axis, start, out)
+    for axis, (slots, of_axis) in enumerate(zip(slab.edge_slots, runs, strict=False)):
+        for start in range(0, len(slots), EDGES_AT_ONCE):
+            slot = slots[start : start + EDGES_AT_ONCE]
+            _fill_edges(grid, sampler, threshold, axis, first, slot, of_axis.pieces(start, len(slot)), out)
 
 
 def _reach(along: Axis, sample: NDArray[np.intp], further: int) -> tuple[int, int]:
@@ -106,9 +85,10 @@ def _fill_edges(
     axis: int,
     first: ByteSamples,
     slot: NDArray[np.intp],
+    pieces: Pieces,
     out: VertexArrays,
 ) -> None:
-    """Fill in the vertices on edges along x, y or z whose owners are at `slot`, all of `out`."""
+    """Fill in the vertices on edges along x, y or z whose owners are at `slot`; they stand in `pieces` of `out`."""
     axes = (grid.x, grid.y, grid.z)
     along, step = axes[axis], sampler.steps[axis]
     rank = slot >> 3
@@ -137,21 +117,22 @@ def _fill_edges(
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
         raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
-    on_cap = rise == 0
+    on_cap = np.flatnonzero(rise == 0)
     rise[on_cap] = 1.0
     t = level - low
     t /= rise
     t[on_cap] = 0.5
-    np.clip(t, NEAREST, 1 - NEAREST, out=t)
+    np.minimum(np.maximum(t, NEAREST, out=t), 1 - NEAREST, out=t)  # as `np.clip` with less overhead
 
     begin = position[axis]
     side = np.float32(1) if unit else np.diff(along.position, append=np.float32(0)).take(sample(axis))
     middle = begin + np.float32(0.5) * side
-    linear = (begin + t * side).astype(np.float32)
+    linear = (begin + t * side).astype(np.float32, copy=False)
     for alpha, points in zip(out.alphas, out.positions, strict=True):
         position[axis] = linear if alpha is None else blend(middle, linear, alpha)
-        for column, coordinate in enumerate(position):
-            points[:, column] = coordinate
+        for items, rows in pieces:
+            for column, coordinate in enumerate(position):
+                points[rows, column] = coordinate[items]
     if out.normals is None:
         return
     below: NDArray[Any] = begin  # index of the value just below each point
@@ -167,8 +148,12 @@ def _fill_edges(
             return NOWHERE
         return np.flatnonzero((below if axis_ == axis else axes[axis_].index.take(sample(axis_))) == index)
 
-    share = (linear - below).astype(sampler.working_type)
-    fill_normals(sampler, places, flat, (low, high), axis, share, out.normals)
-    out.normals[on_cap] = 0.0
+    share = (linear - below).astype(sampler.working_type, copy=False)
+    normals = out.normals[pieces[0][1]] if len(pieces) == 1 else np.empty((len(slot), 3), np.float32)
+    fill_normals(sampler, places, flat, (low, high), axis, share, normals)
+    normals[on_cap] = 0.0
     if above.size:
-        out.normals[above] *= -1.0  # values rise outwards there
+        normals[above] *= -1.0  # values rise outwards there
+    if len(pieces) > 1:
+        for items, rows in pieces:
+            out.normals[rows] = normals[items]

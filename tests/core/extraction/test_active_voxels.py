@@ -49,10 +49,10 @@ def test_every_active_voxel_is_found_with_its_case_and_its_edges(columns, low, h
     z, y, x = np.nonzero((case > 0) & (case < 255))
     np.testing.assert_array_equal(slab.samples(np.arange(len(slab.slot))), (x, y, z + low))
     np.testing.assert_array_equal(slab.configuration, case[z, y, x])
-    np.testing.assert_array_equal(slab.is_cell, (x < columns - 1) & (y < 3) & (z + low < 4))
+    np.testing.assert_array_equal(slab.ghosts, np.flatnonzero((x == columns - 1) | (y == 3) | (z + low == 4)))
     for axis, bit in enumerate((1, 2, 4)):
         crossed = (case[z, y, x] & 1) != (case[z, y, x] >> bit & 1)
-        np.testing.assert_array_equal(slab.edge_owners[axis], np.flatnonzero(crossed))
+        np.testing.assert_array_equal(slab.edge_slots[axis], slab.slot[crossed])
 
 
 def test_a_voxel_is_found_where_the_files_head_says():

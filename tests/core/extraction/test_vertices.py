@@ -7,7 +7,6 @@ import pytest
 from ctmc_addon.core import finish, marching_cubes
 from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import extract_steps
-from ctmc_addon.core.extraction.vertices import VertexArrays
 
 
 def noise(shape, seed=0, dtype=np.uint8):
@@ -54,10 +53,3 @@ def test_a_crossing_is_interpolated_along_an_edge_of_the_enlarged_voxel(alpha, x
     values = np.broadcast_to(np.array([100, 100, 100, 100, 100, 150, 200, 200, 200], np.int16), (3, 3, 9))
     mesh = marching_cubes(values, 120, (2, 1, 1), alpha)
     np.testing.assert_allclose(mesh.vertices[:, 0], x, atol=1e-6)
-
-
-def test_a_part_of_vertex_arrays_is_a_view():
-    arrays = VertexArrays((0.0, None), (np.zeros((5, 3), np.float32), np.zeros((5, 3), np.float32)), None)
-    arrays.part(1, 3).positions[1][:] = 7
-    assert arrays.positions[1][:, 0].tolist() == [0, 7, 7, 0, 0]
-    assert arrays.part(1, 3).normals is None
