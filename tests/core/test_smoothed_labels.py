@@ -36,10 +36,10 @@ def inside(mesh, affine: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """Which samples of a grid the triangles enclose: rays along x count the crossings before every sample."""
     corners = to_index(affine, mesh.vertices.astype(np.float64))[mesh.faces]  # (f, 3, 3)
     enclosed = np.zeros(shape, bool)
-    # A thousandth aside, so that no ray runs through a vertex.
+    # A ten-thousandth aside, so that no ray runs through a vertex, and none passes a sample whose surface is near.
     for z in range(shape[0]):
         for y in range(shape[1]):
-            at = np.array([y + 1.13e-3, z + 2.71e-3])
+            at = np.array([y + 1.13e-4, z + 2.71e-4])
             ends = corners[:, :, 1:] - at  # (f, 3, 2)
             following = np.roll(ends, -1, axis=1)
             turns = ends[..., 0] * following[..., 1] - ends[..., 1] * following[..., 0]  # (f, 3), opposite the corners

@@ -2,8 +2,9 @@
 """Smoothing before extraction: a Gaussian, or the smoothest field that agrees with a label at every sample.
 
 Read `constrained` in this order: `bricks` (where the work is done), `signed_distance` (the start), `bounds` (what is
-known), `relaxation` (the smoothest field within it), `volume_constant` (the volume kept), `constrained` (all of it in
-order), `smooth_field` (what comes out).
+known), `relaxation` (the smoothest field within it), `islands` (the volume of small components kept, found by
+`label_components`), `volume_constant` (the volume of the whole kept), `constrained` (all of it in order),
+`smooth_field` (what comes out).
 """
 
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of

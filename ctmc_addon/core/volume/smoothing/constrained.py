@@ -19,6 +19,7 @@ from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
 from .bounds import Inside, Start, doubled, halved, refined_start
 from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
+from .islands import keep_islands_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
 from .smooth_field import SmoothField
@@ -31,7 +32,13 @@ FINE_ROUNDS = (30, 30)
 MOST_STEPS = 8
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
-STAGES = {"Finding the surface": 5, "Measuring distances": 15, "Smoothing": 50, "Keeping the volume": 30}
+STAGES = {
+    "Finding the surface": 5,
+    "Measuring distances": 15,
+    "Smoothing": 50,
+    "Keeping islands": 3,
+    "Keeping the volume": 27,
+}
 WORKING_BYTES = 1 << 23
 
 
@@ -67,6 +74,16 @@ def constrained_steps(
 ) -> Steps[SmoothField]:
     """The smoothest field whose sign is the label's at every sample, its volume kept.
 
+    Constants are added in this order, each within the bounds that keep the sign of every sample:
+
+    1. to each component of at most `islands.LARGEST_ISLAND` voxels the one at which it alone has its samples' volume;
+       where one component has more than half of the samples, those of the others are final from here on;
+    2. to what is not final, `constant_mm`, at which the whole encloses the samples' volume within 0.02 %.
+
+    `values` has the sum of all. A constant that is added to `values` afterwards, to keep volumes where labels touch,
+    comes third: it moves bodies and islands alike, and the volume of an island by a larger share. It may not turn the
+    sign at a sample of the label, so what crosses zero there goes back to `bounds.NEAREST_ZERO` of the shortest side.
+
     Parameters
     ----------
     mask : (slices, rows, columns) bool
@@ -98,7 +115,7 @@ def constrained_steps(
     if mask.all():
         raise LabelError("every sample here is the label; choose a region that reaches beyond it")
     steps = slice_steps or automatic_refinement(spacing_mm)
-    finding, measuring, smoothing, keeping = STAGES
+    finding, measuring, smoothing, islands, keeping = STAGES
     stages = Stages(STAGES)
     budget = budget or Budget()
     workers = budget.thread_count
@@ -111,6 +128,8 @@ def constrained_steps(
         smooth_steps = _smoothed_steps(code != 0, label, distance, inside_label, spacing_mm, steps, pool)
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
+        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, band_mm(spacing_mm), budget)
+        yield from stages.run(islands, islands_steps)
         volume_steps = keep_volume_steps(
             mask, spacing_mm, steps, bricks, start, inside, far, close_border, budget, pool
         )

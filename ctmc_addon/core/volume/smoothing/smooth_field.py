@@ -22,7 +22,8 @@ class SmoothField:
     slice_steps, first_slice : int
         Every so many slices, from this one, is one of the label's.
     constant_mm : float
-        Added to keep the volume.
+        Added to keep the volume; small components of the label have constants of their own before, see
+        `constrained_steps`.
     volume_mm3, label_mm3 : float
         Of the surface that Marching Cubes finds with a closed border, and of the label's samples in the same space.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The constant that gives a smooth field the label's volume.
+"""The constant that gives a smooth field the label's volume, beside those that islands have.
 
 It is added wherever the bounds allow. The volume is that of the triangles Marching Cubes makes: measured, since a
 formula over the samples is off by a few percent on tubes of two pixels.
