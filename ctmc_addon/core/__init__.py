@@ -21,6 +21,7 @@ from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels,
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
+from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.distance.triangle_tree import distances
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .parallel import map_steps, side_by_side_steps, worker_count
@@ -45,7 +46,7 @@ from .reconstruct import (
     without_small_steps,
 )
 from .reconstruction import Reconstruction, Stage
-from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
+from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
 from .version import VERSION
@@ -53,6 +54,7 @@ from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
 __all__ = [
+    "AUTO",
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
@@ -61,6 +63,7 @@ __all__ = [
     "PAUSE",
     "SETTINGS",
     "VERSION",
+    "AlphaChoice",
     "Budget",
     "CostEstimate",
     "CtmcError",
@@ -100,6 +103,7 @@ __all__ = [
     "cases_at_once",
     "cases_bytes",
     "checked",
+    "chosen_alpha_steps",
     "cost_estimate_steps",
     "defaults",
     "descriptions",

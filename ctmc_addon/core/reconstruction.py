@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from .mesh.angles.alpha_choice import AlphaChoice
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
@@ -58,6 +60,8 @@ class Reconstruction:
         sRGB from 0 to 255, where the volume has one for the label.
     measured : Measures or None
         Measures of a surface that was written piece by piece, whose mesh is empty.
+    alpha_choice : AlphaChoice or None
+        How alpha was chosen from the surface; None where it was given.
     """
 
     mesh: TriangleMesh
@@ -76,6 +80,7 @@ class Reconstruction:
     label_name: str = ""
     label_color: tuple[int, int, int] | None = None
     measured: Measures | None = None
+    alpha_choice: AlphaChoice | None = None
 
     @property
     def measures(self) -> Measures:
@@ -84,7 +89,7 @@ class Reconstruction:
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
-        measures = self.measures
+        measures, quality = self.measures, self.measures.quality
         return {
             "name": self.name,
             "version": VERSION,
@@ -100,6 +105,12 @@ class Reconstruction:
             "components": measures.components,
             "parts": measures.components,  # the name in reports of 0.2
             "removed_components": self.removed_components,
+            "smallest_angle_deg": None if quality is None else quality.smallest_angle_deg,
+            "below_5_deg": None if quality is None else quality.below_5,
+            "below_10_deg": None if quality is None else quality.below_10,
+            "median_radius_ratio": None if quality is None else _finite(quality.median_radius_ratio),
+            "alpha": self.settings.alpha,
+            "alpha_choice": None if self.alpha_choice is None else self.alpha_choice.report(),
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
             "smoothing": self.settings.smoothing_method,
@@ -110,3 +121,8 @@ class Reconstruction:
             "spacing_mm": list(self.spacing_mm),
             "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
         }
+
+
+def _finite(number: float) -> float | None:
+    """The number, or None for infinity, which JSON does not have."""
+    return number if math.isfinite(number) else None

@@ -96,7 +96,7 @@ def alpha_steps(
     stages = Stages({"Simplifying": 1, "Measuring": 1})
     meshes = []
     for at, settings in enumerate(variants):
-        mesh = surface.at(settings.alpha)
+        mesh = surface.at(settings.alpha_number)
         if settings.simplifies:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
             steps = equal_part(simplify_steps(mesh, *goals), at, len(variants))
@@ -108,7 +108,7 @@ def alpha_steps(
         shapes = triangle_shapes(mesh)
         rows.append(
             {
-                "alpha": plain(settings.alpha),
+                "alpha": plain(settings.alpha_number),
                 "roughness_deg": roughness(mesh),
                 "shape_mean": float(shapes.mean()),
                 "shape_worst": float(np.percentile(shapes, 1)),
@@ -133,7 +133,7 @@ def pictures_steps(
 
     pictures = []
     for at, (settings, mesh) in enumerate(zip(variants, meshes, strict=True)):
-        caption = f"alpha {settings.alpha:g}"
+        caption = f"alpha {settings.alpha_number:g}"
         yield Step(at / len(meshes), f"Rendering {caption}")
         pictures.append((f"{caption.replace(' ', '-')}.png", caption))
         with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
