@@ -23,7 +23,7 @@ from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.distance.triangle_tree import distances
-from .mesh.triangle_mesh import Surface, TriangleMesh
+from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
@@ -124,6 +124,7 @@ __all__ = [
     "reconstruct_labels",
     "reconstruct_labels_steps",
     "reconstruct_steps",
+    "replayed_steps",
     "require_memory",
     "result_and_full_steps",
     "setting",

@@ -79,17 +79,17 @@ class ReconstructionSettings(Described):
     alpha: float | str = setting(
         1.0,
         "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
-        "Has no effect on a label that is not smoothed, where every crossing is the midpoint. "
-        "auto = the largest at which no triangle of the full surface has an angle below min_angle_deg",
+        "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
         label="Alpha",
         low=0.0,
         high=1.0,
         words=(AUTO,),
+        note="auto = the largest at which no triangle of the full surface has an angle below --min-angle",
     )
     min_angle_deg: float = setting(
         5.0,
-        "Angle that an alpha of auto, or Choose Alpha, keeps all angles of the full surface's triangles at or above. "
-        "Larger = more even triangles, for simulation, and a less accurate surface",
+        "Alpha is chosen so that no triangle of the full surface has an angle below this. "
+        "Larger = more even triangles, for simulation and print, and a less accurate surface",
         label="Minimum Angle",
         unit="degrees",
         low=0.0,

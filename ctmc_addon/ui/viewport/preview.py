@@ -87,7 +87,7 @@ def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     settings = scene.ctmc
     state.scene, state.shown, state.place = scene.session_uid, None, place_of_preview(scene)
     if surface is not None:
-        state.shown = PreviewSurface(surface.surface, settings.alpha_number, machine().scale)
+        state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
     recolor(scene)
 
 
