@@ -298,8 +298,8 @@ class _Making:
         The pieces are kept for what comes next where the surface is held, else one at a time is in memory.
         """
         if self.settings.alpha == AUTO:
-            choosing = self._choice_steps(holds)
-            self.choice = yield from self.stages.run(CHOOSING, choosing)
+            with self.budget.refusal("the surface", "use a larger stride or a region"):
+                self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(holds))
             self.settings = replace(self.settings, alpha=self.choice.alpha)
             self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
 

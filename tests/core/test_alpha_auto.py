@@ -2,6 +2,7 @@
 """An alpha of auto makes the surface of the number it chooses: held, written, simplified, with dropped components."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from volumes import AFFINE, in_file, waves
 
 from ctmc_addon.core import (
     Budget,
+    MemoryLimitError,
     ReconstructionSettings,
     SettingsError,
     Volume,
@@ -21,6 +23,7 @@ from ctmc_addon.core import (
     result_and_full_steps,
     simplified_steps,
 )
+from ctmc_addon.core.reconstruct import full_steps
 
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)
 AUTO = ReconstructionSettings(threshold=0.0, alpha="auto", normals="mesh")
@@ -112,6 +115,22 @@ def test_a_simplified_surface_chooses_on_its_full_one(result):
     anew = finish(simplified_steps(full, replace(AUTO, reduction=0.5)))
     assert anew.settings.alpha == result.settings.alpha
     assert anew.mesh.vertices.tobytes() == simplified.mesh.vertices.tobytes()
+
+
+def test_a_full_surface_that_does_not_fit_is_looked_at_piece_by_piece(result, monkeypatch):
+    settings, budget = replace(AUTO, reduction=0.5), Budget(slab_bytes=4096)
+    here, full = finish(result_and_full_steps(in_file(VOLUME), settings, budget))
+    assert full is not None
+
+    def refused_steps(self, pieces):
+        yield from ()
+        raise MemoryLimitError("the surface does not fit")
+
+    monkeypatch.setattr(sys.modules[full_steps.__module__]._Making, "_fitting_steps", refused_steps)
+    there, nothing = finish(result_and_full_steps(in_file(VOLUME), settings, budget))
+    assert nothing is None
+    assert there.alpha_choice == here.alpha_choice == result.alpha_choice
+    assert there.mesh.vertices.tobytes() == here.mesh.vertices.tobytes()
 
 
 def test_where_no_alpha_reaches_the_angle_the_best_is_taken_and_said():
