@@ -52,6 +52,36 @@ def readme_folder(tmp_path_factory):
     return folder
 
 
+def page_of(name):
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+def test_the_command_lines_of_the_simulation_page_choose_an_alpha(readme_folder, monkeypatch):
+    lines = [line for line in page_of("simulation.md").splitlines() if line.startswith("ctmc reconstruct ct/")]
+    monkeypatch.chdir(readme_folder)
+    assert [main(shlex.split(line)[1:]) for line in lines] == [0, 0]
+    report = json.loads((readme_folder / "tumor.json").read_text(encoding="utf-8"))
+    assert 0 < report["alpha"] == report["alpha_choice"]["alpha"] < 1
+    assert (report["smallest_angle_deg"] >= 5, report["below_5_deg"], report["closed"]) == (True, 0, True)
+    table = re.findall(r"^\| `([a-z0-9_]+)`(?:, `([a-z0-9_]+)`)? \|", page_of("simulation.md"), re.MULTILINE)
+    assert {key for keys in table for key in keys if key} <= set(report)
+
+
+def test_the_python_of_the_simulation_page_makes_tetrahedra(readme_folder, monkeypatch, capsys):
+    pyvista = pytest.importorskip("pyvista")
+    pytest.importorskip("tetgen")
+    (code,) = re.findall(r"```python\n(.*?)```", page_of("simulation.md"), re.DOTALL)
+    assert len(code.split("\n\n")[1].strip().splitlines()) <= 10
+    monkeypatch.chdir(readme_folder)
+    exec(compile(code, "simulation.md", "exec"), {})
+    words = r"(\d+) tetrahedra in RAS\+ mm, (\d+) mm3 of (\d+)\n"
+    count, filled, enclosed = map(int, re.search(words, capsys.readouterr().out).groups())
+    grid = pyvista.read(readme_folder / "tumor.vtu")
+    assert grid.n_cells == count > 1000
+    assert filled == pytest.approx(enclosed, rel=1e-3)
+    assert grid.volume == pytest.approx(enclosed, rel=1e-3)
+
+
 def test_the_command_lines_of_readme_make_what_they_say(readme_folder):
     made = {path.name for path in readme_folder.iterdir()}
     assert {"ct", "bone.stl", "tumor.ply", "liver.stl", "organs", "out"} <= made

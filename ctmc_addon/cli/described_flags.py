@@ -91,12 +91,12 @@ def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
 
     def read(text: str) -> Any:
         value: Any = text
-        if about.type is not str:
+        if about.type is not str and text not in about.words:
             try:
                 numbers = tuple(about.type(word) for word in separated(text))
             except ValueError as error:
                 raise argparse.ArgumentTypeError(
-                    "write a whole number" if about.type is int else "write a number"
+                    " or ".join(["write a whole number" if about.type is int else "write a number", *about.words])
                 ) from error
             if len(numbers) != about.size and (len(numbers) != 1 or about.size != 3):
                 raise argparse.ArgumentTypeError(f"write {about.size} numbers with spaces between them")

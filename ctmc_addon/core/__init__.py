@@ -23,8 +23,9 @@ from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_label
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
+from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.distance.triangle_tree import distances
-from .mesh.triangle_mesh import Surface, TriangleMesh
+from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
@@ -47,7 +48,7 @@ from .reconstruct import (
     without_small_steps,
 )
 from .reconstruction import Reconstruction, Stage
-from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
+from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
@@ -56,6 +57,7 @@ from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
 __all__ = [
+    "AUTO",
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
@@ -65,6 +67,7 @@ __all__ = [
     "SETTINGS",
     "VERSION",
     "AbsentLabelError",
+    "AlphaChoice",
     "Budget",
     "CostEstimate",
     "CtmcError",
@@ -105,6 +108,7 @@ __all__ = [
     "cases_at_once",
     "cases_bytes",
     "checked",
+    "chosen_alpha_steps",
     "cost_estimate_steps",
     "defaults",
     "descriptions",
@@ -125,6 +129,7 @@ __all__ = [
     "reconstruct_labels",
     "reconstruct_labels_steps",
     "reconstruct_steps",
+    "replayed_steps",
     "require_memory",
     "result_and_full_steps",
     "setting",

@@ -31,6 +31,8 @@ class Setting:
     unit : str
     low, high : float, optional
         Limits; the limit itself is refused where `low_open` or `high_open`.
+    words : tuple of str
+        Words that may stand in place of a number, such as 'auto'.
     choices : tuple of str
     choice_labels, choice_texts : mapping of str to str
         The name and the explanation of a choice, where it needs them.
@@ -59,6 +61,7 @@ class Setting:
     unit: str = ""
     low: float | None = None
     high: float | None = None
+    words: tuple[str, ...] = ()
     choices: tuple[str, ...] = ()
     choice_labels: Mapping[str, str] = field(default_factory=dict)
     choice_texts: Mapping[str, str] = field(default_factory=dict)
@@ -81,7 +84,11 @@ class Setting:
 
     @property
     def limits(self) -> str:
-        """The limits in words, for messages: 'from 0 to 1', '0 or more'."""
+        """The limits in words, for messages: 'from 0 to 1', '0 or more', 'from 0 to 1 or auto'."""
+        return " or ".join([self._limits_of_numbers, *self.words])
+
+    @property
+    def _limits_of_numbers(self) -> str:
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self.type is str:
@@ -195,6 +202,10 @@ def checked_item(name: str, value: Any, about: Setting) -> Any:
         if isinstance(value, str) or value not in (0, 1):
             raise SettingsError(f"{name} is on or off, True or False, not {value!r}")
         return bool(value)
+    if about.words and isinstance(value, str):
+        if value not in about.words:
+            raise SettingsError(f"{name} must be {about.limits}, not {value!r}")
+        return value
     try:
         number = about.type(value)
         exact = number == float(value) and math.isfinite(number)

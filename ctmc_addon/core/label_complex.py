@@ -384,7 +384,7 @@ class _Making:
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},
             constants_mm={label: float(self.constants[at]) for at, label in numbered},
-            interfaces=surface.at(settings.alpha).interfaces,
+            interfaces=surface.at(settings.alpha_number).interfaces,
             slice_steps=self.slice_steps,
         )
 

@@ -19,13 +19,14 @@ from .errors import MemoryLimitError
 from .extraction.field_pieces import surface_pieces_steps
 from .extraction.grid import check_stride
 from .memory import give_back
+from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps, kept_alpha_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
 from .mesh.kept_pieces import KeptPieces, keep_components_steps
-from .mesh.triangle_mesh import Pieces, Surface, at_alpha_steps, replayed_steps
-from .progress import Stages, Step, Steps, WithResult, finish
+from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from .progress import Stages, Steps, WithResult, finish
 from .reconstruction import Reconstruction, Stage
-from .settings import ReconstructionSettings
+from .settings import AUTO, ReconstructionSettings
 from .simplification.component_removal import RemovedComponents
 from .simplification.simplify import simplification_steps, simplified_pieces_steps
 from .simplification.whole import Goal, Simplification
@@ -36,7 +37,7 @@ from .volume.volume import Box, Volume
 
 # What report.json and a user read, and the usual share of the time.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
-SIMPLIFYING, AVERAGING, WRITING = "Simplifying", "Averaging normals", "Writing the surface"
+CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
 
 
@@ -125,8 +126,8 @@ def without_small_steps(
         settings = replace(settings, keep_parts=keep_parts)
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
-    surface = yield from keep_components_steps(surface, settings.alpha, settings.keep_parts, min_part_mm3)
-    mesh = surface.at(settings.alpha)
+    surface = yield from keep_components_steps(surface, settings.alpha_number, settings.keep_parts, min_part_mm3)
+    mesh = surface.at(settings.alpha_number)
     return replace(
         full,
         mesh=mesh,
@@ -149,6 +150,7 @@ def _weights(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict[s
     simplifies = _simplifies(settings) and not full
     weights = {
         PREPARING: 20,
+        CHOOSING: 50 * (settings.alpha == AUTO),
         EXTRACTING: 42,
         KEEPING: 3 * _drops(settings),
         SIMPLIFYING: 33 * simplifies,
@@ -197,6 +199,9 @@ class _Making:
         self.settings, self.budget, self.sink = settings, budget, sink
         self.stages = Stages(_weights(settings, sink, full))
         self.seconds: dict[str, float] = {}
+        self.choice: AlphaChoice | None = None
+        self._held: Held | None = None  # the pieces of the surface, until it is taken
+        self._held_seconds = 0.0
         if volume is not None:
             self.volume = volume
             region = region_box(volume, settings)
@@ -214,10 +219,11 @@ class _Making:
         if not _simplifies(self.settings):
             full = yield from self.full_steps()
             return (yield from self.finished_steps(full, None))
+        yield from self._choose_steps(holds=False)
         pieces, extracting = self._pieces_steps(joined=False)
         goal = Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
         with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
-            reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha), goal, self.budget)
+            reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha_number), goal, self.budget)
             start = time.perf_counter()
             reduced = yield from self.stages.run(SIMPLIFYING, reducing)
         self._count(SIMPLIFYING, time.perf_counter() - start, extracting)
@@ -227,9 +233,10 @@ class _Making:
 
     def full_steps(self) -> Steps[Reconstruction]:
         """The full surface, taken by the sink."""
+        yield from self._choose_steps(self.sink.holds)
         pieces, extracting = self._pieces_steps(joined=self.sink.holds)
         start = time.perf_counter()
-        taking = self.sink.full_steps(pieces, self.settings.alpha)
+        taking = self.sink.full_steps(pieces, self.settings.alpha_number)
         with self.budget.refusal("the surface", "use a larger stride or a region"):
             taken = yield from self.stages.run(EXTRACTING, taking)
         self._count("" if self.sink.holds else WRITING, time.perf_counter() - start, extracting)
@@ -237,7 +244,9 @@ class _Making:
         return self._described(taken, faces, extracting[0].sample)
 
     def simplified_steps(self, full: Reconstruction) -> Steps[Reconstruction]:
-        """Simplify the full surface that the sink keeps."""
+        """Simplify the full surface that the sink keeps, at its alpha."""
+        if self.settings.alpha == AUTO:
+            self.settings = replace(self.settings, alpha=full.settings.alpha)
         simplification, settings = None, self.settings
         if _simplifies(settings):
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
@@ -283,24 +292,63 @@ class _Making:
             measured=measured,
         )
 
+    def _choose_steps(self, holds: bool) -> Steps[None]:
+        """Choose alpha from the full surface where the settings ask for that.
+
+        The pieces are kept for what comes next where the surface is held, else one at a time is in memory.
+        """
+        if self.settings.alpha == AUTO:
+            with self.budget.refusal("the surface", "use a larger stride or a region"):
+                self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(holds))
+            self.settings = replace(self.settings, alpha=self.choice.alpha)
+            self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
+
+    def _choice_steps(self, holds: bool) -> Steps[AlphaChoice]:
+        if holds:
+            extracting = _Timed()
+            pieces = self._extracted_steps(self._shows_normals, joined=True)
+            self._held = yield from held_steps(extracting.passed_steps(pieces, sampled=False))
+            self._held_seconds = extracting.seconds
+
+        def one_pass(normals: bool) -> Pieces:
+            return self._extracted_steps(normals, joined=False) if self._held is None else replayed_steps(*self._held)
+
+        def kept_pass(alpha: float) -> Pieces:
+            return self._kept_steps(one_pass, False, holds, replace(self.settings, alpha=alpha))
+
+        angle = self.settings.min_angle_deg
+        if _drops(self.settings):
+            return (yield from kept_alpha_steps(kept_pass, angle))
+        return (yield from chosen_alpha_steps(lambda: one_pass(False), angle))
+
+    @property
+    def _shows_normals(self) -> bool:
+        return self.settings.normals == "gradient" and self.sink.normals
+
     def _pieces_steps(self, joined: bool) -> tuple[Pieces, tuple[_Timed, _Timed]]:
         """The pieces of the surface without small components, and who counts their seconds, without and with these.
 
         They may be large where they are to be `joined`.
         """
         extracting, keeping = _Timed(), _Timed()
-        normals = self.settings.normals == "gradient" and self.sink.normals
+        extracting.seconds = self._held_seconds
 
         def one_pass(normals: bool) -> Pieces:
-            pieces = surface_pieces_steps(self.field, self.budget, normals, joined)
-            if joined:
-                pieces = self._fitting_steps(pieces)
+            pieces = self._extracted_steps(normals, joined)
             return extracting.passed_steps(pieces, sampled=not extracting.sample.size)
 
         if not _drops(self.settings):
-            return one_pass(normals), (extracting, extracting)
-        kept = self._kept_steps(one_pass, normals, joined)
+            return one_pass(self._shows_normals), (extracting, extracting)
+        kept = self._kept_steps(one_pass, self._shows_normals, joined, self.settings)
         return keeping.passed_steps(kept, sampled=False), (extracting, keeping)
+
+    def _extracted_steps(self, normals: bool, joined: bool) -> Pieces:
+        """All pieces of the surface; those that are held go."""
+        held, self._held = self._held, None
+        if held is not None:
+            return replayed_steps(*held)
+        pieces = surface_pieces_steps(self.field, self.budget, normals, joined)
+        return self._fitting_steps(pieces) if joined else pieces
 
     def _fitting_steps(self, pieces: Pieces) -> Pieces:
         """The pieces, as long as all of them fit together."""
@@ -316,20 +364,14 @@ class _Making:
             yield item
         return source.result
 
-    def _kept_steps(self, one_pass: Callable[[bool], Pieces], normals: bool, holds: bool) -> Pieces:
+    def _kept_steps(
+        self, one_pass: Callable[[bool], Pieces], normals: bool, holds: bool, settings: ReconstructionSettings
+    ) -> Pieces:
         """The pieces without small components: extracted again for each look, or held where the sink `holds`."""
-        settings, wrong_side = self.settings, None
         if holds:
-            held: list[Surface] = []
-            source = WithResult(one_pass(normals))
-            for item in source:
-                if isinstance(item, Step):
-                    yield item
-                else:
-                    held.append(item)
-            wrong_side = source.result
-            one_pass = lambda _: replayed_steps(held, wrong_side)  # noqa: E731
-        kept = KeptPieces(one_pass, settings.alpha, settings.keep_parts, settings.min_part_mm3, holds)
+            held = yield from held_steps(one_pass(normals))
+            one_pass = lambda _: replayed_steps(*held)  # noqa: E731
+        kept = KeptPieces(one_pass, settings.alpha_number, settings.keep_parts, settings.min_part_mm3, holds)
         return (yield from kept.pieces_steps(normals))
 
     def _count(self, name: str, seconds: float, pieces: tuple[_Timed, _Timed]) -> None:
@@ -344,7 +386,8 @@ class _Making:
     def _described(self, taken: Taken, full_faces: int, sample: NDArray[np.float32]) -> Reconstruction:
         """Return the reconstruction of a mesh, with its settings, counts and notes."""
         volume, settings, field = self.volume, self.settings, self.field
-        names = (PREPARING, EXTRACTING, KEEPING)
+        names = (PREPARING, CHOOSING, EXTRACTING, KEEPING)
+        chosen = () if self.choice is None else (self.choice.sentence(),)
         return Reconstruction(
             mesh=taken.mesh,
             surface=taken.surface,
@@ -354,13 +397,14 @@ class _Making:
             voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, field.slice_steps),
             stages=tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds),
             spacing_mm=volume.spacing,
-            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample),
+            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample) + chosen,
             name=volume.name,
             slice_steps=field.slice_steps,
             wrong_side=taken.wrong_side,
             label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
             label_color=None if settings.label is None else volume.label_colors.get(settings.label),
             measured=taken.measured,
+            alpha_choice=self.choice,
         )
 
 

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .mesh.angles.alpha_choice import AlphaChoice
 from .mesh.label_complex import Neighbor
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
@@ -66,6 +68,8 @@ class Reconstruction:
         The label in front of each triangle of the mesh, 0 for none, where neighbors share their interfaces.
     neighbors : tuple of Neighbor
         The labels that the surface borders on, with triangles and area.
+    alpha_choice : AlphaChoice or None
+        How alpha was chosen from the surface; None where it was given.
     """
 
     mesh: TriangleMesh
@@ -86,6 +90,7 @@ class Reconstruction:
     measured: Measures | None = None
     beyond: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
+    alpha_choice: AlphaChoice | None = None
 
     @property
     def measures(self) -> Measures:
@@ -94,7 +99,7 @@ class Reconstruction:
 
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
-        measures = self.measures
+        measures, quality = self.measures, self.measures.quality
         return {
             "name": self.name,
             "version": VERSION,
@@ -110,6 +115,12 @@ class Reconstruction:
             "components": measures.components,
             "parts": measures.components,  # the name in reports of 0.2
             "removed_components": self.removed_components,
+            "smallest_angle_deg": None if quality is None else quality.smallest_angle_deg,
+            "below_5_deg": None if quality is None else quality.below_5,
+            "below_10_deg": None if quality is None else quality.below_10,
+            "median_radius_ratio": None if quality is None else _finite(quality.median_radius_ratio),
+            "alpha": self.settings.alpha,
+            "alpha_choice": None if self.alpha_choice is None else self.alpha_choice.report(),
             "threshold": self.threshold,
             "voxels_visited": self.voxels_visited,
             "smoothing": self.settings.smoothing_method,
@@ -121,3 +132,8 @@ class Reconstruction:
             "spacing_mm": list(self.spacing_mm),
             "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
         }
+
+
+def _finite(number: float) -> float | None:
+    """The number, or None for infinity, which JSON does not have."""
+    return number if math.isfinite(number) else None

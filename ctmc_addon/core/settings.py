@@ -17,6 +17,8 @@ GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
 """Groups of settings of which one at most may be given."""
 DEFAULT_SMOOTHING_MM = 1.0
+AUTO = "auto"
+"""In place of an alpha: the surface decides."""
 RENAMED = {"soften_mm": "smoothing_mm"}
 """Settings of older files: 0 mm was no smoothing, of a label too, and is so still."""
 INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
@@ -74,13 +76,26 @@ class ReconstructionSettings(Described):
         size=3,
         type=int,
     )
-    alpha: float = setting(
+    alpha: float | str = setting(
         1.0,
         "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
         "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
         label="Alpha",
         low=0.0,
         high=1.0,
+        words=(AUTO,),
+        note="auto = the largest at which no triangle of the full surface has an angle below --min-angle",
+    )
+    min_angle_deg: float = setting(
+        5.0,
+        "Alpha is chosen so that no triangle of the full surface has an angle below this. "
+        "Larger = more even triangles, for simulation and print, and a less accurate surface",
+        label="Minimum Angle",
+        unit="degrees",
+        low=0.0,
+        high=60.0,
+        low_open=True,
+        flag="min-angle",
     )
     topology: str = setting(
         "classic",
@@ -260,6 +275,19 @@ class ReconstructionSettings(Described):
         if self.smoothing_method != "gaussian":
             return 0.0
         return DEFAULT_SMOOTHING_MM if self.smoothing_mm is None else self.smoothing_mm
+
+    @property
+    def alpha_number(self) -> float:
+        """The alpha, which a finished surface always has.
+
+        Raises
+        ------
+        SettingsError
+            If the surface is yet to decide.
+        """
+        if isinstance(self.alpha, str):
+            raise SettingsError(f"alpha {self.alpha} is decided by a surface; give a number from 0 to 1 here")
+        return self.alpha
 
     @property
     def alpha_matters(self) -> bool:

@@ -16,20 +16,21 @@ from numpy.typing import NDArray
 from .budget import Budget
 from .errors import CtmcError, LabelError, MeshError
 from .label_complex import LabelComplex, complex_steps
+from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
-from .mesh.triangle_mesh import Surface, TriangleMesh
+from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
-from .reconstruct import AVERAGING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
+from .reconstruct import AVERAGING, CHOOSING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
 from .reconstruction import Reconstruction, Stage
-from .settings import ReconstructionSettings
+from .settings import AUTO, ReconstructionSettings
 from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from .volume.labels import labels_by_layer_steps
 from .volume.region import region_box
 from .volume.volume import Volume
 
-WEIGHTS = {EXTRACTING: 60, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5}
+WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5}
 
 
 class SharedSurfaces(NamedTuple):
@@ -118,6 +119,7 @@ class _Making:
         self.all_needed = all_needed
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
+        self.choice: AlphaChoice | None = None
 
     def result_steps(self) -> Steps[SharedSurfaces]:
         """Extract, drop small components, simplify, and return each label's own surface."""
@@ -126,15 +128,21 @@ class _Making:
         self.extracted = yield from stages.run(EXTRACTING, extracting)
         surface = self.extracted.surface
         errors: dict[int, CtmcError] = dict(self.extracted.errors)
+        if settings.alpha == AUTO:
+            whole = Surface(surface.midpoints, surface.linear, surface.faces)
+            choosing = chosen_alpha_steps(lambda: replayed_steps([whole]), settings.min_angle_deg)
+            self.choice = yield from stages.run(CHOOSING, choosing)
+            settings = self.settings = replace(settings, alpha=self.choice.alpha)
+        alpha = settings.alpha_number
         if settings.keep_parts or settings.min_part_mm3:
-            limits = (settings.alpha, settings.keep_parts, settings.min_part_mm3)
+            limits = (alpha, settings.keep_parts, settings.min_part_mm3)
             keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
             surface, dropped = yield from stages.run(KEEPING, keeping)
             errors |= dropped
             if dropped and self.all_needed:
                 raise next(iter(dropped.values()))
         labels = [label for label in self.labels if label not in errors]
-        full_mesh, simplified = surface.at(settings.alpha), None
+        full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
             simplifying = simplify_complex_steps(full_mesh, *goals, self.budget)
@@ -157,7 +165,7 @@ class _Making:
         for label in labels:
             yield Step(len(full) / len(self.labels))
             own, beyond = surface.of_label(label)
-            at_alpha = own.at(self.settings.alpha)
+            at_alpha = own.at(self.settings.alpha_number)
             normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
             own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
             described = self._described(label, at_alpha, own, beyond)
@@ -199,13 +207,14 @@ class _Making:
             voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, extracted.slice_steps),
             stages=(),
             spacing_mm=volume.spacing,
-            notes=extracted.notes[label],
+            notes=extracted.notes[label] if self.choice is None else (*extracted.notes[label], self.choice.sentence()),
             name=volume.name,
             slice_steps=extracted.slice_steps,
             wrong_side=extracted.wrong_side[label],
             label_name=volume.label_names.get(label, ""),
             label_color=volume.label_colors.get(label),
             beyond=beyond,
+            alpha_choice=self.choice,
         )
 
 

@@ -38,7 +38,7 @@ def figure_caption(
     if len(smoothings) == 1 and "" not in smoothings:
         phrases += smoothings
     if all(surface.alpha_matters and surface.alpha == first.alpha for surface in settings):
-        phrases.append(f"alpha {first.alpha:g}")
+        phrases.append(f"alpha {first.alpha_number:g}")
     for phrase in shape_phrases(first):
         if all(phrase in shape_phrases(surface) for surface in settings):
             phrases.append(phrase)

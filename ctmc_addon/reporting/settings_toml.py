@@ -201,5 +201,7 @@ def require_type(name: str, value: Any, about: Setting) -> None:
         about.type, ((int, float), "a number" if about.size == 1 else f"{about.size} numbers in brackets")
     )
     for item in items:
+        if isinstance(item, str) and about.words:
+            continue  # a wrong word is said with the limits
         if not isinstance(item, types) or (isinstance(item, bool) and about.type is not bool):
             raise SettingsError(f"{name} must be {expected}, not {value!r}")

@@ -28,7 +28,7 @@ def test_one_stride_counts_for_all_axes_and_numbers_take_their_own_type():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"alpha": 1.2}, "alpha must be from 0 to 1, not 1.2"),
+        ({"alpha": 1.2}, "alpha must be from 0 to 1 or auto, not 1.2"),
         ({"alpha": float("nan")}, "alpha must be a finite number, not nan"),
         ({"alpha": None}, "alpha needs a value: from 0 to 1"),
         ({"stride": (1, 1)}, "stride takes 3 numbers, not 2"),

@@ -71,7 +71,7 @@ def add_reconstruction(
     obj.location = placement.origin
     link_beside_ct(scene, obj, fingerprint)
     if result.surface is not None:
-        add_alpha(obj, result.surface, result.settings.alpha, placement)
+        add_alpha(obj, result.surface, result.settings.alpha_number, placement)
     update_decimate(obj, result)
     shade(obj, result, placement)
     write_provenance(obj, provenance_of_result(result, placement, fingerprint))
@@ -101,9 +101,9 @@ def update_reconstruction(
         mesh.materials.append(material)
     obj.data = mesh
     if result.surface is not None:
-        add_alpha(obj, result.surface, result.settings.alpha, placement)
+        add_alpha(obj, result.surface, result.settings.alpha_number, placement)
     if old_keys is not None and mesh.shape_keys is not None:
-        keep_key(old_keys, mesh.shape_keys, before.settings.alpha)
+        keep_key(old_keys, mesh.shape_keys, before.settings.alpha_number)
     update_decimate(obj, result, before)
     shade(obj, result, placement)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.

@@ -155,7 +155,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
         else:
             ends.append(unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])
     surface = Surface(ends[0], ends[1], faces, normals)
-    return reconstruction_of(surface.at(provenance.settings.alpha), surface, provenance.settings, provenance)
+    return reconstruction_of(surface.at(provenance.settings.alpha_number), surface, provenance.settings, provenance)
 
 
 def own_mesh(obj: bpy.types.Object) -> TriangleMesh:

@@ -12,6 +12,7 @@ from typing import Any
 
 from ... import readers
 from ...core import (
+    AUTO,
     Budget,
     Reconstruction,
     ReconstructionSettings,
@@ -302,16 +303,23 @@ def head_of(volume: Volume) -> str:
 
 def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
-    rows = [("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "components")]
+    shared = surfaces.results[0].settings
+    chose = surfaces.results[0].alpha_choice is not None
+    head = ("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "components")
+    rows: list[tuple[str, ...]] = [(*head, "alpha", "at most, mm") if chose else head]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         measures = result.measures
         milliliters = f"{measures.milliliters:.3f}" if measures.closed else "-"
-        facts = (milliliters, f"{measures.square_centimeters:.2f}", str(measures.components))
+        facts = [milliliters, f"{measures.square_centimeters:.2f}", str(measures.components)]
+        choice = result.alpha_choice
+        if choice is not None:
+            facts += [f"{choice.alpha:g}", f"{choice.largest_mm:.3g}"]
         rows.append((str(number), name, str(measures.faces), *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
-    shared = surfaces.results[0].settings
+    if chose:
+        shared = replace(shared, alpha=AUTO)
     settings = command_of(shared if surfaces.times else replace(shared, label=None))
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""

@@ -71,6 +71,8 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         *facts_of(volume, settings, result.threshold, result.notes),
         ("roughness", "mean angle between neighboring triangles, degrees"),
         ("shape", "mean of 4 sqrt(3) area / sum of squared sides: 1 is equilateral; worst is the 1st percentile"),
+        ("below 5 deg", "share of the triangles with an angle below 5 degrees"),
+        ("radius ratio", "median of circumradius / (2 inradius): 1 is equilateral"),
         ("compared", "with the linear surface (alpha 1) before any simplification"),
         measuring_fact(),
     ]
@@ -96,7 +98,7 @@ def alpha_steps(
     stages = Stages({"Simplifying": 1, "Measuring": 1})
     meshes = []
     for at, settings in enumerate(variants):
-        mesh = surface.at(settings.alpha)
+        mesh = surface.at(settings.alpha_number)
         if settings.simplifies:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
             steps = equal_part(simplify_steps(mesh, *goals), at, len(variants))
@@ -105,13 +107,17 @@ def alpha_steps(
     distances = yield from stages.run("Measuring", distances_steps(meshes, surface.at(1.0)))
     rows = []
     for settings, mesh, distance in zip(variants, meshes, distances, strict=True):
-        shapes = triangle_shapes(mesh)
+        shapes, quality = triangle_shapes(mesh), mesh.measures.quality
+        assert quality is not None  # A surface has triangles.
         rows.append(
             {
-                "alpha": plain(settings.alpha),
+                "alpha": plain(settings.alpha_number),
                 "roughness_deg": roughness(mesh),
                 "shape_mean": float(shapes.mean()),
                 "shape_worst": float(np.percentile(shapes, 1)),
+                "smallest_angle_deg": quality.smallest_angle_deg,
+                "below_5_deg": quality.below_5,
+                "median_radius_ratio": quality.median_radius_ratio,
                 "faces": len(mesh.faces),
                 "volume_mm3": mesh.enclosed_volume,
                 "area_mm2": mesh.area,
@@ -133,7 +139,7 @@ def pictures_steps(
 
     pictures = []
     for at, (settings, mesh) in enumerate(zip(variants, meshes, strict=True)):
-        caption = f"alpha {settings.alpha:g}"
+        caption = f"alpha {settings.alpha_number:g}"
         yield Step(at / len(meshes), f"Rendering {caption}")
         pictures.append((f"{caption.replace(' ', '-')}.png", caption))
         with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
@@ -146,6 +152,9 @@ COLUMNS = (
     figures("roughness, deg", "roughness_deg", 2),
     figures("shape", "shape_mean", 3),
     figures("worst shape", "shape_worst", 3),
+    figures("smallest angle, deg", "smallest_angle_deg", 2),
+    figures("below 5 deg, %", "below_5_deg", 2, 0.01),
+    figures("radius ratio", "median_radius_ratio", 3),
     TRIANGLES,
     VOLUME_ML,
     figures("area, cm2", "area_mm2", 2, 100),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Area, volume, closedness, Euler number and number of components of a surface.
+"""Area, volume, closedness, Euler number, number of components and quality of the triangles of a surface.
 
 Lengths in the vertices' unit. `TriangleMesh.measures` gives the same at once.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..progress import PAUSE, Stages, Step, Steps
+from .angles.triangle_angles import QualitySums, TriangleQuality
 from .face_normals import face_vectors
 from .piece_links import PieceLinks
 from .topology import FACES_PER_STEP, component_numbers_steps, edge_counts_steps
@@ -48,6 +49,8 @@ class Measures:
         In use or not.
     borders : int
         Connected lines of edges with one face: of a surface from a volume, where the volume or region cuts it.
+    quality : TriangleQuality or None
+        How good the triangles are for simulation; None where there are none.
     """
 
     faces: int
@@ -59,6 +62,7 @@ class Measures:
     small_components: int = 0
     borders: int = 0
     vertices: int = 0
+    quality: TriangleQuality | None = None
 
     @property
     def enclosed_volume(self) -> float | None:
@@ -114,6 +118,7 @@ class PieceMeasures:
 
     def __init__(self) -> None:
         self._links = PieceLinks()
+        self._quality = QualitySums()
         self._sums: list[NDArray[np.float64]] = []  # of every component, (c, 8)
         self._origin = np.zeros(3)
         self._faces = self._edges = self._vertices = self._used_vertices = 0
@@ -160,6 +165,7 @@ class PieceMeasures:
             small_components=int((np.abs(volumes) < SMALL).sum()) if count >= MANY else 0,
             borders=borders,
             vertices=self._vertices,
+            quality=self._quality.quality(),
         )
 
     def _add_vertices(self, faces: NDArray[np.int32], vertex_count: int, own: int) -> None:
@@ -201,6 +207,7 @@ class PieceMeasures:
             block, component = faces[start : start + FACES_PER_STEP], numbers[start : start + FACES_PER_STEP]
             vectors = face_vectors(vertices, block)  # (f, 3)
             corners = [vertices[corner].astype(np.float64) - self._origin for corner in block.T]
+            self._quality.add(corners, vectors)
             volume = (corners[0] * vectors).sum(axis=1)
             self._area = _added(self._area, 0.5 * np.sqrt((vectors**2).sum(axis=1)))
             self._volume = _added(self._volume, volume)

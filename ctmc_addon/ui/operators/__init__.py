@@ -9,7 +9,7 @@ def modules() -> tuple[Any, ...]:
     from . import figure, figure_view, rotation
     from .ct import histogram, load, region, slice, threshold, view
     from .scene import pick_point, rulers, slice_object, volume_object
-    from .surface import components, export, reconstruct, results, simplify
+    from .surface import alpha, components, export, reconstruct, results, simplify
 
     viewing = (load, view, threshold, histogram, slice, slice_object, pick_point, volume_object, region)
-    return (*viewing, reconstruct, simplify, components, rotation, results, rulers, export, figure, figure_view)
+    return (*viewing, reconstruct, alpha, simplify, components, rotation, results, rulers, export, figure, figure_view)

@@ -114,6 +114,11 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row = layout.row()
     row.enabled = alpha_matters(settings)
     row.prop(settings, "alpha", slider=True)
+    row = draw_pair(layout, context)
+    row.enabled = alpha_matters(settings)
+    row.use_property_split = False
+    row.operator("ctmc.choose_alpha", text="Choose Alpha", icon="AUTO")
+    row.prop(settings, "min_angle_deg", text="Angle [°]")
     draw_cost(layout, context)
 
 

@@ -22,6 +22,8 @@ from ...core import MeshError, Reconstruction, ReconstructionSettings
 from ..translations import translate_sentence
 from . import session, volumes
 
+DEFAULTS = ReconstructionSettings()
+
 
 def is_surface(obj: bpy.types.Object | None) -> bool:
     """Return whether an object was reconstructed by us."""
@@ -104,7 +106,15 @@ def origin_of(obj: bpy.types.Object) -> session.Origin:
 
 def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin:
     """Return the settings without goal and alpha, and the CT: equal where the surface before simplification is."""
-    plain = replace(settings, simplifier="none", reduction=None, target_faces=None, max_error_mm=None, alpha=1.0)
+    plain = replace(
+        settings,
+        simplifier="none",
+        reduction=None,
+        target_faces=None,
+        max_error_mm=None,
+        alpha=1.0,
+        min_angle_deg=DEFAULTS.min_angle_deg,
+    )
     return fingerprint, plain
 
 

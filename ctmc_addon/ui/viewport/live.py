@@ -17,6 +17,7 @@ import bpy
 from ...blender.viewport import free_shader
 from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
+from ..properties.described import as_written
 from ..properties.preferences import machine
 from ..state import change_events, label_looks, session, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
@@ -25,7 +26,7 @@ from . import alpha, preview
 IDLE = 0.25  # seconds without a change after which costs are counted and the preview is refined
 TICK = 0.03  # seconds of work between two looks at the events
 SOON = 0.01  # seconds to the next tick
-SILENT = {"alpha", "simplifier", "reduction", "target_faces", "max_error_mm"}
+SILENT = {"alpha", "min_angle_deg", "simplifier", "reduction", "target_faces", "max_error_mm"}
 """Changes that leave the preview's surface as it is."""
 
 
@@ -71,7 +72,7 @@ def mark(properties: Any, name: str) -> None:
     start(scene, stale=name not in SILENT)
     if name == "alpha":
         live.alpha_moved = True
-        alpha.move(scene, properties.alpha)
+        alpha.move(scene, as_written(properties.alpha))
     if name == "preview" and not properties.preview:
         preview.hide()
 

@@ -17,7 +17,7 @@ WRONG_USAGE = [
     (["--threshold", "nan"], ["--threshold: must be a finite number"]),
     (["--stride", "0"], ["--stride: must be from 1 to 16, not 0"]),
     (["--min-part", "-1"], ["--min-part: must be 0 or more, not -1"]),
-    (["--alpha", "1.5"], ["--alpha: must be from 0 to 1, not 1.5"]),
+    (["--alpha", "1.5"], ["--alpha: must be from 0 to 1 or auto, not 1.5"]),
     (["--simplify", "1"], ["at least 0 and below 1"]),
     (["--simplify", "-0.5"], ["at least 0 and below 1"]),
     (["--triangles", "2"], ["4 or more, not 2"]),

@@ -98,8 +98,8 @@ def test_how_a_ct_is_read_and_a_figure_looks_may_stand_in_the_file(ctmc, tmp_pat
     [
         ("alpha = x", "not TOML: Invalid value (at line 1, column 9)"),
         ("alfa = 1", "unknown setting 'alfa'; the settings are threshold"),
-        ("alpha = 2", "alpha must be from 0 to 1, not 2"),
-        ('alpha = "1"', "alpha must be a number, not '1'"),
+        ("alpha = 2", "alpha must be from 0 to 1 or auto, not 2"),
+        ('alpha = "1"', "alpha must be from 0 to 1 or auto, not '1'"),
         ("alpha = true", "alpha must be a number, not True"),
         ("alpha = [1]", "alpha must be a number"),
         ('close_border = "false"', "true or false, not 'false'"),

@@ -140,6 +140,10 @@ def test_alpha_has_figure_8_in_numbers(ctmc, segmentation, tmp_path):
     assert roughness == sorted(roughness, reverse=True)  # a softened label is smooth
     assert rows[0]["mean_mm"] > rows[1]["mean_mm"] > rows[2]["mean_mm"] == 0
     assert all(0 < row["shape_worst"] < row["shape_mean"] <= 1 for row in rows)
+    angles = [row["smallest_angle_deg"] for row in rows]
+    assert angles[0] > angles[1] > angles[2] > 0
+    assert all((row["below_5_deg"] > 0) == (row["smallest_angle_deg"] < 5) for row in rows)
+    assert all(1 < row["median_radius_ratio"] < 2 for row in rows)
 
 
 @pytest.mark.once

@@ -46,6 +46,7 @@ def many_slabs(monkeypatch):
     [
         {"threshold": 50},
         {},
+        {"threshold": 50, "alpha": "auto"},
         {"threshold": 50, "upper": 200.0},
         {"threshold": 50, "upper": 200.0, "stride": (1, 2, 2), "topology": "trilinear"},
         {"threshold": 50, "topology": "trilinear", "normals": "gradient"},
@@ -78,7 +79,7 @@ def test_an_upper_limit_is_not_dropped_on_the_way():
     assert with_upper.volume < 0.8 * without.volume
 
 
-@pytest.mark.parametrize("extra", [{}, {"keep_parts": 3}])
+@pytest.mark.parametrize("extra", [{}, {"keep_parts": 3}, {"alpha": "auto"}])
 def test_a_surface_that_is_simplified_as_it_comes_is_that_of_one_machine(extra):
     volume = Volume(waves(), AFFINE)
     settings = ReconstructionSettings(threshold=50, reduction=0.8, **extra)

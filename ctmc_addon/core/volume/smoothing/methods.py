@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ...settings import SETTINGS, ReconstructionSettings
+from ...settings import AUTO, SETTINGS, ReconstructionSettings
 from .constrained import automatic_refinement, reach_of
 from .gaussian import REACH
 
@@ -109,9 +109,11 @@ SMOOTHINGS: dict[str, Smoothing] = {"none": Smoothing(), "gaussian": Gaussian(),
 
 
 def used_settings(settings: ReconstructionSettings) -> list[str]:
-    """Return the names of the settings but for those that smoothings alone read which are not done."""
+    """Return the names of the settings but for those of smoothings that are not done, and of a choice of alpha."""
     own = smoothing_of(settings).settings
     others = {name for smoothing in SMOOTHINGS.values() for name in smoothing.settings if name not in own}
+    if settings.alpha != AUTO:
+        others.add("min_angle_deg")
     return [name for name in SETTINGS if name not in others]
 
 

@@ -143,7 +143,7 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
                 if request.structure or request.kind:
                     call(obj, name_of(request, result))
             # The measurement is of this alpha and no modifiers; the object may have others.
-            state = measurements.plain_state(obj, result.settings.alpha)
+            state = measurements.plain_state(obj, result.settings.alpha_number)
             measurements.keep(obj, surface.measurement, state)
             objects.append(obj)
     finally:

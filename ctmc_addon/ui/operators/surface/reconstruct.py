@@ -197,7 +197,9 @@ def remade_steps(
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
     """Return the surface that the settings ask for, of the full one of other settings; and the full one of these."""
     if full.surface is not None and full.settings.alpha != settings.alpha:
-        full = replace(full, mesh=full.surface.at(settings.alpha), settings=settings)  # the slider has moved since
+        full = replace(
+            full, mesh=full.surface.at(settings.alpha_number), settings=settings
+        )  # the slider has moved since
     if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
     return (yield from simplified_steps(full, settings, budget)), full

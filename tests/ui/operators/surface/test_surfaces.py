@@ -300,6 +300,42 @@ def test_the_slider_of_alpha_moves_the_active_surface_live(loaded, ball_file):
     assert np.abs(evaluated_triangles(thing).vertices - expected.vertices).max() <= 1e-4
 
 
+def test_choose_alpha_sets_the_slider_to_what_auto_would_choose(loaded, ball_file):
+    bpy.ops.ctmc.reconstruct()
+    thing = active()
+    loaded.ctmc.min_angle_deg = 12.0
+    assert bpy.ops.ctmc.choose_alpha() == {"FINISHED"}
+    settings = ReconstructionSettings(threshold=100.0, alpha="auto", min_angle_deg=12.0)
+    expected = reconstruct(read_volume(ball_file, spacing=(1, 1, 2)), settings)
+    chosen = expected.settings.alpha
+    assert 0 < chosen < 1
+    assert loaded.ctmc.alpha == np.float32(chosen)
+    assert thing.data.shape_keys.key_blocks["alpha"].value == np.float32(chosen)
+    assert read_provenance(thing).settings.alpha == chosen
+    assert np.abs(evaluated_triangles(thing).vertices - expected.mesh.vertices).max() <= 1e-4
+
+
+def test_choose_alpha_of_a_simplified_surface_asks_its_full_one_and_refuses_without(loaded):
+    loaded.ctmc.min_angle_deg = 12.0
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ctmc.choose_alpha()
+    chosen = loaded.ctmc.alpha
+    loaded.ctmc.alpha = 1.0
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.simplify()
+    bpy.ops.ctmc.choose_alpha()
+    assert loaded.ctmc.alpha == chosen
+    session.clear()
+    with pytest.raises(RuntimeError, match="is simplified already and its full surface is not in memory"):
+        bpy.ops.ctmc.choose_alpha()
+
+
+def test_settings_with_an_alpha_of_auto_leave_the_slider_where_it_is(scene):
+    scene.ctmc.alpha = 0.5
+    scene.ctmc.from_settings(ReconstructionSettings(threshold=7.0, alpha="auto", min_angle_deg=9.0))
+    assert (scene.ctmc.alpha, scene.ctmc.min_angle_deg, scene.ctmc.threshold) == (0.5, 9.0, 7.0)
+
+
 def test_otsu_and_tissues_set_the_threshold(loaded):
     loaded.ctmc.use_threshold = False
     assert bpy.ops.ctmc.auto_threshold() == {"FINISHED"}
