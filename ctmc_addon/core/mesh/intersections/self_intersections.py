@@ -31,6 +31,7 @@ Indices = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
 
@@ -70,9 +71,15 @@ def self_intersections_steps(
     mesh = _Ordered()
     yield from mesh.prepare_steps(vertices, faces, selected)
     found = [np.stack([mesh.flat, mesh.flat])]
-    for first, second in mesh.tree.pairs():
-        found.append(mesh.meeting(first, second))
+    doubtful: list[list[Indices]] = []
+    blocks = mesh.tree.pairs()
+    while (block := next(blocks, None)) is not None:
+        doubtful.append(mesh.doubtful(*block))
+        if len(doubtful) == TOGETHER:
+            found += mesh.meeting(_joined(doubtful))
+            doubtful = []
         yield PAUSE
+    found += mesh.meeting(_joined(doubtful))
     pairs = np.sort(mesh.order[np.concatenate(found, axis=1)], axis=0)
     return np.ascontiguousarray(pairs[:, np.lexsort(pairs[::-1])].T)
 
@@ -108,23 +115,26 @@ class _Ordered:
         yield PAUSE
         self.tree = BoxTree(low, high, chosen)
 
-    def meeting(self, first: Ints, second: Ints) -> Indices:
-        """The pairs, (2, n), of triangles whose boxes overlap that meet where they may not."""
+    def doubtful(self, first: Ints, second: Ints) -> list[Indices]:
+        """Of pairs of triangles whose boxes overlap those that may meet: (2, n) for 0, 1, 2 and 3 common vertices."""
         ours, theirs = np.take(self.faces, first, axis=1), np.take(self.faces, second, axis=1)
         common = np.zeros(len(first), np.uint8)  # a bit for every corner of the first that the second has too
         for row, corner in enumerate(ours):
             same = (corner == theirs[0]) | (corner == theirs[1]) | (corner == theirs[2])
             common |= same.view(np.uint8) << np.uint8(row)
         left = np.flatnonzero(common & np.take(self.proved, first) == 0)
-        first, second, common = first[left], second[left], common[left]
-        twice = np.flatnonzero(common == 7)
-        found = [np.stack([first[twice], second[twice]])]
-        for count, meet in enumerate((self._apart, self._at_vertex, self._at_edge)):
-            at = np.flatnonzero(_COUNT[common] == count)
-            pair = first[at], second[at]
-            if len(at):
-                found.append(np.stack(pair)[:, meet(*pair)])
-        return np.concatenate(found, axis=1)
+        count = _COUNT[common[left]]
+        of_count = [left[count == number] for number in range(4)]
+        apart = of_count[0]
+        for planes, others in ((first, second), (second, first)):
+            apart = apart[~self._one_side(planes[apart], self._corners(others[apart]))]
+        of_count[0] = apart
+        return [np.stack([first[at], second[at]]) for at in of_count]
+
+    def meeting(self, doubtful: list[Indices]) -> list[Indices]:
+        """The pairs, (2, n) each, that meet where they may not."""
+        tests = (self._meet, self._meet_beyond_vertex, self._meet_beyond_edge)
+        return [pairs[:, test(*pairs)] for test, pairs in zip(tests, doubtful[:3], strict=True)] + doubtful[3:]
 
     def _corners(self, triangles: Ints) -> list[Doubles]:
         return [np.take(corner, triangles, axis=1) for corner in self.corners]
@@ -144,23 +154,17 @@ class _Ordered:
         error = np.take(self.error, planes) * reach
         return (least > error) | (most < -error)
 
-    def _apart(self, first: Ints, second: Ints) -> Flags:
+    def _meet(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs without a common vertex meet."""
-        at = np.arange(len(first))
-        for planes, others in ((first, second), (second, first)):
-            at = at[~self._one_side(planes[at], self._corners(others[at]))]
-        out = np.zeros(len(first), bool)
-        out[at] = triangles_meet(self._corners(first[at]), self._corners(second[at]))
-        return out
+        return triangles_meet(self._corners(first), self._corners(second))
 
-    def _at_vertex(self, first: Ints, second: Ints) -> Flags:
+    def _meet_beyond_vertex(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs with one common vertex meet elsewhere."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         turned = []
-        for triangles, corner in ((first, same.any(axis=1).argmax(axis=0)), (second, same.any(axis=0).argmax(axis=0))):
-            numbers = np.take(self.faces, triangles, axis=1)
-            column = np.arange(len(triangles))
+        for numbers, corner in ((ours, same.any(axis=1).argmax(axis=0)), (theirs, same.any(axis=0).argmax(axis=0))):
+            column = np.arange(len(corner))
             turned.append([numbers[(corner + turn) % 3, column] for turn in range(3)])
         sides = [[np.take(self.columns, corner, axis=1) for corner in triangle] for triangle in turned]
         at = np.flatnonzero(~self._one_side(first, sides[1][1:]))
@@ -169,7 +173,7 @@ class _Ordered:
         out[at] = triangles_at_vertex_meet(*([corner[:, at] for corner in triangle] for triangle in sides))
         return out
 
-    def _at_edge(self, first: Ints, second: Ints) -> Flags:
+    def _meet_beyond_edge(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs with a common edge lie on each other."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
@@ -178,6 +182,12 @@ class _Ordered:
         points = [ours[(alone + turn) % 3, column] for turn in (1, 2, 0)]
         points.append(theirs[same.any(axis=0).argmin(axis=0), column])
         return triangles_at_edge_meet(*(np.take(self.columns, point, axis=1) for point in points))
+
+
+def _joined(blocks: list[list[Indices]]) -> list[Indices]:
+    """The pairs of several blocks, by the number of common vertices."""
+    empty = np.zeros((2, 0), np.int32)
+    return [np.concatenate([empty, *(block[number] for block in blocks)], axis=1) for number in range(4)]
 
 
 _COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # bits set
