@@ -139,7 +139,7 @@ def test_one_blend_holds_all_with_names_and_colors(ctmc, labels_file, tmp_path, 
     ]  # fmt: skip
     for obj in collection.objects:
         label = json.loads(obj["ctmc"]["settings"])["label"]
-        assert np.allclose(obj.data.materials[0].diffuse_color[:3], color_of(label))
+        assert np.allclose(obj.data.materials[0].diffuse_color[:3], color_of(label, None, NAMES.get(label, "")))
 
 
 def test_a_glb_and_an_obj_hold_several_by_their_names(ctmc, labels_file, tmp_path, scene):
