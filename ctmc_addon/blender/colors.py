@@ -20,3 +20,18 @@ def color_of(label: int | None, rgb: tuple[int, int, int] | None = None, name: s
     Of bone for a surface by threshold.
     """
     return BONE if label is None else linear(structure_color(label, rgb, name).rgb)
+
+
+def srgb(color: Color) -> tuple[int, int, int]:
+    """Return the sRGB color, 0 to 255, that is next to a linear one (IEC 61966-2-1).
+
+    Examples
+    --------
+    >>> srgb(linear((255, 0, 55))), srgb((-1.0, 0.5, 2.0))
+    ((255, 0, 55), (0, 188, 255))
+    """
+    shares = (min(1.0, max(0.0, share)) for share in color)
+    red, green, blue = (
+        round(255 * (12.92 * share if share <= 0.0031308 else 1.055 * share ** (1 / 2.4) - 0.055)) for share in shares
+    )
+    return red, green, blue

@@ -17,6 +17,7 @@ from .errors import (
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
+from .files.structures import STRUCTURE_SUFFIXES, Structure, files_of, write_structures, write_structures_steps
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
@@ -48,6 +49,7 @@ from .reconstruction import Reconstruction, Stage
 from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
+from .structures import save_structures, structure_names, structures_of
 from .version import VERSION
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
@@ -60,6 +62,7 @@ __all__ = [
     "NO_THREAD",
     "PAUSE",
     "SETTINGS",
+    "STRUCTURE_SUFFIXES",
     "VERSION",
     "Budget",
     "CostEstimate",
@@ -87,6 +90,7 @@ __all__ = [
     "Stages",
     "Step",
     "Steps",
+    "Structure",
     "Surface",
     "ThresholdError",
     "TriangleMesh",
@@ -106,6 +110,7 @@ __all__ = [
     "distances",
     "each_label_steps",
     "equal_part",
+    "files_of",
     "finish",
     "fits_in_memory",
     "give_back",
@@ -122,6 +127,7 @@ __all__ = [
     "reconstruct_steps",
     "require_memory",
     "result_and_full_steps",
+    "save_structures",
     "setting",
     "shown_stride",
     "side_by_side_steps",
@@ -130,10 +136,14 @@ __all__ = [
     "simplify_steps",
     "slab_result_steps",
     "smoothing_of",
+    "structure_names",
+    "structures_of",
     "timed_steps",
     "triangle_bytes",
     "used_settings",
     "with_present_names",
     "without_small_steps",
     "worker_count",
+    "write_structures",
+    "write_structures_steps",
 ]

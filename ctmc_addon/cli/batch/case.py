@@ -137,7 +137,7 @@ class Case:
         with outputs.writer(settings.simplifier) as writer:
             making = surfaces_steps(volume, settings, output["labels"], Budget(task["threads"]), writer, written_bytes)
             surfaces, _ = finish(written_steps(finish(making), outputs))
-        files = list(outputs.surfaces_in(surfaces))
+        files = outputs.surface_files(surfaces)
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         report = report_of(surfaces)
         record = {

@@ -11,7 +11,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes
+from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes, files_of
 from ...core.files.atomic_write import made_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
@@ -141,7 +141,8 @@ def plan_outputs(cases: Sequence[Case], folder: Path, suffix: str) -> None:
         for output in case.outputs:
             plan_output(record_path(folder, output.name))
             plan_output(thumbnail_path(folder, output.name))
-            plan_output(folder / f"{output.name}{suffix}")
+            for file in files_of(folder / f"{output.name}{suffix}"):
+                plan_output(file)
 
 
 def connected(address: str) -> Cluster:
