@@ -178,6 +178,37 @@ def test_a_batch_has_a_row_and_a_folder_for_each_case(ctmc, labels_file, tmp_pat
     assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
 
 
+def test_a_batch_has_a_page_for_each_case_and_links_it(ctmc, labels_file, tmp_path):
+    out = tmp_path / "out"
+    words = (
+        "batch",
+        labels_file,
+        "-o",
+        out,
+        "--label",
+        "Liver,kidney left",
+        "--no-thumbnails",
+        "--jobs",
+        "1",
+        "--html",
+    )
+    done = ctmc(*words)
+    assert done.code == 0, done.errors
+    assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
+    page = (out / "organs.html").read_text("utf-8")
+    assert page.count('class="structure"') == 3
+    assert '<a href="organs.html">organs</a>' in (out / "summary.html").read_text("utf-8")
+    record = json.loads((out / "organs.json").read_text("utf-8"))
+    assert record["file_bytes"]["organs.html"] == (out / "organs.html").stat().st_size
+    assert "1 done before" in ctmc(*words, "--resume").out
+    assert "1 done before" in ctmc(*words[:-1], "--resume").out  # a page more than asked for
+    assert ctmc(*words[:-1], "--overwrite").code == 0
+    assert not (out / "organs.html").exists()
+    assert "<a " not in (out / "summary.html").read_text("utf-8")
+    assert "1 done before" not in ctmc(*words, "--resume").out
+    assert (out / "organs.html").exists()
+
+
 @pytest.mark.usefixtures("scene")
 def test_a_figure_shows_all_labels_with_their_names(ctmc, labels_file, tmp_path):
     words = ("--label", "all", "--dpi", 40, "--width-mm", 60, "--no-blend", "-o", tmp_path / "a.png")

@@ -23,7 +23,7 @@ from typing import Any
 from ... import readers
 from ...core import VERSION, Budget, CtmcError, ReconstructionSettings, Stage, Volume, finish
 from ...core.files.atomic_write import made_folder, write_json
-from ...core.files.mesh_files import SUFFIXES
+from ...core.files.mesh_files import PAGE, SUFFIXES
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -162,9 +162,10 @@ class Case:
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
             own = made_folder(self.unfinished)
+            pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
             if output["labels"] and suffix in SUFFIXES:
-                return {"folder": made_folder(own / name), "suffix": suffix}
-        return {"surfaces": (own / f"{name}{suffix}",)}
+                return {"folder": made_folder(own / name), "suffix": suffix, "surfaces": pages}
+        return {"surfaces": (own / f"{name}{suffix}", *pages)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
         """The volume that the label is in, kept for the outputs to come."""

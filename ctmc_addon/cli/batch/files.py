@@ -20,6 +20,7 @@ from typing import Any
 from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, descriptions
 from ...core.files.atomic_write import made_folder, refused, write_json
 from ...core.files.input_files import require_no_input
+from ...core.files.mesh_files import PAGE
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume
 from ..arguments import label_for_checks
@@ -81,10 +82,14 @@ def put_output(
 
 
 def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> None:
-    """Remove the files of an output's folder that an older run wrote and this one does not."""
+    """Remove the page and the files of an output's folder that an older run wrote and this one does not."""
     for file in older if isinstance(older, list) else []:
         path = folder / name / str(file).rpartition("/")[2]
-        if str(file) == f"{name}/{path.name}" and path not in kept:
+        if str(file) == f"{name}{PAGE}":
+            path = folder / f"{name}{PAGE}"
+        elif str(file) != f"{name}/{path.name}":
+            continue
+        if path not in kept:
             path.unlink(missing_ok=True)
 
 
@@ -136,6 +141,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "reading": {name: getattr(reading, name) for name, about in descriptions(ReadingOptions).items() if about.kept},
         "format": task["format"],
         "space": task["space"],
+        **({"html": True} if task.get("html") else {}),  # a page more than is asked for does no harm
     }
 
 

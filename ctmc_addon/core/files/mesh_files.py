@@ -25,7 +25,8 @@ SPACES = {  # and where their axes run
     "ras": "x to the patient's right, y to the front, z to the head",
     "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
 }
-STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", ".html")  # of files that hold several surfaces, in structures/
+PAGE = ".html"
+STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # of files that hold several surfaces, in structures/
 BLENDER_SUFFIXES = (".blend",)  # of files that Blender writes, in blender/export.py
 ROWS_AT_ONCE = 1 << 16
 Vectors = NDArray[np.float32]

@@ -166,7 +166,7 @@
   // What is shown, how dense, and cut where.
   const cut = { axis: "", share: 0.5, side: 1 };
   function apply() {
-    const axis = "xyz".indexOf(cut.axis), planes = axis < 0 ? [] : [plane];
+    const axis = ["x", "y", "z"].indexOf(cut.axis), planes = axis < 0 ? [] : [plane];
     if (axis >= 0) {
       const normal = [0, 0, 0];
       normal[axis] = -cut.side;
