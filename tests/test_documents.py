@@ -47,7 +47,7 @@ def readme_folder(tmp_path_factory):
         codes = [main([*shlex.split(line)[1:], *SMALLER.get(line.split()[1], [])]) for line in lines]
     finally:
         os.chdir(before)
-    assert len(codes) == 7
+    assert len(codes) == 8
     assert set(codes) == {0}
     return folder
 
@@ -84,7 +84,7 @@ def test_the_python_of_the_simulation_page_makes_tetrahedra(readme_folder, monke
 
 def test_the_command_lines_of_readme_make_what_they_say(readme_folder):
     made = {path.name for path in readme_folder.iterdir()}
-    assert {"ct", "bone.stl", "tumor.ply", "liver.stl", "organs", "out"} <= made
+    assert {"ct", "bone.stl", "tumor.ply", "liver.stl", "organs", "patient.html", "out"} <= made
     assert len(list((readme_folder / "organs").iterdir())) == 2
     header, count = (readme_folder / "bone.stl").read_bytes()[80:84], (readme_folder / "bone.stl").stat().st_size
     assert count == 84 + 50 * int.from_bytes(header, "little")

@@ -123,6 +123,12 @@ def material_color(obj: bpy.types.Object) -> Color:
     return red, green, blue
 
 
+def material_opacity(obj: bpy.types.Object) -> float:
+    """The opacity of an object's first material; 1 if it has none."""
+    material = next((material for material in obj.data.materials if material is not None), None)
+    return 1.0 if material is None else min(1.0, max(0.0, round(float(material.diffuse_color[3]), 3)))
+
+
 def recolor(obj: bpy.types.Object, color: Color) -> None:
     """Give the material that has an object's name another color, where it still has the shader it came with."""
     for material in obj.data.materials:

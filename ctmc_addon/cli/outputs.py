@@ -10,7 +10,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..core import Budget, OutputError, Stage, Step, Steps, triangle_bytes
+from ..core import (
+    Budget,
+    OutputError,
+    Stage,
+    Step,
+    Steps,
+    files_of,
+    structures_of,
+    triangle_bytes,
+    write_structures_steps,
+)
 from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from ..core.files.file_names import file_names
@@ -59,21 +69,30 @@ class Outputs:
     def paths(self, surfaces: Surfaces) -> list[Path]:
         """Return all files, in the order in which they are written."""
         companions = [path for path in (self.figure, self.report) if path is not None]
-        return [*self.surfaces_in(surfaces), *companions]
+        return [*self.surface_files(surfaces), *companions]
+
+    def surface_files(self, surfaces: Surfaces) -> list[Path]:
+        """Return the files with surfaces, and what comes with them, such as the materials of an OBJ."""
+        return [file for path in self.surfaces_in(surfaces) for file in files_of(path)]
 
     def blender_needed_for(self, simplifier: str) -> str:
         """Return what Blender is needed for, empty if for nothing."""
         if simplifier == "decimate":
             return "--simplifier decimate"
-        own = [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
-        suffixes = [suffix for suffix in own if suffix not in mesh_files.SUFFIXES]
+        suffixes = [suffix for suffix in self.suffixes if suffix in mesh_files.BLENDER_SUFFIXES]
         return f"writing {suffixes[0]}" if suffixes else "rendering a figure" if self.figure else ""
+
+    @property
+    def suffixes(self) -> list[str]:
+        """The suffixes of the files with surfaces."""
+        return [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
 
     @contextmanager
     def writer(self, simplifier: str) -> Iterator[SurfaceWriter | None]:
-        """Give a writer of each surface as it is made; None where Blender writes them, or one file holds several."""
+        """Give a writer of each surface as it is made; None where all are held until they are written."""
         path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
-        if self.blender_needed_for(simplifier) or (path is None and (self.folder is None or self.surfaces)):
+        held = bool(self.blender_needed_for(simplifier)) or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
+        if held or (path is None and (self.folder is None or self.surfaces)):
             yield None
             return
         folder = path.parent if path is not None else self.folder
@@ -83,17 +102,17 @@ class Outputs:
             yield writer
 
     def triangle_bytes(self, simplifier: str) -> int:
-        """Bytes that Blender takes for each triangle; 0 where it is not needed."""
-        if not self.blender_needed_for(simplifier):
-            return 0
-        return triangle_bytes([self.suffix, *(path.suffix.lower() for path in self.surfaces)], self.figure is not None)
+        """Bytes that writing takes for each triangle beside the surface; 0 for an STL or PLY without Blender."""
+        needs_blender = bool(self.blender_needed_for(simplifier))
+        return triangle_bytes(self.suffixes, needs_blender, self.figure is not None)
 
     def require_memory(self, surfaces: Surfaces) -> None:
-        """Raise `MemoryLimitError` where Blender would find no memory, which it does not survive."""
+        """Raise `MemoryLimitError` where writing would find no memory, which Blender does not survive."""
         faces = sum(len(result.mesh.faces) for result in surfaces.results)
-        needed = faces * self.triangle_bytes(surfaces.results[0].settings.simplifier)
+        simplifier = surfaces.results[0].settings.simplifier
+        by = " by Blender" if self.blender_needed_for(simplifier) else ""
         remedy = "simplify the surface, or write .stl or .ply"
-        Budget().require(needed, f"writing {faces} triangles by Blender", remedy)
+        Budget().require(faces * self.triangle_bytes(simplifier), f"writing {faces} triangles{by}", remedy)
 
 
 def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
@@ -134,6 +153,12 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                         surfaces.files[numbers[0]].replace(temporaries[path])
                     else:
                         surfaces.results[numbers[0]].mesh.save(temporaries[path], outputs.space)
+            elif path.suffix.lower() in mesh_files.STRUCTURE_SUFFIXES:
+                with timed(stages, f"Writing {path.suffix.lower()}"):
+                    chosen = [surfaces.results[number] for number in numbers]
+                    structures = structures_of(chosen, [surfaces.titles[number] for number in numbers])
+                    for step in write_structures_steps(temporaries[path], structures, outputs.space):
+                        yield Step(0.8 + 0.1 * step.fraction, step.message)
         surfaces = with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")
@@ -153,7 +178,7 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
     with objects_of(surfaces.results, "CTMC objects", surfaces.names) as (scene, objects, shown):
         stages.append(Stage("Building the object", time.perf_counter() - start))
         for path, numbers in outputs.surfaces_in(surfaces).items():
-            if path.suffix.lower() not in mesh_files.SUFFIXES:
+            if path.suffix.lower() in mesh_files.BLENDER_SUFFIXES:
                 yield Step(0.2, f"Writing {path.name}")
                 those = [objects[number] for number in numbers]
                 collection = surfaces.name if len(those) > 1 else ""

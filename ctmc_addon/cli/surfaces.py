@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +20,8 @@ from ..core import (
     advised_steps,
     reconstruct_labels_steps,
     reconstruct_steps,
+    structure_names,
 )
-from ..core.files.file_names import file_key, printable
 from ..core.volume import ALL, chosen_labels_steps, region_box
 from .surface_writer import SurfaceWriter
 
@@ -61,7 +60,9 @@ class Surfaces:
     @property
     def titles(self) -> tuple[str, ...]:
         """Return what each is called, alone or not: by its label's name where it has a label."""
-        return self.names or (names_of(self.results) if self.results[0].settings.label is not None else (self.name,))
+        return self.names or (
+            structure_names(self.results) if self.results[0].settings.label is not None else (self.name,)
+        )
 
     @property
     def notes(self) -> list[str]:
@@ -138,7 +139,7 @@ def surfaces_steps(
     return Surfaces(
         volume.name,
         tuple(finished.surfaces),
-        names_of(finished.surfaces),
+        structure_names(finished.surfaces),
         tuple(finished.left_out),
         files=files,
     )
@@ -147,17 +148,3 @@ def surfaces_steps(
 def may_be_several(choices: Sequence[int | str]) -> bool:
     """Return whether choices ask for several labels, before anything is known of the volume."""
     return len(choices) > 1 or ALL in choices
-
-
-def names_of(results: Sequence[Reconstruction]) -> tuple[str, ...]:
-    """Return what the labels of results are called: names that several have get the label's number.
-
-    Names are those of the volume on one line, and 'label 3' for a label without one.
-    """
-    names = [printable(result.label_name) for result in results]
-    count = Counter(file_key(name) for name in names)
-    out = []
-    for name, result in zip(names, results, strict=True):
-        shared = f" {result.settings.label}" if count[file_key(name)] > 1 else ""
-        out.append(f"{name}{shared}" if name else f"label {result.settings.label}")
-    return tuple(out)

@@ -19,6 +19,7 @@ from .errors import (
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
+from .files.structures import STRUCTURE_SUFFIXES, Structure, files_of, write_structures, write_structures_steps
 from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
@@ -52,6 +53,7 @@ from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, 
 from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
+from .structures import save_structures, structure_names, structures_of
 from .version import VERSION
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
@@ -65,6 +67,7 @@ __all__ = [
     "NO_THREAD",
     "PAUSE",
     "SETTINGS",
+    "STRUCTURE_SUFFIXES",
     "VERSION",
     "AbsentLabelError",
     "AlphaChoice",
@@ -95,6 +98,7 @@ __all__ = [
     "Stages",
     "Step",
     "Steps",
+    "Structure",
     "Surface",
     "ThresholdError",
     "TriangleMesh",
@@ -115,6 +119,7 @@ __all__ = [
     "distances",
     "each_label_steps",
     "equal_part",
+    "files_of",
     "finish",
     "fits_in_memory",
     "give_back",
@@ -132,6 +137,7 @@ __all__ = [
     "replayed_steps",
     "require_memory",
     "result_and_full_steps",
+    "save_structures",
     "setting",
     "shared_surfaces_steps",
     "shown_stride",
@@ -141,10 +147,14 @@ __all__ = [
     "simplify_steps",
     "slab_result_steps",
     "smoothing_of",
+    "structure_names",
+    "structures_of",
     "timed_steps",
     "triangle_bytes",
     "used_settings",
     "with_present_names",
     "without_small_steps",
     "worker_count",
+    "write_structures",
+    "write_structures_steps",
 ]

@@ -32,9 +32,10 @@ T = TypeVar("T")
 
 FACE_BYTES = 128  # of a triangle that is held: 36, and 92 to measure it; a mesh in Blender takes less, after that
 BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
-# Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and to write it.
+# Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and in a figure.
 OBJECT_BYTES, FIGURE_BYTES = 240, 600
-WRITTEN_BYTES = {".obj": 1100, ".glb": 700}
+# Bytes that writing was seen to take for each triangle of a structure of 1.2 million, beside it.
+WRITTEN_BYTES = {".obj": 12, ".glb": 130, ".3mf": 14, ".html": 120}
 PROCESS_BYTES = 400 << 20  # of a case of a batch: Python, NumPy and Blender
 # The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
 CASE_VOXEL_BYTES = 32
@@ -274,9 +275,10 @@ def _wider(volume: Volume, plan: Plan, room: int) -> Iterator[tuple[int, int, in
         yield x, y, z
 
 
-def triangle_bytes(suffixes: Iterable[str], figure: bool) -> int:
-    """Return the bytes that Blender takes for each triangle that it shows, renders or writes."""
-    return max(OBJECT_BYTES, FIGURE_BYTES * figure, *(WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes))
+def triangle_bytes(suffixes: Iterable[str], blender: bool, figure: bool) -> int:
+    """Return the bytes for each triangle that writing takes beside the surface, and `blender` where it is needed."""
+    written = max((WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes), default=0)
+    return max(written, OBJECT_BYTES, FIGURE_BYTES * figure) if blender else written
 
 
 def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Budget) -> bool:

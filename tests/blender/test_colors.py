@@ -8,12 +8,14 @@ import bpy
 import numpy as np
 import pytest
 
-from ctmc_addon.blender.colors import HUES, color_of, label_rgb, linear
+from ctmc_addon.blender.colors import color_of
 from ctmc_addon.blender.figure.styles import require_engine
 from ctmc_addon.blender.materials import principled, surface_input
 from ctmc_addon.blender.studio import prepare_scene
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import CtmcError
+from ctmc_addon.core.volume import label_rgb, linear
+from ctmc_addon.core.volume.structure_colors import HUES
 
 # Machado, Oliveira and Fernandes 2009, severity 1: linear RGB as a protanope and a deuteranope see it.
 BLINDNESS = {
@@ -46,6 +48,12 @@ def test_a_label_keeps_its_color_and_twenty_one_differ():
     assert label_rgb(1) == label_rgb(22) == (213, 94, 0)
     assert len({label_rgb(label) for label in range(1, 22)}) == 21
     assert color_of(None) != color_of(1)
+
+
+def test_a_label_has_the_color_of_its_name_and_its_files_own_wins():
+    assert color_of(1, None, "Leber") == color_of(5, None, "liver") == linear((122, 28, 40))
+    assert color_of(1, (10, 20, 30), "liver") == linear((10, 20, 30))
+    assert color_of(3, None, "structure") == color_of(3)
 
 
 def with_color(result, rgb):

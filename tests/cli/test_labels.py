@@ -177,7 +177,7 @@ def test_one_blend_holds_all_with_names_and_colors(ctmc, labels_file, tmp_path, 
     ]  # fmt: skip
     for obj in collection.objects:
         label = json.loads(obj["ctmc"]["settings"])["label"]
-        assert np.allclose(obj.data.materials[0].diffuse_color[:3], color_of(label))
+        assert np.allclose(obj.data.materials[0].diffuse_color[:3], color_of(label, None, NAMES.get(label, "")))
 
 
 def test_a_glb_and_an_obj_hold_several_by_their_names(ctmc, labels_file, tmp_path, scene):
@@ -214,6 +214,37 @@ def test_a_batch_has_a_row_and_a_folder_for_each_case(ctmc, labels_file, tmp_pat
     fewer = ("batch", labels_file, "-o", out, "--label", "Liver,kidney left", "--no-thumbnails", "--overwrite")
     assert ctmc(*fewer).code == 0
     assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
+
+
+def test_a_batch_has_a_page_for_each_case_and_links_it(ctmc, labels_file, tmp_path):
+    out = tmp_path / "out"
+    words = (
+        "batch",
+        labels_file,
+        "-o",
+        out,
+        "--label",
+        "Liver,kidney left",
+        "--no-thumbnails",
+        "--jobs",
+        "1",
+        "--html",
+    )
+    done = ctmc(*words)
+    assert done.code == 0, done.errors
+    assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
+    page = (out / "organs.html").read_text("utf-8")
+    assert page.count('class="structure"') == 3
+    assert '<a href="organs.html">organs</a>' in (out / "summary.html").read_text("utf-8")
+    record = json.loads((out / "organs.json").read_text("utf-8"))
+    assert record["file_bytes"]["organs.html"] == (out / "organs.html").stat().st_size
+    assert "1 done before" in ctmc(*words, "--resume").out
+    assert "1 done before" in ctmc(*words[:-1], "--resume").out  # a page more than asked for
+    assert ctmc(*words[:-1], "--overwrite").code == 0
+    assert not (out / "organs.html").exists()
+    assert "<a " not in (out / "summary.html").read_text("utf-8")
+    assert "1 done before" not in ctmc(*words, "--resume").out
+    assert (out / "organs.html").exists()
 
 
 @pytest.mark.usefixtures("scene")

@@ -120,7 +120,7 @@ def test_python_knows_the_types_and_makes_a_surface(environment, tmp_path):
 
 
 def test_what_needs_blender_says_what_to_install(environment, tmp_path):
-    command = [str(environment / "ctmc"), "reconstruct", "in", "-o", "x.glb"]
+    command = [str(environment / "ctmc"), "reconstruct", "in", "-o", "x.blend"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1
     assert "pip install 'ctmc-addon[blender]'" in done.stderr

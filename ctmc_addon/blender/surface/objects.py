@@ -48,7 +48,7 @@ def add_reconstruction(
     scale : float
         Blender units of 1 mm.
     color : (red, green, blue) or None
-        Linear; None takes the label's own color, else that of its number.
+        Linear; None takes the label's own color, else that of its name or number.
     mesh : Mesh or None
         What `surface_mesh_steps` has made of it at this scale; None makes it now.
     structure : str
@@ -65,7 +65,8 @@ def add_reconstruction(
     mesh = finish(surface_mesh_steps(result, None, scale)) if mesh is None else mesh
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
-    mesh.materials.append(surface_material(name, color or color_of(result.settings.label, result.label_color)))
+    color = color or color_of(result.settings.label, result.label_color, structure or result.label_name)
+    mesh.materials.append(surface_material(name, color))
     obj = bpy.data.objects.new(name, mesh)
     obj[NAMED] = obj.name
     obj.location = placement.origin

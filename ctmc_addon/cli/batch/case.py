@@ -34,7 +34,7 @@ from ...core import (
     shared_surfaces_steps,
 )
 from ...core.files.atomic_write import made_folder, write_json
-from ...core.files.mesh_files import SUFFIXES
+from ...core.files.mesh_files import PAGE, SUFFIXES
 from ...core.volume import chosen_labels_steps, label_extents_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
@@ -158,7 +158,7 @@ class Case:
                 budget = Budget(task["threads"])
                 surfaces = finish(surfaces_steps(volume, settings, choices, budget, writer, written_bytes))
             surfaces, _ = finish(written_steps(surfaces, outputs))
-        files = list(outputs.surfaces_in(surfaces))
+        files = outputs.surface_files(surfaces)
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         report = report_of(surfaces)
         record = {
@@ -208,9 +208,10 @@ class Case:
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
             own = made_folder(self.unfinished)
+            pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
             if output["labels"] and suffix in SUFFIXES:
-                return {"folder": made_folder(own / name), "suffix": suffix}
-        return {"surfaces": (own / f"{name}{suffix}",)}
+                return {"folder": made_folder(own / name), "suffix": suffix, "surfaces": pages}
+        return {"surfaces": (own / f"{name}{suffix}", *pages)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
         """Return the volume that the label is in, kept for the outputs to come."""

@@ -12,10 +12,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes
+from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes, files_of
 from ...core.files.atomic_write import made_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
-from ...core.files.mesh_files import SPACES, SURFACE_SUFFIXES
+from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import source_of
@@ -78,6 +78,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
     group.add_argument("--space", choices=SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)")
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
+    group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
     again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
@@ -113,7 +114,7 @@ def run(args: argparse.Namespace) -> None:
     try:
         made_folder(folder)
         require_writable(folder / "summary.json")
-        plan_outputs(cases, folder, f".{args.output_format}")
+        plan_outputs(cases, folder, [f".{args.output_format}", *([PAGE] if args.html else [])])
         remove_unfinished(folder)
         with unfinished_folder(folder) as unfinished, Progress() as progress:
             rows = progress.finish(batch_steps(cases, folder, unfinished, args, cluster))
@@ -137,7 +138,7 @@ def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
                 require_blender(purpose)
 
 
-def plan_outputs(cases: Sequence[Case], folder: Path, suffix: str) -> None:
+def plan_outputs(cases: Sequence[Case], folder: Path, suffixes: Sequence[str]) -> None:
     """Raise an `OutputError` before the start if a file of an input would be replaced."""
     add_inputs(case.path for case in cases if case.path.is_file())
     has_labels = any(output.labels for case in cases for output in case.outputs)
@@ -147,7 +148,9 @@ def plan_outputs(cases: Sequence[Case], folder: Path, suffix: str) -> None:
         for output in case.outputs:
             plan_output(record_path(folder, output.name))
             plan_output(thumbnail_path(folder, output.name))
-            plan_output(folder / f"{output.name}{suffix}")
+            for suffix in suffixes:
+                for file in files_of(folder / f"{output.name}{suffix}"):
+                    plan_output(file)
 
 
 def connected(address: str) -> Cluster:
@@ -200,6 +203,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "folder": str(folder.absolute()),
         "format": f".{args.output_format}",
         "space": args.space,
+        "html": args.html,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
         "threads": args.threads,

@@ -9,9 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from ...core import VERSION, OutputError
 from ...core.files.atomic_write import write_csv, write_json, write_text
+from ...core.files.mesh_files import PAGE
 from .files import read_record, thumbnail_path
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
@@ -106,12 +108,20 @@ def html_row(folder: Path, row: SummaryRow) -> str:
     """One case with its picture, if it has one."""
     cells = [
         picture(folder, row),
-        html.escape(row.case) + labels_table(row),
+        case_link(folder, row) + labels_table(row),
         row.status,
         *numbers(row),
         html.escape(row.error or ""),
     ]
     return f'<tr class="{row.status}">' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def case_link(folder: Path, row: SummaryRow) -> str:
+    """The name of a case, which leads to its page if it has one."""
+    name, page = html.escape(row.case), f"{row.case}{PAGE}"
+    if row.status != "done" or page not in ((read_record(folder, row.case) or {}).get("files") or ()):
+        return name
+    return f'<a href="{html.escape(quote(page))}">{name}</a>'
 
 
 def labels_table(row: SummaryRow) -> str:

@@ -184,7 +184,7 @@ def shown_of(
         ShownSurface(
             obj,
             name,
-            color_of(label, result.label_color) if style.style != "print" else None,
+            color_of(label, result.label_color, result.label_name) if style.style != "print" else None,
             opacity if label in transparent else 1.0,
         )
         for obj, name, label, result in zip(objects, names, labels, results, strict=True)

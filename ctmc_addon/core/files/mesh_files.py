@@ -25,7 +25,9 @@ SPACES = {  # and where their axes run
     "ras": "x to the patient's right, y to the front, z to the head",
     "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
 }
-BLENDER_SUFFIXES = (".obj", ".glb", ".blend")  # of files that Blender writes, in blender/export.py
+PAGE = ".html"
+STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # of files that hold several surfaces, in structures/
+BLENDER_SUFFIXES = (".blend",)  # of files that Blender writes, in blender/export.py
 ROWS_AT_ONCE = 1 << 16
 Vectors = NDArray[np.float32]
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -54,8 +56,8 @@ def write_mesh(
     writer = WRITERS.get(target.suffix.lower())
     if writer is None:
         raise OutputError(
-            f"{target.name or 'an empty name'} is neither .stl nor .ply; the command line and the panel write "
-            f"{', '.join(BLENDER_SUFFIXES)} with Blender"
+            f"{target.name or 'an empty name'} is neither .stl nor .ply; {', '.join(STRUCTURE_SUFFIXES)} are written "
+            "by save_structures, a .blend by the command line and the panel"
         )
     with whole_file(target) as beside, beside.open("wb") as file:
         writer(file, vertices, faces, normals)
@@ -124,7 +126,7 @@ def require_one_surface(path: Path, count: int = 0) -> None:
         asked = f"there are {count}" if count else "2 or more are asked for"
         raise OutputError(
             f"{path.name} can hold one surface, and {asked}; give a folder, such as -o {path.stem}/, "
-            "or a .blend, .glb or .obj"
+            "or a .glb, .obj, .3mf, .html or .blend"
         )
 
 
@@ -138,4 +140,4 @@ WRITERS: dict[str, Callable[[BinaryIO, Vectors, NDArray[np.int32], Vectors | Non
     ".ply": write_ply,
 }
 SUFFIXES = tuple(WRITERS)
-SURFACE_SUFFIXES = (*SUFFIXES, *BLENDER_SUFFIXES)
+SURFACE_SUFFIXES = (*SUFFIXES, *STRUCTURE_SUFFIXES, *BLENDER_SUFFIXES)

@@ -99,7 +99,9 @@ class CollapsingMesh:
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
         self.tested_faces = 0  # when crossings were last looked for
-        self.crossing: Ints | None = None  # (2, n) faces that cross and always did, as the log began; None before a test
+        self.crossing: Ints | None = (
+            None  # (2, n) faces that cross and always did, as the log began; None before a test
+        )
         self.batch = batch
         self.rough = rough
         self.components = Components()

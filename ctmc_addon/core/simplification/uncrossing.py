@@ -27,9 +27,7 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-def uncross_steps(
-    mesh: CollapsingMesh, log: CollapseLog, before: Ints | None, hold: bool
-) -> Steps[tuple[Ints, bool]]:
+def uncross_steps(mesh: CollapsingMesh, log: CollapseLog, before: Ints | None, hold: bool) -> Steps[tuple[Ints, bool]]:
     """Undo changes of the log until no two triangles cross but those that did before.
 
     Parameters

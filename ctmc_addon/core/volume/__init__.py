@@ -2,6 +2,7 @@
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
 from .affine import spacing_of, transform_faces, transform_normals, transform_points
+from .anatomy import Anatomy, anatomy_of
 from .histogram import (
     Band,
     Bars,
@@ -64,6 +65,7 @@ from .statistics import (
     value_range,
     volume_statistics_steps,
 )
+from .structure_colors import label_rgb, linear, structure_color
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
@@ -75,6 +77,7 @@ __all__ = [
     "EDGES",
     "PLANES",
     "TISSUES",
+    "Anatomy",
     "Band",
     "Bars",
     "Box",
@@ -88,6 +91,7 @@ __all__ = [
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "anatomy_of",
     "as_slice",
     "box_of",
     "chosen_labels_steps",
@@ -100,7 +104,9 @@ __all__ = [
     "histogram_picture",
     "in_label_colors",
     "label_extents_steps",
+    "label_rgb",
     "labels_region",
+    "linear",
     "moved_limit",
     "moved_region",
     "otsu",
@@ -127,6 +133,7 @@ __all__ = [
     "slice_values",
     "spacing_of",
     "stepped_position",
+    "structure_color",
     "surface_name",
     "tissue_bands",
     "tissue_name",

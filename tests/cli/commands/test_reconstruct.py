@@ -234,8 +234,6 @@ def without_blender(*words):
 @pytest.mark.parametrize(
     "flags",
     [
-        ["reconstruct", "in", "-o", "x.obj"],
-        ["reconstruct", "in", "-o", "x.glb"],
         ["reconstruct", "in", "-o", "x.blend"],
         ["reconstruct", "in", "-o", "x.stl", "--figure", "x.png"],
         ["reconstruct", "in", "-o", "x.stl", "--simplifier", "decimate"],

@@ -90,7 +90,7 @@ def test_voxels_without_a_value_name_the_remedy(refused, ctmc, tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("x.xyz", "suffixes .stl, .ply, .obj, .glb, .blend"),
+        ("x.xyz", "suffixes .stl, .ply, .obj, .glb, .3mf, .html, .blend"),
         ("x", "suffixes .stl"),
         ("missing/x.stl", "the folder does not exist; make it first"),
         ("file/x.stl", "the folder is a file"),

@@ -181,7 +181,10 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         stored.volume_name = stored.volume_name if is_another_time else ""
         names, colors = loaded.volume.label_names, loaded.volume.label_colors
         stored.show_labels(
-            [(value, names.get(value, ""), color_of(value, colors.get(value))) for value, _ in loaded.statistics.labels]
+            [
+                (value, names.get(value, ""), color_of(value, colors.get(value), names.get(value, "")))
+                for value, _ in loaded.statistics.labels
+            ]
         )
     if is_another_ct:
         follow_kind(stored, loaded)

@@ -8,7 +8,8 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ....blender.export import export
+from ....blender.export import export_together
+from ....blender.surface import read_provenance
 from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
 from ..paths import SaveDialog
@@ -17,11 +18,11 @@ FORMATS = ", ".join(SURFACE_SUFFIXES)
 
 
 class CTMC_OT_export(SaveDialog, bpy.types.Operator):
-    """Write the active surface in patient millimeters; the suffix chooses the format."""
+    """Write surfaces in patient millimeters; the suffix chooses the format."""
 
     bl_idname = "ctmc.export"
     bl_label = "Export Surface"
-    bl_description = f"Write the active surface in millimeters; the suffix chooses the format, else STL: {FORMATS}"
+    bl_description = f"Write surfaces in millimeters; the suffix chooses the format, else STL: {FORMATS}"
 
     suffixes = SURFACE_SUFFIXES
 
@@ -35,8 +36,17 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     )
     space: EnumProperty(
         name="Space",
-        description="Axes of STL, PLY and OBJ",
+        description="Axes of STL, PLY, OBJ and 3MF",
         items=[(space, space.upper(), axes) for space, axes in SPACES.items()],
+    )
+    which: EnumProperty(
+        name="Surfaces",
+        description="Which surfaces go to the file; an STL or PLY holds one",
+        items=[
+            ("ACTIVE", "Active", "The active surface"),
+            ("SELECTED", "Selected", "All selected meshes"),
+            ("VISIBLE", "Visible", "All visible surfaces that were made of a CT"),
+        ],
     )
 
     def ending(self) -> str:
@@ -69,8 +79,17 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         return f"{file_name(context.object.name)}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
-        """Write it."""
-        export(context.object, path, space=self.space, scene=context.scene)
+        """Write them."""
+        export_together(self.surfaces(context), path, space=self.space, scene=context.scene)
+
+    def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        """What goes to the file, by name; the active surface where there is nothing else."""
+        chosen = []
+        if self.which == "SELECTED":
+            chosen = [obj for obj in context.selected_objects if obj.type == "MESH"]
+        elif self.which == "VISIBLE":
+            chosen = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
+        return sorted(chosen, key=lambda obj: obj.name) or [context.object]
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

@@ -18,9 +18,10 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn, meshes_in
 
 import ctmc_addon
-from ctmc_addon.blender.colors import color_of, linear
+from ctmc_addon.blender.colors import color_of
 from ctmc_addon.blender.surface import evaluated_triangles
 from ctmc_addon.core import Budget, reconstruct
+from ctmc_addon.core.volume import linear
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.state import volumes

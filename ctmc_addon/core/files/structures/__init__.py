@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files that hold several structures by name, with color and opacity: GLB, OBJ with MTL, 3MF and a page, all NumPy."""
+
+from ..mesh_files import STRUCTURE_SUFFIXES
+from .structure import Structure, as_structures
+from .writing import files_of, write_structures, write_structures_steps
+
+__all__ = [
+    "STRUCTURE_SUFFIXES",
+    "Structure",
+    "as_structures",
+    "files_of",
+    "write_structures",
+    "write_structures_steps",
+]

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Structures as a binary glTF 2.0: a node, a mesh and a material each, in meters, Y up.
+
+Khronos, glTF 2.0 specification: 3.4 (coordinates), 3.7.2 (meshes), 3.9 (materials), 4.4 (the binary file).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...progress import Step, Steps
+from ...volume.structure_colors import linear
+from .structure import Structure, total
+
+MM_PER_M = 1000.0
+MOST_BYTES = (1 << 32) - 1
+ROUGHNESS = 0.45
+FLOAT, SHORT, INTEGER = 5126, 5123, 5125  # component types
+VERTICES, INDICES = 34962, 34963  # what a buffer view is for
+MOST_SHORT = 65535  # vertices that 16 bits number; the last number is kept free, 3.7.2.1
+
+
+def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
+    """Write a GLB: the base color is linear, as glTF has it; what is not opaque is blended."""
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    offset = 0
+    for number, structure in enumerate(structures):
+        positions = _positions(structure.vertices)
+        low, high = ([float(value) for value in bound] for bound in (positions.min(axis=0), positions.max(axis=0)))
+        kind, bytes_each = (SHORT, 2) if len(positions) <= MOST_SHORT else (INTEGER, 4)
+        vectors = {"componentType": FLOAT, "count": len(positions), "type": "VEC3"}
+        indices = {"componentType": kind, "count": structure.faces.size, "type": "SCALAR"}
+        parts: tuple[tuple[dict[str, Any], int, int], ...] = (
+            ({**vectors, "min": low, "max": high}, positions.nbytes, VERTICES),
+            (vectors, positions.nbytes, VERTICES),
+            (indices, structure.faces.size * bytes_each, INDICES),
+        )
+        for accessor, size, target in parts:
+            views.append({"buffer": 0, "byteOffset": offset, "byteLength": size, "target": target})
+            accessors.append({"bufferView": len(accessors), **accessor})
+            offset += size + -size % 4
+        yield Step(0.3 * number / len(structures), f"Writing {structure.name}")
+    tree = {
+        "asset": {"version": "2.0", "generator": "CTMC"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(structures)))}],
+        "nodes": [{"name": structure.name, "mesh": number} for number, structure in enumerate(structures)],
+        "meshes": [_mesh(structure, number) for number, structure in enumerate(structures)],
+        "materials": [_material(structure) for structure in structures],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode("utf-8", "replace")
+    text += b" " * (-len(text) % 4)
+    size = total((28, len(text), offset), MOST_BYTES, path.name, "bytes")
+    with path.open("wb") as file:
+        file.write(struct.pack("<4sIII4s", b"glTF", 2, size, len(text), b"JSON") + text)
+        file.write(struct.pack("<I4s", offset, b"BIN\0"))
+        for number, structure in enumerate(structures):
+            for content in _contents(structure):
+                file.write(np.ascontiguousarray(content).data)
+                file.write(bytes(-content.nbytes % 4))
+            yield Step(0.3 + 0.7 * (number + 1) / len(structures), f"Writing {structure.name}")
+
+
+def _positions(vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+    """RAS+ mm as meters with x to the right, y to the head and z to the back, (V, 3)."""
+    return _y_up(vertices.astype(np.float64) / MM_PER_M)
+
+
+def _y_up(vectors: NDArray[Any]) -> NDArray[np.float32]:
+    """Vectors turned so that the head is up along y, (V, 3); 0 stays positive."""
+    return np.stack([vectors[:, 0], vectors[:, 2], 0.0 - vectors[:, 1]], axis=1).astype("<f4")
+
+
+def _contents(structure: Structure) -> Iterator[NDArray[Any]]:
+    """The arrays of a structure, in the order of their accessors."""
+    yield _positions(structure.vertices)
+    yield _y_up(structure.vertex_normals())
+    yield structure.faces.astype("<u2" if len(structure.vertices) <= MOST_SHORT else "<u4")
+
+
+def _mesh(structure: Structure, number: int) -> dict[str, Any]:
+    first = 3 * number
+    primitive = {"attributes": {"POSITION": first, "NORMAL": first + 1}, "indices": first + 2, "material": number}
+    return {"name": structure.name, "primitives": [primitive]}
+
+
+def _material(structure: Structure) -> dict[str, Any]:
+    """The material; colors are rounded, so that no machine's power function is in the file."""
+    color = [*(round(share, 5) for share in linear(structure.rgb)), round(structure.opacity, 5)]
+    shading = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}
+    material: dict[str, Any] = {"name": structure.name, "pbrMetallicRoughness": shading, "doubleSided": True}
+    return material if structure.opacity == 1.0 else {**material, "alphaMode": "BLEND"}

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Structures as a 3MF: an object with a name, a base material with a color each, in millimeters.
+
+3MF Consortium, 3D Manufacturing Format, core specification 1.3: a ZIP of XML. Files are dated 1980, as ZIP begins.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO
+from xml.sax.saxutils import quoteattr
+
+from ...progress import Step, Steps
+from ..mesh_files import parts_of
+from .structure import Structure, hex_color, total
+
+MOST_VERTICES = 1 << 31
+MATERIALS = 1  # the number of the group of materials; objects follow
+TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>\n'
+)
+RELATIONS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>\n'
+)
+HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
+    '<metadata name="Application">CTMC</metadata>\n<resources>\n'
+)
+
+
+def write_3mf_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
+    """Write a 3MF. A closed structure is a model, an open one a surface, which no printer takes for solid."""
+    total([len(structure.vertices) for structure in structures], MOST_VERTICES, path.name, "vertices")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as package:
+        package.writestr(_entry("[Content_Types].xml"), TYPES)
+        package.writestr(_entry("_rels/.rels"), RELATIONS)
+        with package.open(_entry("3D/3dmodel.model"), "w", force_zip64=True) as model:
+            model.write(HEAD.encode())
+            model.write(_materials(structures).encode("utf-8", "replace"))
+            for number, structure in enumerate(structures):
+                _write_object(model, structure, number)
+                yield Step((number + 1) / len(structures), f"Writing {structure.name}")
+            items = "".join(f'<item objectid="{MATERIALS + 1 + number}"/>\n' for number in range(len(structures)))
+            model.write(f"</resources>\n<build>\n{items}</build>\n</model>\n".encode())
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    """A file of the ZIP without a time, the same on every system."""
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+    return entry
+
+
+def _materials(structures: Sequence[Structure]) -> str:
+    bases = "".join(
+        f'<base name={quoteattr(structure.name)} displaycolor="{hex_color(structure)}"/>\n' for structure in structures
+    )
+    return f'<basematerials id="{MATERIALS}">\n{bases}</basematerials>\n'
+
+
+def _write_object(model: IO[bytes], structure: Structure, number: int) -> None:
+    kind = "model" if structure.closed else "surface"
+    head = (
+        f'<object id="{MATERIALS + 1 + number}" type="{kind}" name={quoteattr(structure.name)} '
+        f'pid="{MATERIALS}" pindex="{number}"><mesh><vertices>\n'
+    )
+    model.write(head.encode("utf-8", "replace"))
+    model.writelines(_vertices(structure))
+    model.write(b"</vertices><triangles>\n")
+    model.writelines(_triangles(structure))
+    model.write(b"</triangles></mesh></object>\n")
+
+
+def _vertices(structure: Structure) -> Iterator[bytes]:
+    for part in parts_of(len(structure.vertices)):
+        rows = structure.vertices[part].astype(float) + 0.0  # no -0
+        yield (b'<vertex x="%.5f" y="%.5f" z="%.5f"/>\n' * len(rows)) % tuple(rows.ravel().tolist())
+
+
+def _triangles(structure: Structure) -> Iterator[bytes]:
+    for part in parts_of(len(structure.faces)):
+        rows = structure.faces[part]
+        yield (b'<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(rows)) % tuple(rows.ravel().tolist())

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The color and opacity that a structure begins with: its file's own color, else that of its name, else a palette's."""
+
+from __future__ import annotations
+
+from .anatomy import Anatomy, anatomy_of
+
+RGB = tuple[int, int, int]
+LinearColor = tuple[float, float, float]
+
+# Okabe and Ito's colors, sRGB: told apart by color-blind eyes too. https://jfly.uni-koeln.de/color/
+HUES = ((213, 94, 0), (0, 114, 178), (240, 228, 66), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0))
+LIGHTNESS = (1.0, 0.62, 1.35)  # of the first seven labels, the next seven, the third; then all of them again
+BONE: RGB = (226, 215, 191)  # of a surface by threshold
+
+
+def linear(rgb: RGB) -> LinearColor:
+    """Return the linear color of an sRGB one, 0 to 255 (IEC 61966-2-1).
+
+    Examples
+    --------
+    >>> [round(share, 4) for share in linear((255, 0, 55))]
+    [1.0, 0.0, 0.0382]
+    """
+    red, green, blue = (share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in
+                        (level / 255 for level in rgb))  # fmt: skip
+    return red, green, blue
+
+
+def label_rgb(label: int) -> RGB:
+    """Return the sRGB color of a label that has none of its own: the same for its number in every file.
+
+    Examples
+    --------
+    >>> label_rgb(2), label_rgb(9), label_rgb(23)
+    ((0, 114, 178), (0, 71, 110), (0, 114, 178))
+    """
+    light, hue = divmod((label - 1) % (len(HUES) * len(LIGHTNESS)), len(HUES))
+    factor = LIGHTNESS[light]
+    red, green, blue = (
+        round(level * factor if factor <= 1 else 255 - (255 - level) * (2 - factor)) for level in HUES[hue]
+    )
+    return red, green, blue
+
+
+def structure_color(label: int | None, rgb: RGB | None = None, name: str = "") -> Anatomy:
+    """Return the color and opacity of a structure that nobody has chosen them for.
+
+    Parameters
+    ----------
+    label : int or None
+        Its number; None for a surface by threshold, which is of bone.
+    rgb : (red, green, blue) int, optional
+        sRGB, what its file gives it: goes before the color of its name.
+    name : str
+        What its file calls it: gives the opacity, and the color where the file has none.
+
+    Examples
+    --------
+    >>> structure_color(1, None, "liver") == structure_color(7, None, "Leber")
+    True
+    >>> structure_color(1, (9, 9, 9), "liver"), structure_color(2, None, "structure 2")
+    (Anatomy(rgb=(9, 9, 9), opacity=0.6), Anatomy(rgb=(0, 114, 178), opacity=1.0))
+    """
+    known = anatomy_of(name)
+    if label is None:
+        return Anatomy(rgb or BONE, 1.0)
+    return Anatomy(rgb or (known.rgb if known else label_rgb(label)), known.opacity if known else 1.0)
