@@ -65,7 +65,7 @@ def test_visible_slices_and_rulers_are_in_the_figure_and_hidden_ones_are_not(sur
     bpy.context.view_layer.update()
     cell, _ = figure.cell_of(bpy.context)
     assert [mark.text for mark in cell.rulers] == ["20.0 mm"]
-    assert cell.rulers[0].places[1] == pytest.approx((0.2, 0.0, 0.0), abs=1e-6)
+    assert cell.rulers[0].points[1] == pytest.approx((0.2, 0.0, 0.0), abs=1e-6)
     assert cell.slices == (plane,)
     kept.hide_render = plane.hide_render = True
     cell, _ = figure.cell_of(bpy.context)
