@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
+from ..version import VERSION
 from .budget import Budget, SlabWorkers
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .described import Described, Setting, checked, defaults, descriptions, setting
@@ -48,7 +49,6 @@ from .reconstruction import Reconstruction, Stage
 from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
-from .version import VERSION
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 

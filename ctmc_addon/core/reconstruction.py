@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from ..version import VERSION
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
-from .version import VERSION
 
 OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
 
