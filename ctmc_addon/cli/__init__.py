@@ -6,6 +6,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from ..version import VERSION
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ctmc` with these arguments, by default the process's own, and return the exit code.
@@ -13,6 +15,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     0 is done, 1 a sentence about the input, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM. Little is imported above, so
     that Ctrl-C is one line while NumPy is still being loaded, too.
     """
+    if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
+        print(f"ctmc {VERSION}")
+        return 0
     try:
         from .address_space import reserve_little
         from .interrupts import interrupts_held, sigterm_raised

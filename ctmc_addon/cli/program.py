@@ -8,28 +8,33 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
+from importlib import import_module
 
 from ..core import VERSION, CtmcError, memory_refusal
 from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
-from .batch import case as batch_case
-from .batch import command as batch
-from .commands import info, reconstruct, settings
-from .experiment import command as experiment
-from .figure import command as figure
-from .phantom import command as phantom
-from .phantom import foam
 
-COMMANDS = (info, phantom, foam, reconstruct, batch, experiment, figure, settings, batch_case)
+# The module of every command, in the order of the help. Only that of the command that is called is imported.
+COMMANDS = {
+    "info": ".commands.info",
+    "phantom": ".phantom.command",
+    "foam": ".phantom.foam",
+    "reconstruct": ".commands.reconstruct",
+    "batch": ".batch.command",
+    "experiment": ".experiment.command",
+    "figure": ".figure.command",
+    "settings": ".commands.settings",
+    "batch-case": ".batch.case",
+}
 
 
-def parser() -> Parser:
-    """Return the parser of `ctmc` with a subparser for every command."""
+def parser(command: str | None = None) -> Parser:
+    """Return the parser of `ctmc`, with a subparser for one command, or for every one where it is not one of them."""
     top = Parser(prog="ctmc", description="CT stacks to surfaces by improved Marching Cubes.")
     top.add_argument("--version", action="version", version=f"ctmc {VERSION}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.add_parser(commands)
+    for module in [COMMANDS[command]] if command in COMMANDS else COMMANDS.values():
+        import_module(module, __package__).add_parser(commands)
     return top
 
 
@@ -39,7 +44,8 @@ def run(argv: Sequence[str] | None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without the letters of a file's name
     try:
-        args = parser().parse_args(argv)
+        arguments = sys.argv[1:] if argv is None else list(argv)
+        args = parser(arguments[0] if arguments else None).parse_args(arguments)
         try:
             with ExitStack() as undo:
                 undo.enter_context(own_input_files())

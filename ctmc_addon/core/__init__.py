@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
+from ..version import VERSION
 from .budget import Budget, SlabWorkers
 from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .described import Described, Setting, checked, defaults, descriptions, setting
@@ -54,7 +55,6 @@ from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
 from .structures import save_structures, structure_names, structures_of
-from .version import VERSION
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..version import VERSION
 from .mesh.angles.alpha_choice import AlphaChoice
 from .mesh.label_complex import Neighbor
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
-from .version import VERSION
 
 OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
 

@@ -4,7 +4,7 @@
 import tomllib
 from pathlib import Path
 
-from ctmc_addon.core.version import VERSION
+from ctmc_addon.version import VERSION
 
 ROOT = Path(__file__).resolve().parents[2]
 

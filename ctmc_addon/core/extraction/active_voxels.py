@@ -135,12 +135,8 @@ class Slab:
         np.cumsum(self.interior_counts, out=inside[1:])
         vertices.append(np.diff(inside[np.searchsorted(self.with_interior, voxels)]))
         kind = self.corner_list_kind
-        is_kind = np.empty(len(kind), bool)
-        faces = np.empty((int(kind.max(initial=0)) + 1, len(layers) - 1), np.intp)
-        bounds = list(pairwise(voxels.tolist()))
-        for number, counts in enumerate(faces):
-            np.equal(kind, number, out=is_kind)
-            counts[:] = [np.count_nonzero(is_kind[begin:end]) for begin, end in bounds]
+        kinds = int(kind.max(initial=0)) + 1
+        faces = np.array([np.bincount(kind[a:b], minlength=kinds) for a, b in pairwise(voxels.tolist())]).T
         return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), faces)
 
     @property

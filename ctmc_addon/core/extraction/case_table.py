@@ -25,6 +25,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .classic_cases import CLASSIC_CASES
+
 NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends, so that no two vertices meet
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
@@ -199,12 +201,12 @@ def as_fan(triangles: list[Triangle]) -> Loop:
 
 
 def _classic() -> TriangleTables:
-    cases = [case_triangles(case) for case in range(256)]
-    count = np.array([len(triangles) for triangles in cases], np.uint8)
+    cases = CLASSIC_CASES.split(".")
+    count = np.array([len(edges) // 3 for edges in cases], np.uint8)
     return TriangleTables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
-        triangle_edges=np.array([triangle for triangles in cases for triangle in triangles], np.intp),
+        triangle_edges=np.array([int(edge, 16) for edge in "".join(cases)], np.intp).reshape(-1, 3),
         interior_count=np.zeros(256, np.uint8),
     )
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...version import VERSION
 from ..budget import Budget
 from ..errors import ReadError
 from ..memory import require_or_killed
@@ -22,7 +23,6 @@ from ..mesh.face_normals import vertex_normals
 from ..mesh.triangle_mesh import Pieces, Surface
 from ..progress import PAUSE, Stages, Step, Steps, WithResult
 from ..settings import ReconstructionSettings
-from ..version import VERSION
 from ..volume.affine import transform_faces, transform_normals, transform_points
 from ..volume.field import Field, field_steps
 from ..volume.field_values import GaussianValues

@@ -7,7 +7,15 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from ctmc_addon.core.extraction.case_table import EDGES, FACES, FACES_OF_EDGE, case_triangles, face_segments, loops
+from ctmc_addon.core.extraction.case_table import (
+    CLASSIC,
+    EDGES,
+    FACES,
+    FACES_OF_EDGE,
+    case_triangles,
+    face_segments,
+    loops,
+)
 
 
 def corner_permutations():
@@ -32,6 +40,14 @@ def test_the_cases_fall_into_the_papers_15_classes():
     assert len(ROTATIONS) == 24
     classes = {min(min(rotated(case, r), 255 - rotated(case, r)) for r in ROTATIONS) for case in range(256)}
     assert len(classes) == 15
+
+
+def test_the_stored_table_is_the_derived_one():
+    derived = [case_triangles(case) for case in range(256)]
+    np.testing.assert_array_equal(CLASSIC.triangle_count, [len(triangles) for triangles in derived])
+    np.testing.assert_array_equal(CLASSIC.triangle_edges, [edges for triangles in derived for edges in triangles])
+    ends = np.cumsum(CLASSIC.triangle_count, dtype=np.intp)
+    np.testing.assert_array_equal(CLASSIC.first_triangle, ends - CLASSIC.triangle_count)
 
 
 def test_a_rotated_case_has_as_many_triangles():

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A command imports what it needs, and the version nothing."""
+
+import subprocess
+import sys
+
+import pytest
+
+from ctmc_addon.cli import main
+from ctmc_addon.cli.program import COMMANDS, parser
+from ctmc_addon.version import VERSION
+
+IMPORTED = (
+    "; import sys; print(*(name for name in sys.modules if name == 'numpy' or name.startswith('ctmc_addon.cli')))"
+)
+
+
+def imported_after(code):
+    made = subprocess.run([sys.executable, "-c", code + IMPORTED], capture_output=True, text=True, check=True)
+    return set(made.stdout.splitlines()[-1].split())
+
+
+def test_the_version_is_printed_without_numpy_or_a_command(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"ctmc {VERSION}\n"
+    assert imported_after("from ctmc_addon.cli import main; main(['--version'])") == {"ctmc_addon.cli"}
+
+
+def test_a_command_does_not_import_the_others():
+    imported = imported_after("from ctmc_addon.cli.program import run; run(['info', '-h'])")
+    assert "ctmc_addon.cli.commands.info" in imported
+    for name in ("batch", "experiment", "figure", "phantom", "foam"):
+        assert "ctmc_addon.cli" + COMMANDS[name] not in imported
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_found_alone_and_among_all(command):
+    for made in (parser(command), parser()):
+        with pytest.raises(SystemExit) as stop:
+            made.parse_args([command, "-h"])
+        assert stop.value.code == 0
