@@ -76,12 +76,12 @@ def from_stored(kind: Any, values: Any) -> Any:
     Parameters
     ----------
     kind : type
-        The dataclass; its annotations are texts.
+        The dataclass; its annotations are texts. Fields of another type cannot be in the dictionary.
     """
     readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
     if not isinstance(values, dict):
         raise ValueError(f"{type(values).__name__} is not a dictionary")
-    known = {field.name: readers[str(field.type)] for field in fields(kind)}
+    known = {field.name: readers[str(field.type)] for field in fields(kind) if str(field.type) in readers}
     return kind(**{name: known[name](value) for name, value in values.items()})
 
 
