@@ -83,12 +83,13 @@ def from_stored(kind: Any, values: Any) -> Any:
     Parameters
     ----------
     kind : type
-        The dataclass; its annotations are texts.
+        The dataclass; its annotations are texts. Fields of another type cannot be in the dictionary.
     """
     readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
     if not isinstance(values, dict):
         raise ValueError(f"{type(values).__name__} is not a dictionary")
-    field_readers = {field.name: readers[str(field.type)] for field in fields(kind)}
+    types = {field.name: str(field.type) for field in fields(kind)}
+    field_readers = {name: readers[type_] for name, type_ in types.items() if type_ in readers}
     return kind(**{name: field_readers[name](value) for name, value in values.items()})
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles of a surface, and what can be measured on them."""
 
+from .angles.triangle_angles import TriangleQuality
 from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
 from .distance.surface_distance import (
     ReferenceSurface,
@@ -24,6 +25,7 @@ __all__ = [
     "Measures",
     "ReferenceSurface",
     "SurfaceDistance",
+    "TriangleQuality",
     "angle_at",
     "blend",
     "distance_between",

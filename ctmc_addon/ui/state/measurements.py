@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import bpy
@@ -18,7 +18,14 @@ import numpy as np
 from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state
 from ...core import Stages, Steps, TriangleMesh
-from ...core.mesh import Measures, ReferenceSurface, SurfaceDistance, measures_steps, surface_distance_steps
+from ...core.mesh import (
+    Measures,
+    ReferenceSurface,
+    SurfaceDistance,
+    TriangleQuality,
+    measures_steps,
+    surface_distance_steps,
+)
 
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
@@ -99,7 +106,11 @@ def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
 
 def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
     """Note on an object what was measured of it in this state."""
-    obj[PROPERTY] = json.dumps({"state": state, **asdict(measurement)})
+    values = asdict(measurement)
+    quality = values["measures"].pop("quality")
+    if quality is not None and math.isfinite(quality["median_radius_ratio"]):
+        values["quality"] = quality
+    obj[PROPERTY] = json.dumps({"state": state, **values})
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
@@ -109,6 +120,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
         if stored["state"] != mesh_state(obj):
             return None
         measures, distance = from_stored(Measures, stored["measures"]), stored["distance"]
+        if "quality" in stored:
+            measures = replace(measures, quality=from_stored(TriangleQuality, stored["quality"]))
         if measures.closed == math.isnan(measures.volume):
             return None  # an open surface has no volume, and every other has one
         return Measurement(measures, None if distance is None else from_stored(SurfaceDistance, distance))

@@ -42,6 +42,9 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     del thing[measurements.PROPERTY]
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
     assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
+    assert measurements.of(thing).measures.quality.smallest_angle_deg == pytest.approx(
+        result.measures.quality.smallest_angle_deg, rel=1e-2
+    )
 
 
 def test_moving_the_object_is_not_a_deviation(loaded):
