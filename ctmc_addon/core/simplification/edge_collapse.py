@@ -23,6 +23,7 @@ from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
+from .collapse_log import CollapseLog
 from .collapses import (
     MOST_SHARE,
     Collapses,
@@ -38,6 +39,7 @@ from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
 from .rollback import History, roll_back_steps
+from .uncrossing import uncross_steps
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -95,6 +97,9 @@ class CollapsingMesh:
         self.limit = None if max_error is None else max_error * float(self.scale)
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
+        self.log: CollapseLog | None = None
+        self.tested_faces = 0  # when crossings were last looked for
+        self.crossing: Ints | None = None  # (2, n) faces that cross and always did, as the log began; None before a test
         self.batch = batch
         self.rough = rough
         self.components = Components()
@@ -122,6 +127,8 @@ class CollapsingMesh:
             yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
             self.faces = self.faces.copy()  # the others keep the original
         yield from self.update_costs_steps()
+        if self.limit is None:
+            self.log, self.tested_faces = CollapseLog(self), self.face_count
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
@@ -286,6 +293,8 @@ class CollapsingMesh:
         cuts = yield from self.handle_cuts_steps(longest)
         if cuts is None:
             return
+        if self.log is not None:
+            self.log.add_cuts(self, cuts.loops)
         self.handles_cut += len(cuts.loops)
         self.face_count += 2 * len(cuts.loops)
         vertex_count = self.positions.shape[1]
@@ -352,6 +361,9 @@ class CollapsingMesh:
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
         self.collapsed += len(keep)
         self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
+        if self.log is not None:
+            self.log.add_collapses(self, collapses)
+            yield PAUSE
         if self.compacting:
             self.positions[:, keep] = collapses.target
         else:
@@ -439,6 +451,8 @@ class CollapsingMesh:
         edge_number[edge_left] = np.arange(len(edge_left), dtype=np.int32)
         if self.bound is not None:
             self.bound.accept(face_left)
+        if self.log is not None:
+            self.log.compact(face_left, edge_left, vertex_left)
         self.original_vertex = self.original_vertex[vertex_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
@@ -457,6 +471,17 @@ class CollapsingMesh:
         self.edge_becomes = np.arange(len(edge_left), dtype=np.int32)
         yield PAUSE
         return vertex_left
+
+    def uncross_steps(self, hold: bool) -> Steps[bool]:
+        """Undo what has made triangles cross each other since the last call; whether there was any.
+
+        `hold` keeps the vertices of what was undone where they are from now on.
+        """
+        if self.log is None or not (self.log.rounds or self.crossing is None):
+            return False
+        self.crossing, undone = yield from uncross_steps(self, self.log, self.crossing, hold)
+        self.log, self.tested_faces = CollapseLog(self), self.face_count
+        return undone
 
     def roll_back_steps(self) -> Steps[None]:
         """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""

@@ -18,6 +18,7 @@ from .edge_collapse import CollapsingMesh
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
+TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -139,10 +140,15 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
     """
     start = collapsing.face_count
     yield from collapsing.prepare_steps()
-    while (excess := collapsing.face_count - target) > 0:
-        round_ = equal_part(_round_steps(collapsing, excess, last), start - collapsing.face_count, start - target)
-        if not (yield from round_):
-            return
+    changed = True
+    while changed:
+        while (excess := collapsing.face_count - target) > 0:
+            done = start - collapsing.face_count
+            if not (yield from equal_part(_round_steps(collapsing, excess, last), done, start - target)):
+                break
+            if collapsing.face_count < TEST_AGAIN * collapsing.tested_faces and collapsing.face_count > target:
+                yield from collapsing.uncross_steps(hold=False)
+        changed = yield from collapsing.uncross_steps(hold=True)
 
 
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:

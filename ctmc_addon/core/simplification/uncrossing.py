@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Undo collapses, and cuts of handles, after which triangles of a surface cross each other, until none do.
+
+The surface is tested when a quarter of its triangles is left, and at the end. Of two triangles that cross, the last
+change that touched one of them is undone, with all that depend on it; then what that brought back is tested. In the
+worst case a place is as it was at the last test. What is undone stays as it is until the next test, and the triangles
+that are then too many go elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.intersections import self_intersections_steps
+from ..progress import PAUSE, Steps
+from .collapse_log import CollapseLog, Round
+from .quadrics import vertex_quadrics_steps
+
+if TYPE_CHECKING:
+    from .edge_collapse import CollapsingMesh
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def uncross_steps(
+    mesh: CollapsingMesh, log: CollapseLog, before: Ints | None, hold: bool
+) -> Steps[tuple[Ints, bool]]:
+    """Undo changes of the log until no two triangles cross but those that did before.
+
+    Parameters
+    ----------
+    mesh : CollapsingMesh
+    log : CollapseLog
+    before : (2, n) int32 or None
+        Triangles that crossed when the log began, by its numbers; None if that is not known.
+    hold : bool
+        Lock the vertices of changes that are undone because of a crossing.
+
+    Returns
+    -------
+    crossing : (2, n) int32
+        Faces of the mesh that cross, as they did before.
+    undone : bool
+        Whether anything was undone.
+    """
+    touched = log.touched()
+    left = [np.zeros((2, 0), np.int32) if before is None else before[:, ~touched[before].any(axis=0)]]
+    selected = None if before is None else np.take(touched, log.face_number)
+    asked: list[Ints] = []
+    moved = np.zeros(len(mesh.locked), bool)
+    while True:
+        pairs = log.face_number[(yield from _crossing_steps(mesh, selected))]
+        last = log.last_changes()[pairs].max(axis=0) if pairs.size else np.zeros(0, np.int32)
+        yield PAUSE
+        left.append(pairs[:, last < 0])
+        last = np.unique(last[last >= 0])
+        if not len(last):
+            break
+        asked.append(log.vertices_of(last))
+        selected, moved = _restored(mesh, log, log.undo(last), moved)
+        yield PAUSE
+    if asked:
+        held = _places(log.vertex_number, log.vertices)[np.concatenate(asked)]
+        if hold:
+            mesh.locked[held[held >= 0]] = True
+        yield from _settle_steps(mesh, moved)
+    crossing = _places(log.face_number, log.faces)[np.unique(np.concatenate(left, axis=1), axis=1)]
+    present = (crossing >= 0).all(axis=0) & (mesh.faces[0, crossing] != mesh.dummy).all(axis=0)
+    return crossing[:, present], bool(asked)
+
+
+def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indices]:
+    """Pairs of faces that cross, (2, n), with at least one of the selected."""
+    alive = np.flatnonzero(mesh.faces[0] != mesh.dummy)
+    chosen = None if selected is None else selected[alive]
+    found = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, chosen)
+    return alive[found.T]
+
+
+def _restored(
+    mesh: CollapsingMesh, log: CollapseLog, undone: list[tuple[Round, Flags]], moved: Flags
+) -> tuple[Flags, Flags]:
+    """Bring back what these changes have changed; which faces of the mesh are as before, and which vertices moved."""
+    corners, sides = np.empty((3, log.faces), np.int32), np.empty((3, log.faces), np.int32)
+    positions = np.empty((3, log.vertices), np.float32)
+    normals = None if mesh.normals is None else np.empty((3, log.vertices), np.float32)
+    back, made = np.zeros(log.faces, bool), np.zeros(log.faces, bool)
+    placed, made_edges = np.zeros(log.vertices, bool), [np.zeros(0, np.int32)]
+    for each, asked in reversed(undone):  # the last first: what was before the first stays
+        at = np.flatnonzero(asked[each.owner])
+        faces = each.faces[at]
+        corners[:, faces], sides[:, faces], back[faces] = each.corners[:, at], each.face_edges[:, at], True
+        at = np.flatnonzero(asked[each.moved_owner])
+        vertices = each.moved[at]
+        positions[:, vertices], placed[vertices] = each.positions[:, at], True
+        if normals is not None and each.normals is not None:
+            normals[:, vertices] = each.normals[:, at]
+        cuts = asked[each.new_owner]
+        made[each.new_faces[:, cuts]] = True
+        made_edges.append(each.new_edges[:, cuts].ravel())
+        mesh.handles_cut -= int(cuts.sum())
+    back &= ~made
+    faces, vertices = np.flatnonzero(back), np.flatnonzero(placed)
+    corners, sides = corners[:, faces], sides[:, faces]
+    _append(mesh, log, faces, np.unique(sides), vertices)
+    moved = np.append(moved, np.zeros(len(mesh.locked) - len(moved), bool))
+
+    at_face, at_edge = _places(log.face_number, log.faces), _places(log.edge_number, log.edges)
+    at_vertex = _places(log.vertex_number, log.vertices)
+    here = at_vertex[vertices]
+    mesh.positions[:, here], moved[here] = positions[:, vertices], True
+    if mesh.normals is not None and normals is not None:
+        mesh.normals[:, here] = normals[:, vertices]
+    gone = at_face[np.flatnonzero(made)]
+    gone = gone[gone >= 0]
+    mesh.face_count -= int((mesh.faces[0, gone] != mesh.dummy).sum())
+    mesh.faces[:, gone] = mesh.dummy
+    gone = at_edge[np.concatenate(made_edges)]
+    gone = gone[gone >= 0]
+    mesh.edges[:, gone], mesh.cost[gone] = mesh.dummy, np.inf
+    corners, sides, faces = np.take(at_vertex, corners), np.take(at_edge, sides), at_face[faces]
+    mesh.face_count += int((mesh.faces[0, faces] == mesh.dummy).sum())
+    mesh.faces[:, faces], mesh.face_edges[:, faces] = corners, sides
+    for start in range(3):
+        mesh.edges[0, sides[start]], mesh.edges[1, sides[start]] = corners[start], corners[start - 2]
+    selected = np.zeros(mesh.faces.shape[1], bool)
+    selected[faces] = True
+    return selected, moved
+
+
+def _append(mesh: CollapsingMesh, log: CollapseLog, faces: Indices, edges: Ints, vertices: Indices) -> None:
+    """Bring back room for those of these faces, edges and vertices of the log that the mesh no longer has."""
+    faces = faces[_places(log.face_number, log.faces)[faces] < 0]
+    edges = edges[_places(log.edge_number, log.edges)[edges] < 0]
+    vertices = vertices[_places(log.vertex_number, log.vertices)[vertices] < 0]
+    mesh.faces = np.append(mesh.faces, np.full((3, len(faces)), mesh.dummy, np.int32), axis=1)
+    mesh.face_edges = np.append(mesh.face_edges, np.zeros((3, len(faces)), np.int32), axis=1)
+    mesh.edges = np.append(mesh.edges, np.full((2, len(edges)), mesh.dummy, np.int32), axis=1)
+    mesh.cost = np.append(mesh.cost, np.full(len(edges), np.inf, np.float32))
+    space = np.zeros((3, len(vertices)), np.float32)
+    mesh.positions = np.append(mesh.positions, space, axis=1)
+    mesh.quadrics = np.append(mesh.quadrics, np.zeros((6, len(vertices)), np.float32), axis=1)
+    if mesh.normals is not None:
+        mesh.normals = np.append(mesh.normals, space, axis=1)
+    mesh.locked = np.append(mesh.locked, log.locked[vertices])
+    mesh.component = np.append(mesh.component, log.component[vertices])
+    mesh.original_vertex = np.append(mesh.original_vertex, log.original_vertex[vertices])
+    mesh.vertex_becomes = np.arange(len(mesh.locked), dtype=np.int32)
+    mesh.edge_becomes = np.arange(len(mesh.cost), dtype=np.int32)
+    log.append(faces.astype(np.int32), edges.astype(np.int32), vertices.astype(np.int32))
+
+
+def _places(numbers: Ints, count: int) -> Ints:
+    """Where each of so many numbers of the log is in the mesh, -1 for nowhere."""
+    places = np.full(count, -1, np.int32)
+    places[numbers] = np.arange(len(numbers), dtype=np.int32)
+    return places
+
+
+def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
+    """Work out anew what hangs on the positions, where vertices have moved back."""
+    moved = moved[(yield from mesh.compact_steps())]
+    mesh.quadrics = yield from vertex_quadrics_steps(mesh.positions, mesh.faces)
+    yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))
