@@ -120,10 +120,12 @@ class CollapseLog:
         owner = change[of_corner].min(axis=0)
         self._add(mesh, count, (faces, owner), (loops.ravel(), np.repeat(change[:-1], 3)), count, change[:-1])
         copies = np.arange(3 * count, dtype=np.int32)
-        self.append(
-            self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies)
+        self.append(self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies))
+        self.faces, self.edges, self.vertices = (
+            self.faces + 2 * count,
+            self.edges + 3 * count,
+            self.vertices + 3 * count,
         )
-        self.faces, self.edges, self.vertices = self.faces + 2 * count, self.edges + 3 * count, self.vertices + 3 * count
         original = self.vertex_number[loops.ravel()]
         self.locked = np.append(self.locked, self.locked[original])
         self.component = np.append(self.component, self.component[original])
