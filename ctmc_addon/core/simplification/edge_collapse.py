@@ -130,7 +130,7 @@ class CollapsingMesh:
             self.faces = self.faces.copy()  # the others keep the original
         yield from self.update_costs_steps()
         if self.limit is None:
-            self.log, self.tested_faces = CollapseLog(self), self.face_count
+            self.begin_log()
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
@@ -182,6 +182,17 @@ class CollapsingMesh:
 
     def handles_were_cut(self, loops: Ints) -> None:
         """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
+
+    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
+        """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
+
+    def was_undone(self) -> None:
+        """Changes were undone: faces and edges are as before, costs not yet."""
+
+    def normals_added(self, collapses: Collapses) -> Floats:
+        """What is added to the normals of the vertices that stay, (3, n)."""
+        assert self.normals is not None
+        return self.normals[:, collapses.dropped]
 
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
@@ -371,7 +382,7 @@ class CollapsingMesh:
         else:
             yield from self.move_steps(collapses)
         if self.normals is not None:
-            self.normals[:, keep] += self.normals[:, drop]
+            self.normals[:, keep] += self.normals_added(collapses)
         if self.bound is not None:
             self.history.add(self.original_vertex[keep], self.original_vertex[drop], collapses.target)
 
@@ -482,8 +493,12 @@ class CollapsingMesh:
         if self.log is None or not (self.log.rounds or self.crossing is None):
             return False
         self.crossing, undone = yield from uncross_steps(self, self.log, self.crossing, hold)
-        self.log, self.tested_faces = CollapseLog(self), self.face_count
+        self.begin_log()
         return undone
+
+    def begin_log(self) -> None:
+        """Begin a log of what changes from now on."""
+        self.log, self.tested_faces = CollapseLog(self), self.face_count
 
     def roll_back_steps(self) -> Steps[None]:
         """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""

@@ -150,6 +150,7 @@ def _append(mesh: CollapsingMesh, log: CollapseLog, faces: Indices, edges: Ints,
     mesh.original_vertex = np.append(mesh.original_vertex, log.original_vertex[vertices])
     mesh.vertex_becomes = np.arange(len(mesh.locked), dtype=np.int32)
     mesh.edge_becomes = np.arange(len(mesh.cost), dtype=np.int32)
+    mesh.brought_back(faces, edges, vertices)
     log.append(faces.astype(np.int32), edges.astype(np.int32), vertices.astype(np.int32))
 
 
@@ -162,6 +163,7 @@ def _places(numbers: Ints, count: int) -> Ints:
 
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
     """Work out anew what hangs on the positions, where vertices have moved back."""
+    mesh.was_undone()
     moved = moved[(yield from mesh.compact_steps())]
     mesh.quadrics = yield from vertex_quadrics_steps(mesh.positions, mesh.faces)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,9 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+
+# Of its cost an edge of a line is ordered by: with it three triangles go, and each interface then needs fewer along it.
+LINE_SHARE = np.float32(0.4)  # measured: of a patient's 61 organs, the median error of a label falls by 5 %
 
 
 class CollapsingComplex(CollapsingMesh):
@@ -38,6 +43,7 @@ class CollapsingComplex(CollapsingMesh):
         self.turned = turned
         self.labels, self.interface = interfaces_of(mesh.sides)
         self.shares = Shares(self.labels, self.interface)
+        self.logged: tuple[NDArray[Any], ...] = ()
         self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
 
     def prepare_vertices_steps(self) -> Steps[None]:
@@ -71,13 +77,17 @@ class CollapsingComplex(CollapsingMesh):
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which edges connect two corners, or two junctions and not along their line."""
-        rank = self.junctions.rank
+        rank, locked = self.junctions.rank, self.locked
         a, b = np.take(rank, first), np.take(rank, second)
-        return ((a == CORNER) & (b == CORNER)) | ((a > INTERIOR) & (b > INTERIOR) & ~self.junctions.edges[edges])
+        a_locked, b_locked = np.take(locked, first), np.take(locked, second)
+        across = (a > INTERIOR) & (b > INTERIOR) & ~self.junctions.edges[edges]
+        # A vertex of a line stays on it, so it goes to no vertex that is locked beside the line.
+        return across | (a_locked & (b_locked | (b > a))) | (b_locked & (a > b))
 
     def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Of which edges the second end has the higher rank."""
-        return self.junctions.rank[second] > self.junctions.rank[first]
+        """Of which edges the second end has the higher rank, or is locked."""
+        rank, locked = self.junctions.rank, self.locked
+        return (rank[second] > rank[first]) | (locked[second] & ~locked[first])
 
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
         """Which collapses would change how the complex is connected, (n,) bool."""
@@ -86,11 +96,15 @@ class CollapsingComplex(CollapsingMesh):
         )
 
     def priority(self, edges: Indices | None = None) -> Floats:
-        """The cost of these edges, or of all, times the weight of their interface."""
-        interface = self.junctions.interface
+        """The cost of these edges, or of all, times the weight of their interface; of lines a share."""
+        junctions = self.junctions
         if edges is None:
-            return self.cost * np.take(self.shares.weight, interface)
-        return self.cost[edges] * self.shares.weight[interface[edges]]
+            weight = np.take(self.shares.weight, junctions.interface)
+            weight[junctions.edges] *= LINE_SHARE
+            return self.cost * weight
+        weight = self.shares.weight[junctions.interface[edges]]
+        weight[junctions.edges[edges]] *= LINE_SHARE
+        return self.cost[edges] * weight
 
     def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round, with the weights that the labels' shares ask for."""
@@ -119,7 +133,8 @@ class CollapsingComplex(CollapsingMesh):
     def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
         """Cuts of handles within an interface, which stays in one piece."""
         junction = self.junctions.rank != INTERIOR
-        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, junction, longest, junction))
+        locked = junction | self.locked
+        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, locked, longest, junction))
 
     def handles_were_cut(self, loops: Ints) -> None:
         """The caps lie in the interface of their loop."""
@@ -128,19 +143,41 @@ class CollapsingComplex(CollapsingMesh):
         for row in corners:
             of_vertex[row] = self.interface
         cap = of_vertex[loops[:, 0]]
-        self.interface = np.concatenate([self.interface, cap, cap])
-        self.turned = np.append(self.turned, np.zeros(2 * len(cap), bool))
+        caps, sides, copies = np.append(cap, cap), np.repeat(cap, 3), np.zeros(loops.size, np.int8)
+        self.interface = np.append(self.interface, caps)
+        self.turned = np.append(self.turned, np.zeros(len(caps), bool))
         junctions = self.junctions
         junctions.edges = np.append(junctions.edges, np.zeros(loops.size, bool))
-        junctions.interface = np.append(junctions.interface, np.repeat(cap, 3))
-        junctions.rank = np.append(junctions.rank, np.zeros(loops.size, np.int8))
+        junctions.interface = np.append(junctions.interface, sides)
+        junctions.rank = np.append(junctions.rank, copies)
+        added = caps, np.zeros(len(caps), bool), sides, copies
+        self.logged = tuple(np.append(*each) for each in zip(self.logged, added, strict=True))
 
-    def merge_steps(self, collapses: Collapses) -> Steps[None]:
-        """Collapse; a vertex of a line keeps its own normal."""
-        if self.normals is not None:
-            rank = self.junctions.rank
-            self.normals[:, collapses.dropped[rank[collapses.kept] > rank[collapses.dropped]]] = 0.0
-        yield from super().merge_steps(collapses)
+    def normals_added(self, collapses: Collapses) -> Floats:
+        """Those of the vertices that go, but a vertex of a line keeps its own."""
+        rank = self.junctions.rank
+        own = rank[collapses.kept] > rank[collapses.dropped]
+        return np.where(own, np.float32(0.0), super().normals_added(collapses))
+
+    def begin_log(self) -> None:
+        """Begin a log, and keep what belongs to the faces, edges and vertices that it numbers."""
+        super().begin_log()
+        self.logged = self.interface, self.turned, self.junctions.interface, self.junctions.rank
+
+    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
+        """Faces, edges and vertices, by their numbers in the log, follow those of the complex."""
+        interface, turned, edge_interface, rank = self.logged
+        self.interface = np.append(self.interface, interface[faces])
+        self.turned = np.append(self.turned, turned[faces])
+        junctions = self.junctions
+        junctions.edges = np.append(junctions.edges, np.zeros(len(edges), bool))
+        junctions.interface = np.append(junctions.interface, edge_interface[edges])
+        junctions.rank = np.append(junctions.rank, rank[vertices])
+
+    def was_undone(self) -> None:
+        """Find the junction edges anew: two edges that were one are not both of a line."""
+        left = self.face_edges[:, self.faces[0] != self.dummy]
+        self.junctions.edges = np.bincount(left.ravel(), minlength=len(self.cost)) != 2
 
     def compact_steps(self) -> Steps[Indices]:
         """Leave out faces, edges and vertices that are gone; which vertices are left."""
