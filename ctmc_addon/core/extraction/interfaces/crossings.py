@@ -111,18 +111,19 @@ def crossings_of(
                     values = np.where(ends[edge, 1 - side] == 0, values - 0.5 + rest, values / 2)
                 elif end == side and owners.largest is not None:
                     # Its own field, but where a wall's gave it the sample.
-                    largest = owners.largest[tuple(at[edge] for at in samples_of[end][::-1])]
+                    column, row, layer = (along_axis[edge] for along_axis in samples_of[end])
+                    largest = owners.largest[layer, row, column]
                     values = np.where((ends[edge, 1 - side] == 0) & (values < 0), largest, values)
                 own[side, end, edge] = values
     between = own[0] - own[1]
-    for (first, second), samples in walls.items():
-        for pair, sign in (((first, second), 2.0), ((second, first), -2.0)):
-            edge = np.flatnonzero((ends[:, 0] == pair[0]) & (ends[:, 1] == pair[1]))
-            if not len(edge):
+    for pair, of_both in walls.items():
+        for (own_low, own_high), sign in ((pair, 2.0), (pair[::-1], -2.0)):
+            wall_edge = np.flatnonzero((ends[:, 0] == own_low) & (ends[:, 1] == own_high))
+            if not len(wall_edge):
                 continue
-            of_wall = sign * np.stack([samples.at(*(index.take(edge) for index in at)) for at in at_ends])
+            of_wall = sign * np.stack([of_both.at(*(index.take(wall_edge) for index in at)) for at in at_ends])
             crosses = (of_wall[0] >= 0) & (of_wall[1] <= 0)
-            between[:, edge[crosses]] = of_wall[:, crosses]
+            between[:, wall_edge[crosses]] = of_wall[:, crosses]
     return Crossings(axis, low, ends, between, fixed)
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which label owns a sample: the one with the largest field, or none.
 
-Where two labels meet, a field of their own decides between them (walls.py). What is no label has a field too. Beside fields that are distances it is below 0 where any other is above; beside
-smoothed indicators, which add up to 1, it is what the others leave of it.
+Where two labels meet, a field of their own decides between them (walls.py). What is no label has a field too: beside
+fields that are distances it is below 0 where any other is above; beside smoothed indicators, which add up to 1, it is
+what the others leave of it.
 
 Labels are counted from 1 here, in the order of their values; 0 is no label.
 """

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The field between two labels that touch: smoothed once for their wall, beyond both labels too.
 
-Where a wall ends, each label's own field rounds its corner off, the sharper one more, and the wall would bend. So for
-every pair the smoothest field is found that is above 0 at the samples of one and below 0 at those of the other; no
-other sample binds it.
+Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
+other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from ...volume.smoothing import between_labels_steps, reach_of
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
-LEAST_WALL = 12  # sides of voxels between two labels; a smaller wall lies where the labels' own fields are equal
+LEAST_WALL = 40  # sides of voxels between two labels; a smaller wall lies where the labels' own fields are equal
 
 
 class Wall(NamedTuple):
@@ -51,9 +50,8 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
         low, high = (np.moveaxis(owners, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
         at = np.nonzero((low != high) & (low > 0) & (high > 0))
         ends = np.sort(np.stack([low[at], high[at]]).astype(np.int64), axis=0)
-        place = list(at)
-        place.insert(axis, place.pop(0))
-        found.append(np.stack([ends[0], ends[1], *place, *place]))
+        place = [*at[1 : axis + 1], at[0], *at[axis + 1 :]]
+        found.append(np.stack([*ends, *place, *place]))
         found[-1][5 + axis] += 1
     every = np.concatenate(found, axis=1)
     if not every.shape[1]:
@@ -63,9 +61,9 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     count = np.diff(first, append=every.shape[1])
     lows, highs = np.minimum.reduceat(every[2:5], first, axis=1), np.maximum.reduceat(every[5:], first, axis=1) + 1
     walls = []
-    for at, number in enumerate(first.tolist()):
-        if count[at] >= LEAST_WALL:
-            (z0, y0, x0), (z1, y1, x1) = lows[:, at].tolist(), highs[:, at].tolist()
+    for wall, number in enumerate(first.tolist()):
+        if count[wall] >= LEAST_WALL:
+            (z0, y0, x0), (z1, y1, x1) = lows[:, wall].tolist(), highs[:, wall].tolist()
             walls.append(Wall(int(every[0, number]), int(every[1, number]), ((x0, x1), (y0, y1), (z0, z1))))
     return walls
 

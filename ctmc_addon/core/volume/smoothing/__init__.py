@@ -6,10 +6,10 @@ known), `relaxation` (the smoothest field within it), `volume_constant` (the vol
 order), `smooth_field` (what comes out).
 """
 
+from .between_labels import between_labels_steps
 from .constrained import (
     MOST_STEPS,
     automatic_refinement,
-    between_labels_steps,
     constrained_bytes,
     constrained_steps,
     reach_of,

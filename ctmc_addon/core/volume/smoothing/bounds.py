@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .bricks import WIDTH, Bricks, Floats, Places, pieces, spread
 
@@ -30,7 +28,8 @@ class Start:
     high: Floats
 
 
-class Inside(NamedTuple):
+@dataclass(frozen=True)
+class Inside:
     """Which samples of a padded grid are the label's own: (first, stop) along x, y, z."""
 
     x: tuple[int, int]
@@ -46,7 +45,6 @@ def refined_start(
     slice_steps: int,
     inside: Inside,
     pool: ThreadPoolExecutor | None,
-    binding: NDArray[np.bool_] | None = None,
 ) -> Start:
     """Signed distances carried to the grid with `slice_steps` steps between slices, and the bounds there.
 
@@ -58,8 +56,6 @@ def refined_start(
         To the nearest sample on the other side.
     inside : Inside
         Samples of the label's grid outside it have no bounds.
-    binding : (len(label), 8) bool, optional
-        Samples of the label's grid that have bounds; by default all.
     """
     count = len(refined)
     field, low, high = (np.empty((count, WIDTH), np.float32) for _ in range(3))
@@ -83,9 +79,6 @@ def refined_start(
         decided &= (columns >= inside.x[0]) & (columns < inside.x[1])
         decided &= ((y >= inside.y[0]) & (y < inside.y[1]))[:, None]
         decided &= ((z >= inside.z[0] * slice_steps) & (z <= (inside.z[1] - 1) * slice_steps))[:, None]
-        if binding is not None:
-            decided &= np.take(binding, label.at(below, y, x), axis=0)
-            decided &= np.take(binding, label.at(np.minimum(below + between[:, 0], last), y, x), axis=0)
         positive = lower > 0
         low[part] = np.where(decided & positive, away, -infinite)
         high[part] = np.where(decided & ~positive, -away, infinite)

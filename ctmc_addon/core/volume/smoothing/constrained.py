@@ -17,21 +17,18 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
-from .bounds import NEAREST_ZERO, Inside, Start, doubled, halved, refined_start
+from .bounds import Inside, Start, doubled, halved, refined_start
 from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
-from .local_volume import keep_local_volume_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
 from .smooth_field import SmoothField
-from .volume_constant import held_values, keep_volume_steps
+from .volume_constant import keep_volume_steps
 
 BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
 COARSE_ROUNDS = (40, 100)  # on every other pixel, where slices are refined at most twice, and where more
 FINE_ROUNDS = (30, 30)
 MOST_STEPS = 8
-WALL_REACH = (4, 4, 4)  # samples beside a wall that are smoothed for it
-WALL_ROUNDS = 60
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
 STAGES = {"Finding the surface": 5, "Measuring distances": 15, "Smoothing": 50, "Keeping the volume": 30}
@@ -123,62 +120,6 @@ def constrained_steps(
             pool.shutdown(cancel_futures=True)
 
 
-def between_labels_steps(
-    field: NDArray[np.float32],
-    sign: NDArray[np.int8],
-    spacing_mm: tuple[float, float, float],
-    slice_steps: int,
-    budget: Budget,
-) -> Steps[NDArray[np.float32]]:
-    """Smooth a field near where it is 0, within the signs that are known.
-
-    Parameters
-    ----------
-    field : ((slices - 1) * slice_steps + 1, rows, columns) float32, millimeters
-        On the refined grid; about the distance to its surface.
-    sign : (slices, rows, columns) int8
-        1 or -1 where the field must be above or below 0, and 0 where it is free.
-    spacing_mm : (x, y, z) float
-        Of the samples that have signs.
-    slice_steps : int
-        Steps from slice to slice.
-
-    Returns
-    -------
-    array like `field`
-    """
-    workers = budget.thread_count
-    pool = ThreadPoolExecutor(workers) if workers > 1 else None
-    try:
-        yield PAUSE
-        slices, rows, columns = field.shape
-        pads = ((0, 0), (0, 0), (0, -columns % WIDTH))
-        padded = np.pad(field, pads, mode="edge")
-        near = near_surface(packed(padded > 0), WALL_REACH)
-        bricks = number_bricks(near, near)
-        values = np.zeros((len(bricks), WIDTH), np.float32)
-        values[:-2] = padded.reshape(-1, WIDTH).take(bricks.place, axis=0)
-        yield PAUSE
-        known = np.zeros((slices, rows, columns), np.int8)
-        known[::slice_steps] = sign
-        for step in range(1, slice_steps):
-            known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
-        known = np.pad(known, pads).reshape(-1, WIDTH).take(bricks.place[: bricks.active], axis=0)
-        least = np.float32(NEAREST_ZERO * min(spacing_mm))
-        low = np.where(known > 0, least, np.float32(-np.inf))
-        high = np.where(known < 0, -least, np.float32(np.inf))
-        yield PAUSE
-        x, y, z = spacing_mm
-        yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), WALL_ROUNDS, pool)
-        padded.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = values[: bricks.active]
-        smooth = padded[..., :columns]
-        yield from keep_local_volume_steps(smooth, sign, spacing_mm, slice_steps)
-        return smooth
-    finally:
-        if pool:
-            pool.shutdown(cancel_futures=True)
-
-
 def _label_bricks_steps(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int
 ) -> Steps[tuple[NDArray[np.uint8], Bricks, Inside, Inside]]:
@@ -200,12 +141,8 @@ def _smoothed_steps(
     spacing_mm: tuple[float, float, float],
     steps: int,
     pool: ThreadPoolExecutor | None,
-    binding: NDArray[np.bool_] | None = None,
 ) -> Steps[tuple[Bricks, Start]]:
-    """The smoothest field near the surface, before the constant, and its bounds: on every other pixel, then on all.
-
-    With `binding`, (len(label), 8), there are bounds at these samples alone.
-    """
+    """The smoothest field near the surface, before the constant, and its bounds: on every other pixel, then on all."""
     yield PAUSE
     # The reach is a box: its corners are farther than the band.
     nearest = np.abs(distance[: len(label.place)]).min(axis=1)
@@ -218,7 +155,7 @@ def _smoothed_steps(
         for step in range(1, steps):
             near[step:-1:steps] |= after[step::steps]
     refined = number_bricks(near, deep)
-    start = refined_start(label, distance, refined, spacing_mm, steps, inside_label, pool, binding)
+    start = refined_start(label, distance, refined, spacing_mm, steps, inside_label, pool)
     yield PAUSE
     stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
     x, y, z = spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps

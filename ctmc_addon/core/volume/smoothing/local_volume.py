@@ -15,8 +15,10 @@ from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Floats
 
+# Half the width of the area where the wall stands across the slices, and where it lies along them.
 NARROW_GAPS, NARROW_PIXELS = 1.0, 5.0
-WIDE_GAPS = 4.0
+WIDE_GAPS = 3.0
+BLOCKS = 2  # of samples in half the width, whose sums are averaged
 ROUNDS = 2
 
 
@@ -53,14 +55,17 @@ def keep_local_volume_steps(
         yield PAUSE
         constants = []
         for reach in reaches:
-            means = [missing, area, upright]
+            blocks = [max(1, steps // BLOCKS) for steps in reach]
+            means = [_block_sums(each, blocks) for each in (missing, area, upright)]
             for axis, steps in enumerate(reach):
-                means = [_averaged(each, steps, axis) for each in means]
-                yield PAUSE
-            some = np.maximum(means[1], 1e-3 / half)
-            constants.append(means[0] / some)
-            weight = np.clip(means[2] / some, 0, 1)
-        constant = np.clip(constants[0] * (1 - weight) + constants[1] * weight, -half, half).astype(np.float32)
+                means = [_averaged(each, max(1, round(steps / blocks[axis])), axis) for each in means]
+            yield PAUSE
+            some = np.maximum(means[1], 1e-9)
+            constants.append(_between_blocks(means[0] / some, blocks, field.shape))
+            yield PAUSE
+            weight = np.clip(_between_blocks(means[2] / some, blocks, field.shape), 0, 1)
+        constant = constants[0] + (constants[1] - constants[0]) * weight
+        np.clip(constant, -half, half, out=constant)
         field += constant
         np.maximum(field, least, out=field, where=bound > 0)
         np.minimum(field, -least, out=field, where=bound < 0)
@@ -78,10 +83,40 @@ def _refined(sign: NDArray[np.int8], slice_steps: int) -> Floats:
     return out
 
 
-def _averaged(values: NDArray[np.floating], reach: int, axis: int) -> NDArray[np.float64]:
-    """The mean of the samples up to `reach` before and after along an axis, twice; beyond the ends there are zeros."""
-    out = np.moveaxis(values.astype(np.float64), axis, 0)
+def _block_sums(values: Floats, blocks: list[int]) -> NDArray[np.float64]:
+    """The sums of blocks of so many samples along each axis; those at the end may have fewer."""
+    out = values.astype(np.float64)
+    for axis, size in enumerate(blocks):
+        along = np.moveaxis(out, axis, 0)
+        sums = along[::size].copy()
+        for step in range(1, size):
+            more = along[step::size]
+            sums[: len(more)] += more
+        out = np.moveaxis(sums, 0, axis)
+    return out
+
+
+def _between_blocks(values: NDArray[np.float64], blocks: list[int], shape: tuple[int, ...]) -> Floats:
+    """The values of blocks at the samples, linear between the blocks' middles."""
+    out = values.astype(np.float32)
+    for axis, (size, count) in enumerate(zip(blocks, shape, strict=True)):
+        place = (np.arange(count) + 0.5) / size - 0.5
+        low = np.clip(np.floor(place).astype(np.intp), 0, out.shape[axis] - 1)
+        high = np.minimum(low + 1, out.shape[axis] - 1)
+        share = np.clip(place - low, 0, 1).astype(np.float32)
+        share = share.reshape([-1 if each == axis else 1 for each in range(3)])
+        first = out.take(low, axis=axis)
+        out = first + (out.take(high, axis=axis) - first) * share
+    return out
+
+
+def _averaged(values: NDArray[np.float64], reach: int, axis: int) -> NDArray[np.float64]:
+    """The mean of the blocks up to `reach` before and after along an axis, twice; beyond the ends there are zeros."""
+    out = np.moveaxis(values, axis, 0)
+    count, width = len(out), 2 * reach + 1
     for _ in range(2):
-        total = np.cumsum(np.pad(out, [(reach + 1, reach), (0, 0), (0, 0)]), axis=0)
-        out = (total[2 * reach + 1 :] - total[: -2 * reach - 1]) / (2 * reach + 1)
+        total = np.zeros((count + width, *out.shape[1:]))  # of all blocks before one that is `reach` further on
+        np.cumsum(out, axis=0, out=total[reach + 1 : reach + 1 + count])
+        total[reach + 1 + count :] = total[reach + count]
+        out = (total[width:] - total[:count]) / width
     return np.moveaxis(out, 0, axis)

@@ -111,16 +111,6 @@ def keep_volume_steps(
     return SmoothField(values, slice_steps, added, best, volume, goal)
 
 
-def held_values(bricks: Bricks, start: Start, inside: Inside, slice_steps: int, far: float) -> Floats:
-    """The field of all samples in a padded grid that are the label's own; `far` as `keep_volume_steps` takes it."""
-    deep = bricks.number == len(bricks) - 2
-    whole = np.where(deep, np.float32(far), np.float32(-far))[..., None].repeat(WIDTH, axis=3)
-    whole.reshape(-1, WIDTH)[bricks.place] = start.field[: len(bricks.place)]
-    (x0, x1), (y0, y1), (z0, z1) = inside
-    grid = whole.reshape(*bricks.shape[:2], -1)
-    return grid[z0 * slice_steps : (z1 - 1) * slice_steps + 1, y0:y1, x0:x1]
-
-
 def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.float32) -> None:
     """Keep the field from going below zero and back between a sample inside and the next one outside.
 
