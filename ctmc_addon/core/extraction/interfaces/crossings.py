@@ -8,8 +8,9 @@ that it has alone. A constant of a label moves its vertices along their edges an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +59,21 @@ class Crossings:
         return np.clip(share, NEAREST, 1 - NEAREST, out=share)
 
 
-def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSamples]) -> Crossings:
+def crossings_of(
+    owners: Owners,
+    band: Band,
+    axis: int,
+    fields: Sequence[LabelSamples],
+    walls: Mapping[tuple[int, int], LabelSamples] = MappingProxyType({}),
+) -> Crossings:
     """Return the vertices on a band's edges along an axis.
 
     Parameters
     ----------
     fields : sequence of LabelSamples
         In the order of the labels' values; empty where labels are not smoothed.
+    walls : mapping of (first, second) to LabelSamples
+        The field between two labels, above 0 in the first.
     """
     rows, columns = owners.number.shape[1:]
     flat = band.edges[axis]
@@ -85,6 +94,7 @@ def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSa
         tuple(of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), sample, strict=True))
         for sample in (low, high)
     ]
+    samples_of = (low, high)
     others = None if owners.total is None else [owners.total[at[2], at[1], at[0]] for at in (low, high)]
     for side in (0, 1):
         order = np.argsort(ends[:, side], kind="stable")
@@ -99,8 +109,22 @@ def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSa
                     rest = (others[end][edge] - values) / 2
                     # Both fields' mean difference, on an edge between two labels too.
                     values = np.where(ends[edge, 1 - side] == 0, values - 0.5 + rest, values / 2)
+                elif end == side and owners.largest is not None:
+                    # Its own field, but where a wall's gave it the sample.
+                    column, row, layer = (along_axis[edge] for along_axis in samples_of[end])
+                    largest = owners.largest[layer, row, column]
+                    values = np.where((ends[edge, 1 - side] == 0) & (values < 0), largest, values)
                 own[side, end, edge] = values
-    return Crossings(axis, low, ends, own[0] - own[1], fixed)
+    between = own[0] - own[1]
+    for pair, of_both in walls.items():
+        for (own_low, own_high), sign in ((pair, 2.0), (pair[::-1], -2.0)):
+            wall_edge = np.flatnonzero((ends[:, 0] == own_low) & (ends[:, 1] == own_high))
+            if not len(wall_edge):
+                continue
+            of_wall = sign * np.stack([of_both.at(*(index.take(wall_edge) for index in at)) for at in at_ends])
+            crosses = (of_wall[0] >= 0) & (of_wall[1] <= 0)
+            between[:, wall_edge[crosses]] = of_wall[:, crosses]
+    return Crossings(axis, low, ends, between, fixed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ known), `relaxation` (the smoothest field within it), `islands` (the volume of s
 `smooth_field` (what comes out).
 """
 
+from .between_labels import between_labels_steps
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
 from .gaussian import REACH, smoothed_middle, smoothed_plane, weights
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
@@ -19,6 +20,7 @@ __all__ = [
     "SmoothField",
     "Smoothing",
     "automatic_refinement",
+    "between_labels_steps",
     "constrained_bytes",
     "constrained_steps",
     "reach_of",
