@@ -25,7 +25,7 @@ from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
 from .extraction.interfaces.walls import Wall, find_walls, wall_samples_steps
-from .mesh.label_complex import ComplexSurface, Interface
+from .mesh.label_complex import ComplexSurface
 from .parallel import map_steps, side_by_side_steps
 from .progress import PAUSE, Stages, Step, Steps
 from .settings import ReconstructionSettings
@@ -75,8 +75,6 @@ class LabelComplex:
         What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
     constants_mm : dict of int to float
         Added to a label's field beside those that it touches.
-    interfaces : tuple of Interface
-        Where labels meet, each other or nothing, at the settings' alpha in mm2.
     slice_steps : int
     """
 
@@ -90,7 +88,6 @@ class LabelComplex:
     volumes_mm3: dict[int, float]
     label_mm3: dict[int, float]
     constants_mm: dict[int, float]
-    interfaces: tuple[Interface, ...]
     slice_steps: int
 
 
@@ -423,7 +420,6 @@ class _Making:
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},
             constants_mm={label: float(self.constants[at]) for at, label in numbered},
-            interfaces=surface.at(settings.alpha_number).interfaces,
             slice_steps=self.slice_steps,
         )
 
