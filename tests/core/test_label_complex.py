@@ -116,11 +116,9 @@ def test_neighbors_have_the_same_triangles_at_their_wall_turned():
     assert sum(each.triangles for each in result.surface.at(1.0).interfaces) == len(mesh.faces)
 
 
-@pytest.mark.parametrize("settings", EVERY_WAY, ids=str)
+@pytest.mark.parametrize("settings", [each for each in EVERY_WAY if "region" not in each], ids=str)
 def test_a_label_that_touches_nothing_has_the_surface_that_it_has_alone(settings):
     volume = kidney(AFFINE)
-    if "region" in settings:
-        pytest.skip("label 3 is not in the region")
     together = made(volume, **settings).surface
     alone = reconstruct(volume, ReconstructionSettings(label=3, **settings)).surface
     own, beyond = together.of_label(3)
