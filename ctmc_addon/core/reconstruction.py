@@ -53,7 +53,11 @@ class Reconstruction:
     name : str
         The volume's name.
     removed_components : int
+        Small components that the settings asked to remove (`keep_parts`, `min_part_mm3`), cavities among them.
+    collapsed_components : int
         Small components that the built-in simplifier removed as a whole.
+    collapsed_mm3 : float
+        What these enclosed together when they went; of a surface of millions of triangles they have shrunk before.
     slice_steps : int
         Steps from slice to slice of a label that was smoothed as constrained.
     wrong_side : int or None
@@ -83,6 +87,8 @@ class Reconstruction:
     notes: tuple[str, ...]
     name: str
     removed_components: int = 0
+    collapsed_components: int = 0
+    collapsed_mm3: float = 0.0
     slice_steps: int = 1
     wrong_side: int | None = None
     label_name: str = ""
@@ -115,6 +121,7 @@ class Reconstruction:
             "components": measures.components,
             "parts": measures.components,  # the name in reports of 0.2
             "removed_components": self.removed_components,
+            "collapsed_components": {"count": self.collapsed_components, "mm3": self.collapsed_mm3},
             "smallest_angle_deg": None if quality is None else quality.smallest_angle_deg,
             "below_5_deg": None if quality is None else quality.below_5,
             "below_10_deg": None if quality is None else quality.below_10,

@@ -22,7 +22,16 @@ from .mesh.face_normals import vertex_normals_steps
 from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
-from .reconstruct import AVERAGING, CHOOSING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
+from .reconstruct import (
+    AVERAGING,
+    CHOOSING,
+    EXTRACTING,
+    KEEPING,
+    LARGEST_COLLAPSED_MM3,
+    SIMPLIFYING,
+    result_and_full_steps,
+    voxels_visited,
+)
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
 from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
@@ -145,7 +154,7 @@ class _Making:
         full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget)
+            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
@@ -221,8 +230,8 @@ class _Making:
 def _notes_of(simplified: ComplexSimplification) -> list[str]:
     """Return what simplification did to all labels together."""
     notes = []
-    if simplified.removed.count:
-        notes.append(f"{simplified.removed.sentence('mm3')}.")
+    if simplified.collapsed.count:
+        notes.append(f"{simplified.collapsed.sentence('mm3')}.")
     if simplified.handles_cut:
         notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
     return notes

@@ -38,6 +38,9 @@ class SummaryRow:
     volume_mm3: float | None = None
     seconds: float | None = None
     error: str | None = None
+    removed_components: int | None = None
+    collapsed_components: int | None = None
+    collapsed_mm3: float | None = None
     surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
 
     def fill(self, record: dict[str, Any] | None) -> None:
@@ -48,7 +51,14 @@ class SummaryRow:
         self.status = record["status"]
         self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
         self.seconds, self.error = record["seconds"], record["error"]
-        self.surfaces = [{name: surface[name] for name in MEASURES} for surface in record.get("surfaces", ())]
+        surfaces = record.get("surfaces", ())
+        self.surfaces = [{name: surface[name] for name in MEASURES} for surface in surfaces]
+        made = [each for each in surfaces or [record] if "collapsed_components" in each]
+        if made:
+            collapsed = [each["collapsed_components"] for each in made]
+            self.removed_components = sum(each["removed_components"] for each in made)
+            self.collapsed_components = sum(each["count"] for each in collapsed)
+            self.collapsed_mm3 = sum(each["mm3"] for each in collapsed)
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:

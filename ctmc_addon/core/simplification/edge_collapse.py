@@ -34,7 +34,7 @@ from .collapses import (
     share_of,
     violates_link_condition_steps,
 )
-from .component_removal import Components, RemovedComponents, without_components_steps
+from .component_removal import CollapsedComponents, Components, without_components_steps
 from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
@@ -512,10 +512,9 @@ class CollapsingMesh:
             self.face_count = self.faces.shape[1]
 
     @property
-    def removed(self) -> RemovedComponents:
+    def collapsed_components(self) -> CollapsedComponents:
         """Components that were removed as a whole, in the unit of the mesh."""
-        removed = self.components.removed
-        return RemovedComponents(removed.count, removed.largest / float(self.scale) ** 3)
+        return self.components.collapsed.scaled(1 / float(self.scale))
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""

@@ -144,7 +144,7 @@ def test_a_label_within_another_stays_there():
     inner = nested.sides[:, 1] == 2
     nested.sides[inner] = nested.sides[inner][:, ::-1]  # outward
     small = finish(simplify_complex_steps(nested, target_faces=300))
-    assert small.removed.count == 1  # the smallest, of the same label
+    assert small.collapsed.count == 1  # the smallest, of the same label
     assert small.mesh.labels == (1, 2)
     assert small.mesh.of_label(2).volume == pytest.approx(4 / 3 * np.pi, rel=0.1)
     assert small.mesh.of_label(1).volume == pytest.approx(4 / 3 * np.pi * 26, rel=0.1)
@@ -159,8 +159,8 @@ def test_small_components_of_labels_that_touch_go_as_a_whole():
         np.concatenate([mesh.sides, island.sides]),
     )
     result = finish(simplify_complex_steps(both, reduction=0.98))
-    assert result.removed.count == 1
-    assert result.removed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
+    assert result.collapsed.count == 1
+    assert result.collapsed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
     assert result.mesh.vertices[:, 0].max() < 16.2
     assert_labels_sound(result.mesh)
 

@@ -12,6 +12,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; Vivodtzev, Bonneau and Hah
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance,
 from ...mesh.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
-from ..component_removal import RemovedComponents
+from ..component_removal import CollapsedComponents, Staying
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
@@ -44,7 +45,7 @@ class ComplexSimplification:
     mesh : ComplexMesh
     full_faces, faces : mapping of int to int
         Triangles that border each label, before and after; one between two labels counts for both.
-    removed : RemovedComponents
+    collapsed : CollapsedComponents
         Small components that went as a whole.
     handles_cut : int
     """
@@ -52,7 +53,7 @@ class ComplexSimplification:
     mesh: ComplexMesh
     full_faces: Mapping[int, int]
     faces: Mapping[int, int]
-    removed: RemovedComponents
+    collapsed: CollapsedComponents
     handles_cut: int = 0
 
 
@@ -110,16 +111,20 @@ def simplify_complex_steps(
     target_faces: int | None = None,
     max_error: float | None = None,
     budget: Budget | None = None,
+    largest_component: float = math.inf,
 ) -> Steps[ComplexSimplification]:
-    """`simplify_complex` as steps, which also says how many triangles each label has, and what was removed."""
+    """Do what `simplify_complex` does, as steps; also return how many triangles each label has, and what went.
+
+    No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
+    """
     budget = WHOLE_MACHINE if budget is None else budget
-    goal = Goal(reduction, target_faces, max_error)
+    goal = Goal(reduction, target_faces, max_error, largest_component)
     full = len(mesh.faces)
     target = goal.target(full)
     require_finite(TriangleMesh(mesh.vertices, mesh.faces))
     before = faces_of_labels(mesh)
     if target >= full:
-        return ComplexSimplification(mesh, before, before, RemovedComponents())
+        return ComplexSimplification(mesh, before, before, CollapsedComponents())
     parts = _parts(mesh)
     if max_error is not None and not all(part.alone for part in parts):
         raise SettingsError(
@@ -140,23 +145,21 @@ def simplify_complex_steps(
         if max_error is not None:
             own = goal
         elif number == largest:
-            own = Goal(target_faces=max(1, target - left))
+            own = Goal(target_faces=max(1, target - left), largest_component=largest_component)
         elif reduction is not None:
             own = goal
         else:
-            own = Goal(target_faces=max(1, round(count * target / full)))
+            own = Goal(target_faces=max(1, round(count * target / full)), largest_component=largest_component)
         part = _extracted(mesh, parts[number].faces)
         made[number] = yield from stages.run(names[number], _part_steps(part, parts[number].alone, own, budget))
         left += len(made[number][0].faces)
     simplified = _joined([made[number][0] for number in range(len(parts))])
     results = [made[number][1] for number in range(len(parts))]
-    removed = RemovedComponents(
-        sum(each.removed.count for each in results), max(each.removed.largest for each in results)
-    )
+    collapsed = sum((each.collapsed for each in results), CollapsedComponents())
     cut = sum(each.handles_cut for each in results)
-    message = Simplification(TriangleMesh(simplified.vertices, simplified.faces), removed, cut).message(target)
+    message = Simplification(TriangleMesh(simplified.vertices, simplified.faces), collapsed, cut).message(target)
     yield Step(1.0, message)
-    return ComplexSimplification(simplified, before, faces_of_labels(simplified), removed, cut)
+    return ComplexSimplification(simplified, before, faces_of_labels(simplified), collapsed, cut)
 
 
 def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
@@ -193,15 +196,16 @@ def _part_steps(
     if not alone:
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
-            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), RemovedComponents())
+            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents())
         collapsing = CollapsingComplex(mesh)
+        collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
-        return made, Simplification(whole, collapsing.removed, collapsing.handles_cut)
+        return made, Simplification(whole, collapsing.collapsed_components, collapsing.handles_cut)
     label = mesh.labels[0]
     result = yield from simplification_steps(
-        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget
+        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget, goal.largest_component
     )
     sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
     return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result
