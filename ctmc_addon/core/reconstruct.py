@@ -341,7 +341,6 @@ class _Making:
         They may be large where they are to be `joined`.
         """
         extracting, keeping = _Timed(), _Timed()
-        extracting.seconds = self._held_seconds
 
         def one_pass(normals: bool) -> Pieces:
             pieces = self._extracted_steps(normals, joined)
@@ -389,7 +388,7 @@ class _Making:
     def _count(self, name: str, seconds: float, pieces: tuple[_Timed, _Timed]) -> None:
         """Divide the seconds of a stage between it and the stages that made its pieces."""
         extracting, keeping = pieces
-        self.seconds[EXTRACTING] = extracting.seconds
+        self.seconds[EXTRACTING] = self._held_seconds + extracting.seconds
         if keeping is not extracting:
             self.seconds[KEEPING] = keeping.seconds - extracting.seconds
         if name:

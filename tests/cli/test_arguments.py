@@ -66,7 +66,7 @@ def test_one_number_stands_for_three():
 
 
 def test_a_value_outside_its_limits_is_wrong_usage():
-    with pytest.raises(argparse.ArgumentError, match="--alpha: must be from 0 to 1, not 2"):
+    with pytest.raises(argparse.ArgumentError, match="--alpha: must be from 0 to 1 or auto, not 2"):
         parsed("--alpha 2")
     with pytest.raises(UsageError, match="max_error_mm is not possible with simplifier decimate"):
         parsed("--simplifier decimate --max-error 1")
