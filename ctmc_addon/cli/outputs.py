@@ -134,7 +134,10 @@ def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
     if several:
         mesh_files.require_one_surface(path)
-    return {"surfaces": (require_writable(path, mesh_files.SURFACE_SUFFIXES),)}
+    surface = require_writable(path, mesh_files.SURFACE_SUFFIXES)
+    for beside in files_of(surface)[1:]:
+        require_writable(beside)
+    return {"surfaces": (surface,)}
 
 
 def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces, list[Path]]]:

@@ -76,7 +76,9 @@ def add_parser(commands: Any) -> None:
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
     group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
-    group.add_argument("--space", choices=SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)")
+    group.add_argument(
+        "--space", choices=SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
+    )
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
     group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
     again = group.add_mutually_exclusive_group()

@@ -71,7 +71,7 @@ def add_parser(commands: Any) -> None:
     group = parser.add_argument_group("output")
     group.add_argument("--format", choices=FORMATS, default="stl", help="of the files in a folder (default stl)")
     group.add_argument(
-        "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
+        "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
