@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -90,11 +89,6 @@ class LabelComplex:
     label_mm3: dict[int, float]
     constants_mm: dict[int, float]
     slice_steps: int
-
-    @cached_property
-    def interfaces(self) -> tuple[Interface, ...]:
-        """Where labels meet, each other or nothing, at the settings' alpha in mm2."""
-        return self.surface.at(self.settings.alpha).interfaces
 
 
 @dataclass(frozen=True, eq=False)

@@ -353,7 +353,7 @@ class VolumeSource(ABC):
             names, colors, found = table_for(self.path, self.name)
             notes += found
         names = {value: one_line(name) for value, name in names.items()}
-        if options.anatomy_colors:
+        if request.anatomy_colors:
             colors = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
