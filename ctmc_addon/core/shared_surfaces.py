@@ -19,7 +19,7 @@ from .label_complex import LabelComplex, complex_steps
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
-from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
+from .mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
 from .reconstruct import (
@@ -170,10 +170,10 @@ class _Making:
     ) -> Steps[dict[int, Reconstruction]]:
         """Return each label's own surface at both ends of alpha."""
         full: dict[int, Reconstruction] = {}
-        interfaces = mesh.interfaces
+        interfaces, borders = mesh.interfaces, borders_of(surface.faces, surface.sides)
         for label in labels:
             yield Step(len(full) / len(self.labels))
-            own, beyond = surface.of_label(label)
+            own, beyond = surface.within(borders[label])
             at_alpha = own.at(self.settings.alpha_number)
             normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
             own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
@@ -188,9 +188,10 @@ class _Making:
         results: dict[int, Reconstruction] = {}
         together = simplified.mesh
         interfaces, notes = together.interfaces, _notes_of(simplified)
+        borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
-            faces, beyond, used = bordering(together.faces, together.sides, label, len(together.vertices))
+            faces, beyond, used = borders[label]
             mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
                 mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
