@@ -25,8 +25,8 @@ def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:
 
     Examples
     --------
-    >>> corners = np.eye(3)[:, :, None] + np.float64(2.0**-24)
-    >>> sides(*corners, np.zeros((3, 1))), sides(*corners, corners.mean(axis=0))
+    >>> corners = np.eye(3)[:, :, None]
+    >>> sides(*corners, np.zeros((3, 1))), sides(*corners, np.array([[1.0], [1.0], [-1.0]]))
     (array([-1], dtype=int8), array([0], dtype=int8))
     """
     ux, uy, uz = a - d
