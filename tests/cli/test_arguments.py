@@ -27,7 +27,7 @@ def test_every_setting_has_its_flag_with_text_and_limits():
     flags = {name: flag_of(name, about) for name, about in SETTINGS.items()}
     assert set(flags.values()) == {
         "--threshold", "--upper", "--label", "--stride", "--alpha", "--min-angle", "--topology", "--smoothing",
-        "--smoothing-mm", "--slice-steps", "--close-border", "--region",
+        "--smoothing-mm", "--slice-steps", "--interfaces", "--close-border", "--region",
         "--region-unit", "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles",
         "--max-error", "--nan-as",
     }  # fmt: skip
