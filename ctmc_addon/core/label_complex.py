@@ -206,7 +206,16 @@ class _Making:
         if self.method == "constrained":
             yield from self.stages.run(WALLS, self._walls_steps(own, samples))
         if samples:
-            owning = owners_steps(axes, samples, self.walls, indicators, threads)
+            first_x, first_y, first_z = self.first
+            columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
+
+            def filled(slice_: int) -> NDArray[np.bool_] | None:
+                below, step = divmod(slice_, self.slice_steps)
+                if not step or not 0 <= below - first_z < len(own) - 1:
+                    return None
+                return (own[below - first_z, rows, columns] > 0) & (own[below - first_z + 1, rows, columns] > 0)
+
+            owning = owners_steps(axes, samples, self.walls, indicators, filled, threads)
             self.owners = yield from self.stages.run(OWNING, owning)
         else:
             number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
