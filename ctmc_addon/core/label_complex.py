@@ -20,7 +20,7 @@ from .budget import Budget
 from .errors import LabelError, MeshError, ThresholdError
 from .extraction.grid import Axis, check_stride, make_axes
 from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
-from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants
+from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
@@ -368,15 +368,17 @@ class _Making:
         limit = max(self.volume.spacing) / 2
         self.shares = self._shares(constants)
         threads = self.budget.thread_count
+        missing, gain = np.zeros(count + 1), np.ones(count + 1)
         for trial in range(ROUNDS + 1):
             placing = self.placed.positions_steps(self.owners, self.shares, self.origins, threads)
             self.linear = yield from equal_part(placing, 2 * trial, 2 * ROUNDS + 2)
             measuring = measured_pairs_steps(self.linear, self.faces, self.sides, sizes, count, threads)
             self.volumes, areas = yield from equal_part(measuring, 2 * trial + 1, 2 * ROUNDS + 2)
-            missing = np.where(free, self.goals - self.volumes, 0.0)
+            before, missing = missing, np.where(free, self.goals - self.volumes, 0.0)
+            gain = next_gain(gain, before, missing)
             if trial == ROUNDS or not (np.abs(missing) > EXACT_ENOUGH * self.goals).any():
                 break
-            constants = np.clip(constants + next_constants(missing, areas, free), -limit, limit)
+            constants = np.clip(constants + next_constants(missing * gain, areas, free), -limit, limit)
             self.shares = self._shares(constants)
         self.constants = constants
 

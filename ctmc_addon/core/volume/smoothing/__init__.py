@@ -3,7 +3,7 @@
 
 Read `constrained` in this order: `bricks` (where the work is done), `signed_distance` (the start), `bounds` (what is
 known), `relaxation` (the smoothest field within it), `volume_constant` (the volume kept), `constrained` (all of it in
-order), `smooth_field` (what comes out).
+order), `smooth_field` (what comes out). `between_labels` and `local_volume` smooth the wall between two labels.
 """
 
 from .between_labels import between_labels_steps
