@@ -240,11 +240,21 @@ def test_bad_vertices_and_too_little_memory_are_refused():
 
 def test_labels_that_lag_behind_get_a_lower_weight():
     labels = np.array([[1, 2, 2], [0, 0, 1]], np.int32)
-    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 50]).astype(np.int32))
+    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 50]).astype(np.int32), 0.5)
     shares.update(np.repeat(np.arange(3), [100, 50, 40]).astype(np.int32))
     first, second, between = shares.weight
     assert first < between < second
     assert between == pytest.approx(np.sqrt(first * second), rel=0.1)
+    assert not shares.closed.any()
+
+
+def test_a_label_gives_at_most_a_quarter_beyond_its_share():
+    labels = np.array([[1, 2, 3], [0, 0, 1]], np.int32)
+    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 100]).astype(np.int32), 0.5)
+    shares.update(np.repeat(np.arange(3), [50, 38, 36]).astype(np.int32))
+    assert shares.closed.tolist() == [False, False, True]
+    shares.update(np.repeat(np.arange(3), [50, 37, 60]).astype(np.int32))
+    assert shares.closed.tolist() == [False, True, False]
 
 
 def test_a_complex_that_is_simplified_is_near_it():

@@ -90,7 +90,7 @@ def simplify_complex(
     -------
     ComplexMesh
         Label by label, or group by group of those that touch. As many triangles as asked, or one fewer; more only
-        where collapsing more edges would break what is promised.
+        where collapsing more edges would break what is promised, or take more than its share from a label.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _part_steps(
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), RemovedComponents())
-        collapsing = CollapsingComplex(mesh)
+        collapsing = CollapsingComplex(mesh, target)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
