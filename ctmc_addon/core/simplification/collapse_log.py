@@ -69,12 +69,21 @@ class Numbered(Protocol):
     locked: Flags
     component: Ints
     original_vertex: Ints
+    face_count: int
 
 
 class CollapseLog:
-    """The rounds since the log began, and the log's numbers of the faces, edges and vertices that the mesh has now."""
+    """The rounds since the log began, and the log's numbers of the faces, edges and vertices that the mesh has now.
 
-    def __init__(self, mesh: Numbered) -> None:
+    Parameters
+    ----------
+    mesh : Numbered
+    crossing : (2, n) int32, optional
+        Faces that cross each other as the log begins; None where that was not tested.
+    """
+
+    def __init__(self, mesh: Numbered, crossing: Ints | None = None) -> None:
+        self.crossing, self.face_count = crossing, mesh.face_count
         self.rounds: list[Round] = []
         self.face_number = np.arange(mesh.faces.shape[1], dtype=np.int32)
         self.edge_number = np.arange(mesh.edges.shape[1], dtype=np.int32)
@@ -120,10 +129,12 @@ class CollapseLog:
         owner = change[of_corner].min(axis=0)
         self._add(mesh, count, (faces, owner), (loops.ravel(), np.repeat(change[:-1], 3)), count, change[:-1])
         copies = np.arange(3 * count, dtype=np.int32)
-        self.append(
-            self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies)
+        self.append(self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies))
+        self.faces, self.edges, self.vertices = (
+            self.faces + 2 * count,
+            self.edges + 3 * count,
+            self.vertices + 3 * count,
         )
-        self.faces, self.edges, self.vertices = self.faces + 2 * count, self.edges + 3 * count, self.vertices + 3 * count
         original = self.vertex_number[loops.ravel()]
         self.locked = np.append(self.locked, self.locked[original])
         self.component = np.append(self.component, self.component[original])

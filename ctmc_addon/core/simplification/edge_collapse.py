@@ -34,12 +34,11 @@ from .collapses import (
     share_of,
     violates_link_condition_steps,
 )
-from .component_removal import Components, RemovedComponents, without_components_steps
+from .component_removal import Components, RemovedComponents
 from .error_bound import ErrorBound
 from .handles import handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
-from .rollback import History, roll_back_steps
-from .uncrossing import uncross_steps
+from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -98,8 +97,7 @@ class CollapsingMesh:
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
-        self.tested_faces = 0  # when crossings were last looked for
-        self.crossing: Ints | None = None  # (2, n) faces that cross and always did, as the log began; None before a test
+        self.crossing_count: int | None = None  # pairs of triangles that cross, once tested
         self.batch = batch
         self.rough = rough
         self.components = Components()
@@ -134,7 +132,7 @@ class CollapsingMesh:
             self.faces = self.faces.copy()  # the others keep the original
         yield from self.update_costs_steps()
         if self.limit is None:
-            self.log, self.tested_faces = CollapseLog(self), self.face_count
+            self.log = CollapseLog(self)
 
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
@@ -319,7 +317,6 @@ class CollapsingMesh:
         self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
         if self.log is not None:
             self.log.add_collapses(self, collapses)
-            yield PAUSE
         if self.compacting:
             self.positions[:, keep] = collapses.target
         else:
@@ -426,28 +423,6 @@ class CollapsingMesh:
         self.edge_becomes = np.arange(len(edge_left), dtype=np.int32)
         yield PAUSE
         return vertex_left
-
-    def uncross_steps(self, hold: bool) -> Steps[bool]:
-        """Undo what has made triangles cross each other since the last call; whether there was any.
-
-        `hold` keeps the vertices of what was undone where they are from now on.
-        """
-        if self.log is None or not (self.log.rounds or self.crossing is None):
-            return False
-        self.crossing, undone = yield from uncross_steps(self, self.log, self.crossing, hold)
-        self.log, self.tested_faces = CollapseLog(self), self.face_count
-        return undone
-
-    def roll_back_steps(self) -> Steps[None]:
-        """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""
-        if self.bound is not None:
-            history, check, self.bound = self.history, self.bound.check, None  # the samples are not needed any more
-            del self.quadrics, self.cost, self.edges, self.face_edges
-            yield from roll_back_steps(history, check)
-            self.positions, self.normals = history.positions, history.normals
-            self.original_vertex = np.arange(self.positions.shape[1], dtype=np.int32)
-            self.faces = yield from without_components_steps(self.components, history, check)
-            self.face_count = self.faces.shape[1]
 
     @property
     def removed(self) -> RemovedComponents:
