@@ -100,7 +100,8 @@ class Simplification:
         message = f"{count} triangles"
         if target and count > target:
             message += (
-                f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+                f" instead of {target}: no edge is left that can go without moving a border, or tearing or crossing "
+                "the surface"
             )
         if self.removed.count:
             message += f"; {self.removed.count} small components were removed"
