@@ -249,9 +249,13 @@ class _Making:
     def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
         """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
         mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
-        settings, measured = self.settings, full.measured
+        settings, measured, crossings = self.settings, full.measured, full.self_intersections
         if simplification is not None:
             mesh, removed, surface = simplification.mesh, simplification.removed, None
+            if simplification.self_intersections is not None:
+                crossings = simplification.self_intersections
+            if crossings:
+                notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
             if removed.count:
                 notes += (f"{removed.sentence('mm3')}.",)
             if simplification.handles_cut:
@@ -260,7 +264,7 @@ class _Making:
             if settings.max_error_mm is None and len(mesh.faces) > target:
                 notes += (
                     f"{len(mesh.faces)} triangles are left instead of {target}: no further edge can be removed "
-                    "without moving a border or tearing the surface.",
+                    "without moving a border, or tearing or crossing the surface.",
                 )
         if settings.normals == "mesh" and self.sink.normals and measured is None:
             averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
@@ -280,6 +284,7 @@ class _Making:
             stages=full.stages + stages,
             notes=notes,
             removed_components=removed.count,
+            self_intersections=None if settings.simplifies and not _simplifies(settings) else crossings,
             measured=measured,
         )
 
@@ -360,6 +365,7 @@ class _Making:
             wrong_side=taken.wrong_side,
             label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
             label_color=None if settings.label is None else volume.label_colors.get(settings.label),
+            self_intersections=0,
             measured=taken.measured,
         )
 

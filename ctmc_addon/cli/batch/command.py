@@ -268,7 +268,7 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
 
 def table_of(rows: Sequence[SummaryRow]) -> str:
     """The summary for a terminal, errors below."""
-    lines = [["case", "status", "triangles", "ml", "seconds"]]
+    lines = [["case", "status", "triangles", "ml", "crossings", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     errors = [(row.case, row.error) for row in rows if row.error]
     return table(lines) + (f"\n\n{listing(errors)}" if errors else "")

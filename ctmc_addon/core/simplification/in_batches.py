@@ -21,9 +21,11 @@ import numpy as np
 from ..budget import Budget
 from ..errors import MeshError
 from ..memory import require_or_killed
+from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
 from ..progress import PAUSE, Step, Steps
 from .batches import NEW, Batch, Numbering, area, beside, joined, shared
+from .bounded import hold_bound_steps
 from .clustering import clustered_steps
 from .component_removal import RemovedComponents
 from .edge_collapse import CollapsingMesh
@@ -48,6 +50,8 @@ class Reduced:
         Triangles wanted for each unit of area.
     removed : RemovedComponents
     handles_cut : int
+    crossing_count : int or None
+        Pairs of triangles that cross, if that was tested.
     """
 
     batch: Batch
@@ -55,6 +59,7 @@ class Reduced:
     density: float
     removed: RemovedComponents
     handles_cut: int
+    crossing_count: int | None = None
 
 
 Work = Callable[[], Steps[Reduced]]
@@ -83,7 +88,10 @@ def in_batches_steps(
         return simplification, passes.full_faces
     target = goal.target(passes.full_faces)
     left = yield from passes.last_pass_steps(left, target)
-    simplification = Simplification(joined(left).mesh, passes.removed, passes.handles_cut)
+    mesh, crossing_count = joined(left).mesh, passes.crossing_count
+    if crossing_count is None:
+        crossing_count = len((yield from self_intersections_steps(mesh.vertices, mesh.faces)))
+    simplification = Simplification(mesh, passes.removed, passes.handles_cut, crossing_count)
     yield Step(1.0, simplification.message(target))
     return simplification, passes.full_faces
 
@@ -96,6 +104,7 @@ class _Passes:
         self.batch_faces, self.last_faces = goal.sizes(budget)
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
         self.removed, self.handles_cut = RemovedComponents(), 0
+        self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
         """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
@@ -211,6 +220,7 @@ class _Passes:
                     yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * len(batches) / len(works))
                 else:
                     batches.append(item.batch)
+                    self.crossing_count = item.crossing_count if whole else None
             before, faces = faces, sum(batch.face_count for batch in batches)
             # Stretches that cannot be joined to longer ones have the same borders again.
             stuck = before - faces < LEAST_GAIN * (before - goal)
@@ -254,11 +264,12 @@ def reduce_batch_steps(
     )
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:
-        yield from collapsing.roll_back_steps()
+        yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
     left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    return Reduced(left, before, _density(left, wanted), collapsing.removed, collapsing.handles_cut)
+    density = _density(left, wanted)
+    return Reduced(left, before, density, collapsing.removed, collapsing.handles_cut, collapsing.crossing_count)
 
 
 def _density(batch: Batch, wanted: float) -> float:

@@ -164,12 +164,12 @@ class CollapsingComplex(CollapsingMesh):
         own = rank[collapses.kept] > rank[collapses.dropped]
         return np.where(own, np.float32(0.0), super().normals_added(collapses))
 
-    def begin_log(self) -> None:
+    def begin_log(self, crossing: Ints | None = None) -> None:
         """Begin a log, and keep what belongs to the faces, edges and vertices that it numbers."""
-        super().begin_log()
+        super().begin_log(crossing)
         self.logged = self.interface, self.turned, self.junctions.interface, self.junctions.rank
 
-    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
+    def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices, by their numbers in the log, follow those of the complex."""
         interface, turned, edge_interface, rank = self.logged
         self.interface = np.append(self.interface, interface[faces])

@@ -47,6 +47,8 @@ class ComplexSimplification:
     removed : RemovedComponents
         Small components that went as a whole.
     handles_cut : int
+    self_intersections : int or None
+        Pairs of triangles that cross each other, of one label or two, where all groups of labels were tested.
     """
 
     mesh: ComplexMesh
@@ -54,6 +56,7 @@ class ComplexSimplification:
     faces: Mapping[int, int]
     removed: RemovedComponents
     handles_cut: int = 0
+    self_intersections: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +155,11 @@ def simplify_complex_steps(
         sum(each.removed.count for each in results), max(each.removed.largest for each in results)
     )
     cut = sum(each.handles_cut for each in results)
-    message = Simplification(TriangleMesh(simplified.vertices, simplified.faces), removed, cut).message(target)
-    yield Step(1.0, message)
-    return ComplexSimplification(simplified, before, faces_of_labels(simplified), removed, cut)
+    counts = [each.self_intersections for each in results if each.self_intersections is not None]
+    crossing = sum(counts) if len(counts) == len(results) else None
+    whole = TriangleMesh(simplified.vertices, simplified.faces)
+    yield Step(1.0, Simplification(whole, removed, cut, crossing).message(target))
+    return ComplexSimplification(simplified, before, faces_of_labels(simplified), removed, cut, crossing)
 
 
 def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
@@ -196,7 +201,8 @@ def _part_steps(
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
-        return made, Simplification(whole, collapsing.removed, collapsing.handles_cut)
+        crossing = collapsing.crossing_count
+        return made, Simplification(whole, collapsing.removed, collapsing.handles_cut, crossing)
     label = mesh.labels[0]
     result = yield from simplification_steps(
         mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget
