@@ -65,15 +65,16 @@ class ComplexMesh:
     @property
     def interfaces(self) -> tuple[Interface, ...]:
         """Every pair of labels that have triangles between them, rising, behind before front."""
-        labels, number = np.unique(self.sides, return_inverse=True)
-        number = number.reshape(-1, 2)
+        labels = np.array(sorted({0, *self.labels}))
+        number = np.searchsorted(labels, self.sides)
         keys = number[:, 0] * len(labels) + number[:, 1]
         counts = np.bincount(keys, minlength=len(labels) ** 2)
         double = np.zeros(len(self.faces))
         for start in range(0, len(self.faces), FACES_AT_ONCE):
-            corners = self.vertices[self.faces[start : start + FACES_AT_ONCE]].astype(np.float64)  # (f, 3, 3)
-            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            double[start : start + FACES_AT_ONCE] = np.sqrt((cross**2).sum(axis=1))
+            part = slice(start, start + FACES_AT_ONCE)
+            a, b, c = (self.vertices.take(corner, axis=0).T.astype(np.float64) for corner in self.faces[part].T)
+            (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+            double[part] = np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
         areas = np.bincount(keys, double, len(labels) ** 2) / 2
         return tuple(
             Interface(

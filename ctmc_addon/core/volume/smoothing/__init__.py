@@ -6,7 +6,14 @@ known), `relaxation` (the smoothest field within it), `volume_constant` (the vol
 order), `smooth_field` (what comes out).
 """
 
-from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
+from .between_labels import between_labels_steps
+from .constrained import (
+    MOST_STEPS,
+    automatic_refinement,
+    constrained_bytes,
+    constrained_steps,
+    reach_of,
+)
 from .gaussian import REACH, gaussian_smooth_steps, smoothed_middle, smoothed_plane, weights
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
 from .smooth_field import SmoothField, refined_affine
@@ -18,6 +25,7 @@ __all__ = [
     "SmoothField",
     "Smoothing",
     "automatic_refinement",
+    "between_labels_steps",
     "constrained_bytes",
     "constrained_steps",
     "gaussian_smooth_steps",
