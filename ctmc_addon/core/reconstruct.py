@@ -266,9 +266,13 @@ class _Making:
     def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
         """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
         mesh, surface, notes, collapsed = full.mesh, full.surface, full.notes, CollapsedComponents()
-        settings, measured = self.settings, full.measured
+        settings, measured, crossings = self.settings, full.measured, full.self_intersections
         if simplification is not None:
             mesh, collapsed, surface = simplification.mesh, simplification.collapsed, None
+            if simplification.self_intersections is not None:
+                crossings = simplification.self_intersections
+            if crossings:
+                notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
             if collapsed.count:
                 notes += (f"{collapsed.sentence('mm3')}.",)
             if simplification.handles_cut:
@@ -277,7 +281,7 @@ class _Making:
             if settings.max_error_mm is None and len(mesh.faces) > target:
                 notes += (
                     f"{len(mesh.faces)} triangles are left instead of {target}: no further edge can be removed "
-                    "without moving a border, tearing the surface or collapsing a component of more than "
+                    "without moving a border, tearing or crossing the surface, or collapsing a component of more than "
                     f"{LARGEST_COLLAPSED_MM3:g} mm3.",
                 )
         if settings.normals == "mesh" and self.sink.normals and measured is None:
@@ -299,6 +303,7 @@ class _Making:
             notes=notes,
             collapsed_components=collapsed.count,
             collapsed_mm3=collapsed.volume,
+            self_intersections=None if settings.simplifies and not _simplifies(settings) else crossings,
             measured=measured,
         )
 
@@ -415,6 +420,7 @@ class _Making:
             label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
             removed_components=self.removed_components,
             label_color=None if settings.label is None else volume.label_colors.get(settings.label),
+            self_intersections=0,
             measured=taken.measured,
             alpha_choice=self.choice,
         )

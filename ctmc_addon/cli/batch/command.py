@@ -290,7 +290,7 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
 
 def table_of(rows: Sequence[SummaryRow]) -> str:
     """Return the summary for a terminal, errors below."""
-    lines = [["case", "status", "triangles", "ml", "seconds"]]
+    lines = [["case", "status", "triangles", "ml", "crossings", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]

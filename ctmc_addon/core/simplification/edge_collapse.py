@@ -15,6 +15,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +35,11 @@ from .collapses import (
     share_of,
     violates_link_condition_steps,
 )
-from .component_removal import CollapsedComponents, Components, without_components_steps
+from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
-from .rollback import History, roll_back_steps
-from .uncrossing import uncross_steps
+from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -98,10 +98,7 @@ class CollapsingMesh:
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
-        self.tested_faces = 0  # when crossings were last looked for
-        self.crossing: Ints | None = (
-            None  # (2, n) faces that cross and always did, as the log began; None before a test
-        )
+        self.crossing_count: int | None = None  # pairs of triangles that cross, once tested
         self.batch = batch
         self.rough = rough
         self.components = Components()
@@ -183,7 +180,7 @@ class CollapsingMesh:
     def handles_were_cut(self, loops: Ints) -> None:
         """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
 
-    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
+    def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
 
     def was_undone(self) -> None:
@@ -376,7 +373,6 @@ class CollapsingMesh:
         self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
         if self.log is not None:
             self.log.add_collapses(self, collapses)
-            yield PAUSE
         if self.compacting:
             self.positions[:, keep] = collapses.target
         else:
@@ -485,31 +481,9 @@ class CollapsingMesh:
         yield PAUSE
         return vertex_left
 
-    def uncross_steps(self, hold: bool) -> Steps[bool]:
-        """Undo what has made triangles cross each other since the last call; whether there was any.
-
-        `hold` keeps the vertices of what was undone where they are from now on.
-        """
-        if self.log is None or not (self.log.rounds or self.crossing is None):
-            return False
-        self.crossing, undone = yield from uncross_steps(self, self.log, self.crossing, hold)
-        self.begin_log()
-        return undone
-
-    def begin_log(self) -> None:
-        """Begin a log of what changes from now on."""
-        self.log, self.tested_faces = CollapseLog(self), self.face_count
-
-    def roll_back_steps(self) -> Steps[None]:
-        """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""
-        if self.bound is not None:
-            history, check, self.bound = self.history, self.bound.check, None  # the samples are not needed any more
-            del self.quadrics, self.cost, self.edges, self.face_edges
-            yield from roll_back_steps(history, check)
-            self.positions, self.normals = history.positions, history.normals
-            self.original_vertex = np.arange(self.positions.shape[1], dtype=np.int32)
-            self.faces = yield from without_components_steps(self.components, history, check)
-            self.face_count = self.faces.shape[1]
+    def begin_log(self, crossing: Ints | None = None) -> None:
+        """Begin a log of what changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
+        self.log = CollapseLog(self, crossing)
 
     @property
     def collapsed_components(self) -> CollapsedComponents:

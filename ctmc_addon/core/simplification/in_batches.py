@@ -23,9 +23,11 @@ from numpy.typing import NDArray
 from ..budget import Budget
 from ..errors import MeshError
 from ..memory import require_or_killed
+from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
 from ..progress import PAUSE, Step, Steps
 from .batches import NEW, Batch, Numbering, area, beside, joined, shared
+from .bounded import hold_bound_steps
 from .clustering import clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
@@ -56,6 +58,8 @@ class Reduced:
     handles_cut : int
     large : (n,) int64 or None
         Numbers of the vertices whose components enclose more than those that may go.
+    crossing_count : int or None
+        Pairs of triangles that cross, if that was tested.
     """
 
     batch: Batch
@@ -64,6 +68,7 @@ class Reduced:
     collapsed: CollapsedComponents
     handles_cut: int
     large: Numbers | None = None
+    crossing_count: int | None = None
 
 
 Work = Callable[[], Steps[Reduced]]
@@ -92,7 +97,10 @@ def in_batches_steps(
         return simplification, passes.full_faces
     target = goal.target(passes.full_faces)
     left = yield from passes.last_pass_steps(left, target)
-    simplification = Simplification(joined(left).mesh, passes.collapsed, passes.handles_cut)
+    mesh, crossing_count = joined(left).mesh, passes.crossing_count
+    if crossing_count is None:
+        crossing_count = len((yield from self_intersections_steps(mesh.vertices, mesh.faces)))
+    simplification = Simplification(mesh, passes.collapsed, passes.handles_cut, crossing_count)
     yield Step(1.0, simplification.message(target))
     return simplification, passes.full_faces
 
@@ -107,6 +115,7 @@ class _Passes:
         self.later_limit = LATER_SHARE * goal.largest_component
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
         self.collapsed, self.handles_cut = CollapsedComponents(), 0
+        self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
         """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
@@ -251,6 +260,7 @@ class _Passes:
                     yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * len(batches) / len(works))
                 else:
                     batches.append(item.batch)
+                    self.crossing_count = item.crossing_count if whole else None
             before, faces = faces, sum(batch.face_count for batch in batches)
             # Stretches that cannot be joined to longer ones have the same borders again.
             stuck = before - faces < LEAST_GAIN * (before - goal)
@@ -309,13 +319,13 @@ def reduce_batch_steps(
     collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:
-        yield from collapsing.roll_back_steps()
+        yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
     left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
     large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
     density, collapsed = _density(left, wanted), collapsing.collapsed_components
-    return Reduced(left, before, density, collapsed, collapsing.handles_cut, large)
+    return Reduced(left, before, density, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _density(batch: Batch, wanted: float) -> float:

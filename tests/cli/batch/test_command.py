@@ -36,7 +36,7 @@ def write_and_wait(folder, rows, *rest):
 command.write_summary = write_and_wait
 sys.exit(main(sys.argv[1:]))
 """
-COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error",
+COLUMNS = ["case", "status", "faces", "volume_mm3", "self_intersections", "seconds", "error",
            "removed_components", "collapsed_components", "collapsed_mm3"]  # fmt: skip
 FLAGS = ["--threshold", "50", "--spacing", "0.5"]
 
