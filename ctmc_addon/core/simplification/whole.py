@@ -18,7 +18,7 @@ from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .uncrossing import uncross_steps
 
-FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
+FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 STAGES = {"Simplifying": 1}
