@@ -15,7 +15,6 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog
+from .collapse_rules import CollapseRules
 from .collapses import (
     MOST_SHARE,
     Collapses,
@@ -33,11 +33,10 @@ from .collapses import (
     independent_set_steps,
     locked_vertices_steps,
     share_of,
-    violates_link_condition_steps,
 )
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
-from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
+from .handles import longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
 from .rollback import History
 
@@ -55,7 +54,7 @@ CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them ta
 CUT_IN_BATCH = 6.0  # times in a batch of a surface: the last pass cuts what is left
 
 
-class CollapsingMesh:
+class CollapsingMesh(CollapseRules):
     """The mesh while it is simplified: columns instead of rows, and every edge once.
 
     positions, normals : (3, V) float32
@@ -143,54 +142,6 @@ class CollapsingMesh:
         if self.limit is None:
             yield from self.components.prepare_gaps_steps(self.positions, self.component)
 
-    # What a complex of several labels does in another way: see `complexes/collapsing.py`.
-
-    def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
-        """Which of these edges may never collapse: both ends are locked."""
-        return self.locked[first] & self.locked[second]
-
-    def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Of which edges the second end stays and the first goes."""
-        return self.locked[second]
-
-    def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses would change how the surface is connected, (n,) bool."""
-        return violates_link_condition_steps(collapses, self.edges, self.locked)
-
-    def priority(self, edges: Indices | None = None) -> Floats:
-        """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""
-        return self.cost if edges is None else self.cost[edges]
-
-    def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
-        """The cheapest of the collapses, of which `budget` remove no more than the faces that may go."""
-        left = len(collapses.edges)
-        if left <= budget:
-            return collapses
-        cheapest = np.zeros(left, bool)
-        cheapest[np.argsort(self.priority(collapses.edges), kind="stable")[:budget]] = True
-        return collapses.select(cheapest)
-
-    def edges_joined(self, lost: Indices, stays: Indices) -> None:
-        """Edges that are gone became one with those that stay."""
-
-    def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
-        """Cuts of handles at loops whose edges are no longer than `longest`."""
-        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest))
-
-    def handles_were_cut(self, loops: Ints) -> None:
-        """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
-
-    def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
-        """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
-
-    def was_undone(self) -> None:
-        """Changes were undone: faces and edges are as before, costs not yet."""
-
-    def normals_added(self, collapses: Collapses) -> Floats:
-        """What is added to the normals of the vertices that stay, (3, n)."""
-        assert self.normals is not None
-        return self.normals[:, collapses.dropped]
-
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
         edges = np.arange(len(self.cost)) if edges is None else edges
@@ -258,14 +209,6 @@ class CollapsingMesh:
         collapses = self.within_budget(collapses, budget)
         if len(collapses.edges):
             yield from self.merge_steps(collapses)
-
-    def _update_face_cost(self, collapses: Collapses) -> None:
-        """Raise `face_cost` to that of a round: a quadric is an area times a squared distance, its trace the area."""
-        middle = len(collapses.edges) // 2
-        traces = [self.quadrics[row, end] for end in (collapses.kept, collapses.dropped) for row in (0, 3, 5)]
-        area = np.partition(sum(traces[1:], traces[0]), middle)[middle]
-        cost = np.partition(self.cost[collapses.edges], middle)[middle]
-        self.face_cost = max(self.face_cost, 0.5 * float(np.sqrt(cost * area)))
 
     def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
         """Remove components that now cost less than collapses, at most `excess` faces; whether any went.
@@ -335,14 +278,6 @@ class CollapsingMesh:
             row[rows] = np.bincount(faces.ravel(), np.tile(share, 3), len(vertices))[rows]
             yield PAUSE
         yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
-
-    def cheapest(self, count: int) -> Indices:
-        """The `count` cheapest edges and those that cost the same as the last of them."""
-        priority = self.priority()
-        limit = np.partition(priority, count)[count]
-        if np.isfinite(limit):
-            return np.flatnonzero(priority <= limit)
-        return np.flatnonzero(np.isfinite(priority))
 
     def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""

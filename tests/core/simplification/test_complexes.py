@@ -167,6 +167,22 @@ def test_small_components_of_labels_that_touch_go_as_a_whole():
     assert_labels_sound(result.mesh)
 
 
+def test_no_label_goes_as_a_whole():
+    mesh = pair()
+    inner = complex_of_spheres(
+        ((8.5, 8.5, 8.5), 0.01, 3, 1), ((16.3, 8.5, 8.5), 0.1, 4, 0), ((16.5, 8.5, 8.5), 0.01, 4, 0)
+    )
+    both = ComplexMesh(
+        np.concatenate([mesh.vertices, inner.vertices]),
+        np.concatenate([mesh.faces, inner.faces + np.int32(len(mesh.vertices))]),
+        np.concatenate([mesh.sides, inner.sides]),
+    )
+    result = finish(simplify_complex_steps(both, target_faces=4))
+    assert result.mesh.labels == (1, 2, 3, 4)
+    assert result.faces[3] == result.faces[4] == 4
+    assert_labels_sound(result.mesh)
+
+
 def test_sides_stay_with_triangles_that_point_either_way():
     small = simplify_complex(cells(5), reduction=0.9)
     assert_labels_sound(small)

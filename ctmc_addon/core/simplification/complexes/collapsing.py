@@ -70,10 +70,24 @@ class CollapsingComplex(CollapsingMesh):
         joined = np.zeros(components.count, bool)
         joined[self.component[staying]] = True
         size = np.abs(components.volume)
+        # The largest of every label stays.
+        for side in self.labels:
+            labelled = np.flatnonzero(side[self.interface] != 0)
+            label = np.searchsorted(self.shares.labels, side)[self.interface[labelled]]
+            component = self.component[self.faces[0, labelled]]
+            largest = np.zeros(len(self.shares.labels))
+            np.maximum.at(largest, label, size[component])
+            components.removable[component[size[component] == largest[label]]] = False
         components.volume = np.where(joined, size, np.where(within, -size, components.volume))
         if self.limit is None:
             # What is around a component that stays must stay too.
             components.removable[components.nearest[joined]] = False
+
+    def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
+        """Remove components that cost less than collapses; none at any cost, where lines let no edge go."""
+        if stuck:
+            return False
+        return (yield from super().remove_components_steps(excess))
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which edges connect two corners, or two junctions and not along their line."""

@@ -33,7 +33,7 @@ from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
 from .junctions import interfaces_of
 
-FACE_BYTES = 240  # of memory for each triangle at the start
+FACE_BYTES = 320  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
