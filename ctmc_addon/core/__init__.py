@@ -17,6 +17,7 @@ from .errors import (
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
+from .label_complex import complex_steps
 from .label_surfaces import LabelSurfaces, each_label_steps, reconstruct_labels, reconstruct_labels_steps
 from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
 from .memory import refusal as memory_refusal
@@ -44,7 +45,7 @@ from .reconstruct import (
     simplified_steps,
     without_small_steps,
 )
-from .reconstruction import Reconstruction, Stage
+from .reconstruction import LabelComplex, Reconstruction, Stage
 from .settings import EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
@@ -67,6 +68,7 @@ __all__ = [
     "Described",
     "FieldCache",
     "Hold",
+    "LabelComplex",
     "LabelError",
     "LabelSurfaces",
     "MemoryLimitError",
@@ -100,6 +102,7 @@ __all__ = [
     "cases_at_once",
     "cases_bytes",
     "checked",
+    "complex_steps",
     "cost_estimate_steps",
     "defaults",
     "descriptions",

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,9 +25,10 @@ from .extraction.interfaces.label_samples import LabelSamples, label_samples_ste
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
 from .extraction.interfaces.walls import Wall, find_walls, wall_samples_steps
 from .label_surfaces import each_label_steps, label_title
-from .mesh.label_complex import ComplexSurface, Interface
+from .mesh.label_complex import ComplexSurface
 from .parallel import map_steps, side_by_side_steps
 from .progress import PAUSE, Stages, Steps, equal_part
+from .reconstruction import LabelComplex
 from .settings import ReconstructionSettings
 from .volume.affine import transform_faces, transform_points
 from .volume.field import field_steps, field_window_steps, refinement_of
@@ -51,50 +51,6 @@ STAGES = {FIELDS: 60, WALLS: 20, OWNING: 8, FINDING: 8, PLACING: 12, KEEPING: 10
 REMEDY = "choose a region, fewer labels or slice_steps, or interfaces separate"
 VERTEX_BYTES = 300  # with its triangles
 POINTS_AT_ONCE = 1 << 16
-
-
-@dataclass(frozen=True, eq=False)
-class LabelComplex:
-    """The surfaces of several labels as one complex, and how they were made.
-
-    Parameters
-    ----------
-    surface : ComplexSurface
-        In RAS+ mm; its sides are the labels' values.
-    settings : ReconstructionSettings
-    labels : tuple of int
-        That have a surface, rising.
-    left_out : tuple of str
-        A sentence for each label without one.
-    thresholds : dict of int to float
-        Of every label's field.
-    notes : dict of int to tuple of str
-        Of every label.
-    wrong_side : dict of int to int
-        Samples of the grid that are a label's and not its owner's, or the other way round.
-    volumes_mm3, label_mm3 : dict of int to float
-        What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
-    constants_mm : dict of int to float
-        Added to a label's field beside those that it touches.
-    slice_steps : int
-    """
-
-    surface: ComplexSurface
-    settings: ReconstructionSettings
-    labels: tuple[int, ...]
-    left_out: tuple[str, ...]
-    thresholds: dict[int, float]
-    notes: dict[int, tuple[str, ...]]
-    wrong_side: dict[int, int]
-    volumes_mm3: dict[int, float]
-    label_mm3: dict[int, float]
-    constants_mm: dict[int, float]
-    slice_steps: int
-
-    @cached_property
-    def interfaces(self) -> tuple[Interface, ...]:
-        """Where labels meet, each other or nothing, at the settings' alpha in mm2."""
-        return self.surface.at(self.settings.alpha).interfaces
 
 
 @dataclass(frozen=True, eq=False)

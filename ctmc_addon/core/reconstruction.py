@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
+from .mesh.label_complex import ComplexSurface, Interface
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
@@ -110,3 +112,47 @@ class Reconstruction:
             "spacing_mm": list(self.spacing_mm),
             "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
         }
+
+
+@dataclass(frozen=True, eq=False)
+class LabelComplex:
+    """The surfaces of several labels as one complex, and how they were made.
+
+    Parameters
+    ----------
+    surface : ComplexSurface
+        In RAS+ mm; its sides are the labels' values.
+    settings : ReconstructionSettings
+    labels : tuple of int
+        That have a surface, rising.
+    left_out : tuple of str
+        A sentence for each label without one.
+    thresholds : dict of int to float
+        Of every label's field.
+    notes : dict of int to tuple of str
+        Of every label.
+    wrong_side : dict of int to int
+        Samples of the grid that are a label's and not its owner's, or the other way round.
+    volumes_mm3, label_mm3 : dict of int to float
+        What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
+    constants_mm : dict of int to float
+        Added to a label's field beside those that it touches.
+    slice_steps : int
+    """
+
+    surface: ComplexSurface
+    settings: ReconstructionSettings
+    labels: tuple[int, ...]
+    left_out: tuple[str, ...]
+    thresholds: dict[int, float]
+    notes: dict[int, tuple[str, ...]]
+    wrong_side: dict[int, int]
+    volumes_mm3: dict[int, float]
+    label_mm3: dict[int, float]
+    constants_mm: dict[int, float]
+    slice_steps: int
+
+    @cached_property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """Where labels meet, each other or nothing, at the settings' alpha in mm2."""
+        return self.surface.at(self.settings.alpha).interfaces
