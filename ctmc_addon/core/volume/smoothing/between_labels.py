@@ -23,7 +23,7 @@ from .relaxation import relax_steps
 REACH = (2, 2, 2)  # samples beside a wall that are smoothed
 # By the steps from slice to slice, 1, 2 or more: every how many pixels first, and how often pixels are smoothed.
 SKIPPED: tuple[tuple[int, ...], ...] = ((), (2,), (8, 4, 2))
-ROUNDS = (40, 60, 40)
+ROUNDS = (30, 45, 40)
 
 
 def between_labels_steps(
