@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from meshes import component_of_face
 from volumes import in_file, waves
 
 from ctmc_addon.core import (
@@ -321,7 +322,7 @@ def test_what_simplification_removes_is_counted_in_report_and_notes():
     assert collapsed["count"] == 61 - report["parts"] > 0
     assert report["removed_components"] == 0
     plain = reconstruct(noisy(), ReconstructionSettings(threshold=0.0))
-    volumes = finish(component_volumes_steps(plain.mesh.vertices, plain.mesh.faces, plain.mesh.component_of_face))
+    volumes = finish(component_volumes_steps(plain.mesh.vertices, plain.mesh.faces, component_of_face(plain.mesh)))
     small = np.sort(volumes)[:-1]
     assert 0.999 * small[: collapsed["count"]].sum() < collapsed["mm3"] < 1.001 * small[-collapsed["count"] :].sum()
     assert any(note.startswith(f"{collapsed['count']} components below ") for note in report["notes"])
@@ -351,11 +352,11 @@ def test_components_of_more_than_20_mm3_stay_and_a_note_says_why_the_goal_is_mis
             middles.append((x + 1.5, y + 1.5, z + 1.5))
     settings = ReconstructionSettings(threshold=0.0, alpha=0.5, target_faces=50)
     full = reconstruct(Volume(values, np.eye(4)), replace(settings, target_faces=None))
-    volumes = finish(component_volumes_steps(full.mesh.vertices, full.mesh.faces, full.mesh.component_of_face))
+    volumes = finish(component_volumes_steps(full.mesh.vertices, full.mesh.faces, component_of_face(full.mesh)))
     assert ((volumes < 10).sum(), (volumes > 20).sum()) == (24, 24)
     result = reconstruct(Volume(values, np.eye(4)), settings, Budget(whole_faces=whole_faces))
     report = result.report()
-    corners, component = result.mesh.vertices[result.mesh.faces], result.mesh.component_of_face
+    corners, component = result.mesh.vertices[result.mesh.faces], component_of_face(result.mesh)
     found = np.array([corners[component == number].mean(axis=(0, 1)) for number in range(report["parts"])])
     off = np.linalg.norm(found[:, None] - np.array(middles), axis=2).min(axis=0)
     assert off.max() < 3
