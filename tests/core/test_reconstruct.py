@@ -368,7 +368,7 @@ def test_components_of_more_than_20_mm3_stay_and_a_note_says_why_the_goal_is_mis
     assert report["faces"] == report["parts"] * 4
     assert result.notes[-1] == (
         f"{report['faces']} triangles are left instead of 50: no further edge can be removed without moving a border, "
-        "tearing the surface or collapsing a component of more than 20 mm3."
+        "tearing or crossing the surface, or collapsing a component of more than 20 mm3."
     )
 
 
