@@ -77,7 +77,6 @@ __all__ = [
     "Described",
     "FieldCache",
     "Hold",
-    "LabelComplex",
     "LabelError",
     "LabelSurfaces",
     "MemoryLimitError",

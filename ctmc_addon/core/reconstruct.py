@@ -279,11 +279,7 @@ class _Making:
                 notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
             target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
             if settings.max_error_mm is None and len(mesh.faces) > target:
-                notes += (
-                    f"{len(mesh.faces)} triangles are left instead of {target}: no further edge can be removed "
-                    "without moving a border, tearing or crossing the surface, or collapsing a component of more than "
-                    f"{LARGEST_COLLAPSED_MM3:g} mm3.",
-                )
+                notes += (missed_goal(len(mesh.faces), target),)
         if settings.normals == "mesh" and self.sink.normals and measured is None:
             averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
             mesh = replace(mesh, normals=(yield from self.stages.run(AVERAGING, averaging)))
@@ -424,6 +420,14 @@ class _Making:
             measured=taken.measured,
             alpha_choice=self.choice,
         )
+
+
+def missed_goal(faces: int, target: int) -> str:
+    """Return the note for a surface that keeps more triangles than it was to have."""
+    return (
+        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, tearing "
+        f"or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
+    )
 
 
 def voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:

@@ -129,6 +129,7 @@ class _Making:
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
         self.choice: AlphaChoice | None = None
+        self.target = 0
 
     def result_steps(self) -> Steps[SharedSurfaces]:
         """Extract, drop small components, simplify, and return each label's own surface."""
@@ -156,6 +157,7 @@ class _Making:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
             simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
+            self.target = settings.target_faces or round(len(full_mesh.faces) * (1 - (settings.reduction or 0)))
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
         if simplified is not None:
@@ -187,7 +189,7 @@ class _Making:
         """Return what simplification has left of each label."""
         results: dict[int, Reconstruction] = {}
         together = simplified.mesh
-        interfaces, notes = together.interfaces, _notes_of(simplified)
+        interfaces, notes = together.interfaces, self._notes_of(simplified)
         borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
@@ -202,8 +204,30 @@ class _Making:
                 notes=(*result.notes, *notes),
                 beyond=beyond,
                 neighbors=neighbors_of(label, interfaces),
+                self_intersections=simplified.self_intersections,
             )
         return results
+
+    def _notes_of(self, simplified: ComplexSimplification) -> list[str]:
+        """Return what simplification did to all labels together."""
+        notes, faces = [], len(simplified.mesh.faces)
+        if simplified.self_intersections:
+            notes.append(f"Pairs of triangles that cross each other: {simplified.self_intersections:,}.")
+        if simplified.collapsed.count:
+            notes.append(f"{simplified.collapsed.sentence('mm3')}.")
+        if simplified.handles_cut:
+            notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
+        if self.settings.max_error_mm is None and faces > self.target:
+            notes.append(missed_goal(faces, self.target))
+        return notes
+
+    @property
+    def _notes(self) -> tuple[str, ...]:
+        """What holds for all labels."""
+        notes = () if self.choice is None else (self.choice.sentence(),)
+        if self.settings.topology != "classic":
+            notes += ("Interfaces are cut by the classic cases; topology trilinear needs interfaces separate.",)
+        return notes
 
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
         """Return the reconstruction of a label's own surface."""
@@ -217,7 +241,7 @@ class _Making:
             voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, extracted.slice_steps),
             stages=(),
             spacing_mm=volume.spacing,
-            notes=extracted.notes[label] if self.choice is None else (*extracted.notes[label], self.choice.sentence()),
+            notes=(*extracted.notes[label], *self._notes),
             name=volume.name,
             slice_steps=extracted.slice_steps,
             wrong_side=extracted.wrong_side[label],
@@ -226,13 +250,3 @@ class _Making:
             beyond=beyond,
             alpha_choice=self.choice,
         )
-
-
-def _notes_of(simplified: ComplexSimplification) -> list[str]:
-    """Return what simplification did to all labels together."""
-    notes = []
-    if simplified.collapsed.count:
-        notes.append(f"{simplified.collapsed.sentence('mm3')}.")
-    if simplified.handles_cut:
-        notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
-    return notes
