@@ -425,8 +425,8 @@ class _Making:
 def missed_goal(faces: int, target: int) -> str:
     """Return the note for a surface that keeps more triangles than it was to have."""
     return (
-        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, tearing "
-        f"or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
+        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, "
+        f"tearing or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
     )
 
 

@@ -29,6 +29,7 @@ from .reconstruct import (
     KEEPING,
     LARGEST_COLLAPSED_MM3,
     SIMPLIFYING,
+    missed_goal,
     result_and_full_steps,
     voxels_visited,
 )
@@ -224,7 +225,7 @@ class _Making:
     @property
     def _notes(self) -> tuple[str, ...]:
         """What holds for all labels."""
-        notes = () if self.choice is None else (self.choice.sentence(),)
+        notes: tuple[str, ...] = () if self.choice is None else (self.choice.sentence(),)
         if self.settings.topology != "classic":
             notes += ("Interfaces are cut by the classic cases; topology trilinear needs interfaces separate.",)
         return notes
