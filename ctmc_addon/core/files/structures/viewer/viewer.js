@@ -174,9 +174,11 @@
       plane.normal.set(...normal);
       plane.constant = cut.side * (low + cut.share * (high - low));
     }
-    for (const { facts, mesh, filled, shown, opacity } of structures) {
+    for (const [number, { facts, mesh, filled, shown, opacity }] of structures.entries()) {
       const glassy = opacity < 0.995, material = mesh.material;
-      material.opacity = opacity;
+      // Neighbors share their walls: of two that coincide one is drawn behind, glass behind what is not.
+      const polygonOffsetUnits = (glassy ? 64 : 1) + 2 * number;
+      Object.assign(material, { opacity, polygonOffset: true, polygonOffsetFactor: 0.5, polygonOffsetUnits });
       material.clippingPlanes = filled.material.clippingPlanes = planes;
       const fills = axis >= 0 && !glassy && facts.ml !== null;
       const side = fills ? T.FrontSide : T.DoubleSide;
