@@ -9,7 +9,7 @@ from .between_slices import between_slices_steps
 from .brush import brush, brushed_window
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
-from .compete import Click, compete_steps
+from .competition.compete import Click, compete_steps
 from .connected import connected_steps
 from .islands import holes_filled_steps, islands_steps
 from .layers import layers_of

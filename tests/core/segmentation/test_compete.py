@@ -12,8 +12,8 @@ import pytest
 
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
-from ctmc_addon.core.segmentation.compete import factors_of
-from ctmc_addon.core.segmentation.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
+from ctmc_addon.core.segmentation.competition.compete import factors_of
+from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
 REAL = Path("/work/shared/data/ts_nifti")
 

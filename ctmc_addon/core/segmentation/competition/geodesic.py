@@ -14,8 +14,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Step, Steps
-from .distance import Spacing
+from ...progress import Step, Steps
+from ..distance import Spacing
 
 Times = NDArray[np.uint32]
 Heights = NDArray[np.int32]

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Step, Steps
-from .distance import Mask, Spacing
+from ...progress import Step, Steps
+from ..distance import Mask, Spacing
 from .geodesic import BLOCKED, NEVER, OWNER_BITS, UNIT, Heights, Times
 
 Floats = NDArray[np.float32]

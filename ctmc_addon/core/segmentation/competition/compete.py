@@ -20,15 +20,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SettingsError
-from ..progress import Stages, Step, Steps, equal_part
-from ..volume.smoothing.gaussian import convolved, weights
-from ..volume.value_kind import ValueKind
-from ..volume.volume import Volume
+from ...errors import SettingsError
+from ...progress import Stages, Step, Steps, equal_part
+from ...volume.smoothing.gaussian import convolved, weights
+from ...volume.value_kind import ValueKind
+from ...volume.volume import Volume
+from ..distance import Mask, Spacing, Window
+from ..points import Sample, sample_in, window_around
 from .coarse import Coarse, Factors, block_means, blocks_any, drawn_steps, sharpest_cuts
-from .distance import Mask, Spacing, Window
 from .geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
-from .points import Sample, sample_in, window_around
 
 Labels = NDArray[np.uint8]
 Floats = NDArray[np.float32]
