@@ -87,8 +87,9 @@ def sharpest_cuts(
 ) -> NDArray[np.uint32]:
     """Return for every click the time to cut off at: where values differ most across what is inside, on average.
 
-    A pair of neighbors counts for a click while one is inside and the other is not, unless that is another click's
-    of the same structure. Pairs are summed in bins of time, so all cuts are compared in one look at the pairs.
+    The mean over a click's own border and that over the borders of all clicks of its structure count alike. A pair of
+    neighbors counts while one is inside and the other is not, unless that is another click's of the same structure.
+    Pairs are summed in bins of time, so all cuts are compared in one look at the pairs.
 
     Parameters
     ----------
@@ -129,11 +130,29 @@ def sharpest_cuts(
     sums, pairs = (np.cumsum(table.reshape(clicks, wide), axis=1) for table in (total, count))
     samples = np.cumsum(np.bincount(owner * wide + bins, minlength=clicks * wide).reshape(clicks, wide), axis=1)
     sharpness = sums / np.maximum(pairs, 1) * (1 - far_share * np.arange(wide) / BINS)
+    sharpness = _with_the_structure(sharpness, sums, pairs, structures, far_share)
     sharpness[samples < np.array(smallest)[:, None]] = 0
     best = sharpness[:, :BINS].argmax(axis=1)
     # A click without any pair, alone in a grid of one value, has what it reaches.
     best[sharpness[:, :BINS].max(axis=1) <= 0] = BINS - 1
     return np.where(structures > 0, (best + 1) * (longest // BINS), 0).astype(np.uint32)
+
+
+def _with_the_structure(
+    sharpness: NDArray[np.float64],
+    sums: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+    structures: NDArray[np.uint8],
+    far_share: float,
+) -> NDArray[np.float64]:
+    """Return each click's sharpness, as a share of its best, and that of all clicks of its structure together."""
+    both = sharpness / np.maximum(sharpness.max(axis=1, keepdims=True), 1e-9)
+    for structure in np.unique(structures[structures > 0]):
+        those = structures == structure
+        mean = sums[those].sum(axis=0) / np.maximum(pairs[those].sum(axis=0), 1)
+        mean *= 1 - far_share * np.arange(sums.shape[1]) / BINS
+        both[those] += mean / max(float(mean.max()), 1e-9)
+    return both
 
 
 def _bins(times: Times, longest: int) -> NDArray[np.int64]:

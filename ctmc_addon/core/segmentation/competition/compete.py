@@ -38,7 +38,7 @@ COARSE_MM = 1.4  # blocks are not made larger than twice this while there are fe
 SIGMA_MM = 2.0
 BALL_MM = 3.0  # around a click what is like it belongs to it
 ALIKE_MM = 20.0  # of time by difference alone
-SMALLEST = 1.5  # times the ball of a click
+SMALLEST = 3.0  # times the ball of a click, against noise
 SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
 TABLE_HU = (-1024, 3072)
 GRAY_HU = 120.0  # between the lowest and the highest percent of values that are not HU
@@ -187,7 +187,7 @@ def _coarse_steps(
         alike = np.abs(heights[near] - heights[cell]) <= cost_of(ALIKE_MM)
         own = alike & (away_mm <= BALL_MM * (1 + 1e-6))
         times[near][own] = number
-        balls.append(int(own.sum()))
+        balls.append(int((away_mm <= BALL_MM * (1 + 1e-6)).sum()))
     if permitted is not None:
         heights[~blocks_any(permitted, blocks)] += BLOCKED
     times = yield from equal_part(sweep_steps(times, heights, (x, y, z)), 1, 2)
