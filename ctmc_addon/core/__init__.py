@@ -77,6 +77,7 @@ __all__ = [
     "Described",
     "FieldCache",
     "Hold",
+    "LabelComplex",
     "LabelError",
     "LabelSurfaces",
     "MemoryLimitError",

@@ -7,8 +7,10 @@ that keep all volumes -> RAS+ mm
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,14 @@ from .each_label import each_label_steps, label_title, no_surface
 from .errors import CtmcError, LabelError, MeshError, ThresholdError
 from .extraction.grid import Axis, check_stride, make_axes
 from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
-from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs, next_constants
+from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .mesh.label_complex import ComplexSurface, Interface
-from .parallel import map_steps
-from .progress import PAUSE, Stages, Step, Steps
+from .extraction.interfaces.walls import Wall, find_walls, wall_samples_steps
+from .mesh.label_complex import ComplexSurface
+from .parallel import map_steps, side_by_side_steps
+from .progress import PAUSE, Stages, Steps, equal_part
 from .settings import ReconstructionSettings
 from .volume.affine import transform_faces, transform_points
 from .volume.field import field_steps, field_window_steps, refinement_of
@@ -34,15 +37,16 @@ from .volume.region import region_box
 from .volume.smoothing import refined_affine
 from .volume.volume import Box, Volume
 
-FIELDS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
+FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
+    "Smoothing the walls",
     "Finding who owns each sample",
     "Finding where labels meet",
     "Placing vertices and triangles",
     "Keeping the volumes",
     "Moving to millimeters",
 )
-STAGES = {FIELDS: 60, OWNING: 8, FINDING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
+STAGES = {FIELDS: 60, WALLS: 20, OWNING: 8, FINDING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
 REMEDY = "choose a region, fewer labels or slice_steps, or interfaces separate"
 VERTEX_BYTES = 300  # with its triangles
 POINTS_AT_ONCE = 1 << 16
@@ -71,8 +75,6 @@ class LabelComplex:
         What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
     constants_mm : dict of int to float
         Added to a label's field beside those that it touches.
-    interfaces : tuple of Interface
-        Where labels meet, each other or nothing, at the settings' alpha in mm2.
     slice_steps : int
     """
 
@@ -86,7 +88,6 @@ class LabelComplex:
     volumes_mm3: dict[int, float]
     label_mm3: dict[int, float]
     constants_mm: dict[int, float]
-    interfaces: tuple[Interface, ...]
     slice_steps: int
 
 
@@ -197,13 +198,66 @@ class _Making:
         self.budget.require(needed, f"the common grid of {len(self.labels)} labels, {size} samples,", REMEDY)
         samples = [field.samples for field in self.fields if field.samples is not None]
         threads = self.budget.thread_count
+        own = yield from self.stages.run(OWNING, self._labels_steps())
+        self.walls: dict[tuple[int, int], LabelSamples] = {}
+        if self.method == "constrained":
+            yield from self.stages.run(WALLS, self._walls_steps(own, samples))
         if samples:
-            owning = owners_steps(axes, samples, indicators, threads)
+            first_x, first_y, first_z = self.first
+            columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
+
+            def filled(slice_: int) -> NDArray[np.bool_] | None:
+                below, step = divmod(slice_, self.slice_steps)
+                if not step or not 0 <= below - first_z < len(own) - 1:
+                    return None
+                return (own[below - first_z, rows, columns] > 0) & (own[below - first_z + 1, rows, columns] > 0)
+
+            owning = owners_steps(axes, samples, self.walls, indicators, filled, threads)
             self.owners = yield from self.stages.run(OWNING, owning)
         else:
-            number = np.zeros((axes[2].count, axes[1].count, axes[0].count), owner_type(len(self.labels)))
+            number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
+            slices, rows, columns = (
+                axis.index[1:-1] - first for axis, first in zip(axes[::-1], self.first[::-1], strict=True)
+            )
+            number[1:-1, 1:-1, 1:-1] = own[np.ix_(slices, rows, columns)]
             self.owners = Owners(*axes, number)
-        yield from self.stages.run(OWNING, self._compare_steps(fill=not samples))
+        yield from self.stages.run(OWNING, self._compare_steps(own))
+
+    def _labels_steps(self) -> Steps[NDArray[Any]]:
+        """Return the label of every voxel in the box of all windows, counted from 1; count their volumes."""
+        x, y, z = _union([field.window for field in self.fields])
+        self.first = (x[0], y[0], z[0])
+        values = np.array(self.labels)
+        out = np.empty((z[1] - z[0], y[1] - y[0], x[1] - x[0]), owner_type(len(values)))
+        self.goals = np.zeros(len(values) + 1)
+        for at, slice_ in enumerate(range(*z)):
+            fetched = (yield from fetched_steps(self.volume, [slice_]))[0, slice(*y), slice(*x)]
+            own = np.searchsorted(values, fetched).clip(max=len(values) - 1)
+            out[at] = np.where(values[own] == fetched, own + 1, 0)
+            self.goals += np.bincount(out[at].reshape(-1), minlength=len(values) + 1) * self._share(slice_)
+        sx, sy, sz = self.volume.spacing
+        self.goals *= sx * sy * sz / self.slice_steps
+        return out
+
+    def _walls_steps(self, own: NDArray[Any], samples: Sequence[LabelSamples]) -> Steps[None]:
+        """Smooth the field of every wall, side by side."""
+        yield PAUSE
+        walls = find_walls(own)
+        spacing, steps = self.volume.spacing, self.slice_steps
+        threads = self.budget.thread_count
+        at_once = threads if len(walls) > 1 else 1
+        budget = self.budget.shared_by(at_once)
+
+        def smooth_steps(wall: Wall) -> Steps[LabelSamples | None]:
+            fields = samples[wall.first - 1], samples[wall.second - 1]
+            return (yield from wall_samples_steps(wall, own, self.first, fields, spacing, steps, budget))
+
+        works = [lambda wall=wall: smooth_steps(wall) for wall in walls]
+        weights = [float(math.prod(stop - start for start, stop in wall.box)) for wall in walls]
+        made = yield from side_by_side_steps(works, weights, at_once)
+        for wall, field in zip(walls, made, strict=True):
+            if field is not None:
+                self.walls[wall.first, wall.second] = field
 
     def _axes(self) -> tuple[Axis, Axis, Axis]:
         """The samples of the box that holds every label's window, along z refined slices."""
@@ -216,31 +270,22 @@ class _Making:
             last += copies + 2 * crossing if end == self.volume.size[2] else copies
         return make_axes((x, y, (first, last + 1)), self.settings.stride, True)
 
-    def _compare_steps(self, fill: bool) -> Steps[None]:
-        """Compare the owners with the labels of the volume, slice by slice, or take these for the owners."""
+    def _compare_steps(self, own: NDArray[Any]) -> Steps[None]:
+        """Count the samples of the grid that are a label's and not its owner's, or the other way round."""
         x, y, z = self.owners.x, self.owners.y, self.owners.z
-        steps, slices = self.slice_steps, self.volume.size[2]
-        values = np.array(self.labels)
+        steps, (first_x, first_y, first_z) = self.slice_steps, self.first
         wrong = np.zeros(len(self.labels) + 1, np.int64)
-        self.goals = np.zeros(len(self.labels) + 1)
+        rows, columns = y.index[1:-1, None] - first_y, x.index[1:-1] - first_x
         for layer in range(1, z.count - 1):
             slice_, between = divmod(int(z.index[layer]), steps)
-            if between or not 0 <= slice_ < slices:
+            if between or not 0 <= slice_ - first_z < len(own):
                 continue
-            fetched = (yield from fetched_steps(self.volume, [slice_]))[0]
-            fetched = fetched[y.index[1:-1]][:, x.index[1:-1]]
-            own = np.searchsorted(values, fetched).clip(max=len(values) - 1)
-            own = np.where(values[own] == fetched, own + 1, 0)
-            owner = self.owners.number[layer, 1:-1, 1:-1]
-            if fill:
-                owner[:] = own
-            differs = own != owner
+            owner, label = self.owners.number[layer, 1:-1, 1:-1], own[slice_ - first_z, rows, columns]
+            differs = label != owner
             if differs.any():
-                wrong += np.bincount(own[differs], minlength=len(wrong))
+                wrong += np.bincount(label[differs], minlength=len(wrong))
                 wrong += np.bincount(owner[differs], minlength=len(wrong))
-            self.goals += np.bincount(own.reshape(-1), minlength=len(wrong)) * self._share(slice_)
-        sx, sy, sz = self.volume.spacing
-        self.goals *= sx * sy * sz / steps
+            yield PAUSE
         self.wrong_side = wrong
 
     def _share(self, slice_: int) -> float:
@@ -273,7 +318,7 @@ class _Making:
         def fill(at: int) -> tuple[BandFaces, list[Crossings]]:
             above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
             faces = fill_band(owners, bands[at], starts[at].tolist(), *above)
-            return faces, [crossings_of(owners, bands[at], axis, samples) for axis in range(3)]
+            return faces, [crossings_of(owners, bands[at], axis, samples, self.walls) for axis in range(3)]
 
         filled = yield from self.stages.run(PLACING, map_steps(fill, range(len(bands)), threads))
         self.placed = Placed([each for _, each in filled], [faces for faces, _ in filled], starts, total)
@@ -319,16 +364,19 @@ class _Making:
         constants = np.zeros(count + 1)
         limit = max(self.volume.spacing) / 2
         self.shares = self._shares(constants)
+        threads = self.budget.thread_count
+        missing, gain = np.zeros(count + 1), np.ones(count + 1)
         for trial in range(ROUNDS + 1):
-            positions = self.placed.positions(self.owners, self.shares, self.origins)
-            yield Step((trial + 0.5) / (ROUNDS + 1))
-            self.volumes, areas = measured_pairs(positions, self.faces, self.sides, sizes, count)
-            missing = np.where(free, self.goals - self.volumes, 0.0)
+            placing = self.placed.positions_steps(self.owners, self.shares, self.origins, threads)
+            self.linear = yield from equal_part(placing, 2 * trial, 2 * ROUNDS + 2)
+            measuring = measured_pairs_steps(self.linear, self.faces, self.sides, sizes, count, threads)
+            self.volumes, areas = yield from equal_part(measuring, 2 * trial + 1, 2 * ROUNDS + 2)
+            before, missing = missing, np.where(free, self.goals - self.volumes, 0.0)
+            gain = next_gain(gain, before, missing)
             if trial == ROUNDS or not (np.abs(missing) > EXACT_ENOUGH * self.goals).any():
                 break
-            constants = np.clip(constants + next_constants(missing, areas, free), -limit, limit)
+            constants = np.clip(constants + next_constants(missing * gain, areas, free), -limit, limit)
             self.shares = self._shares(constants)
-            yield Step((trial + 1) / (ROUNDS + 1))
         self.constants = constants
 
     def _shares(self, constants: NDArray[np.float64]) -> list[list[NDArray[np.float64]]]:
@@ -343,7 +391,8 @@ class _Making:
         yield PAUSE
         settings, volume = self.settings, self.volume
         faces, sides, placed = self.faces, self.sides, self.placed
-        ends = [placed.positions(self.owners, shares, self.origins) for shares in (None, self.shares)]
+        placing = placed.positions_steps(self.owners, None, self.origins, self.budget.thread_count)
+        ends = [(yield from placing), self.linear]
         group = self.group[placed.labels]
         if not settings.close_border and self.on_cap.any():
             faces, sides = faces[~self.on_cap], sides[~self.on_cap]
@@ -363,7 +412,7 @@ class _Making:
         faces = transform_faces(volume.affine, faces)
         values = np.array([0, *self.labels], np.int32)
         surface = ComplexSurface(ends[0], ends[1], faces, values[sides])
-        with_surface = set(surface.at(1.0).labels)
+        with_surface = set(values[np.flatnonzero(np.bincount(sides.reshape(-1), minlength=2)[1:]) + 1].tolist())
         for label in self.labels:
             if label not in with_surface:
                 message = f"no sample of this grid is cut off by {label_title(volume, label)}; use a smaller stride"
@@ -384,7 +433,6 @@ class _Making:
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},
             constants_mm={label: float(self.constants[at]) for at, label in numbered},
-            interfaces=surface.at(settings.alpha_number).interfaces,
             slice_steps=self.slice_steps,
         )
 

@@ -19,10 +19,19 @@ from .label_complex import LabelComplex, complex_steps
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
-from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
+from .mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
-from .reconstruct import AVERAGING, CHOOSING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
+from .reconstruct import (
+    AVERAGING,
+    CHOOSING,
+    EXTRACTING,
+    KEEPING,
+    LARGEST_COLLAPSED_MM3,
+    SIMPLIFYING,
+    result_and_full_steps,
+    voxels_visited,
+)
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
 from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
@@ -145,7 +154,7 @@ class _Making:
         full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget)
+            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
@@ -161,10 +170,10 @@ class _Making:
     ) -> Steps[dict[int, Reconstruction]]:
         """Return each label's own surface at both ends of alpha."""
         full: dict[int, Reconstruction] = {}
-        interfaces = mesh.interfaces
+        interfaces, borders = mesh.interfaces, borders_of(surface.faces, surface.sides)
         for label in labels:
             yield Step(len(full) / len(self.labels))
-            own, beyond = surface.of_label(label)
+            own, beyond = surface.within(borders[label])
             at_alpha = own.at(self.settings.alpha_number)
             normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
             own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
@@ -179,9 +188,10 @@ class _Making:
         results: dict[int, Reconstruction] = {}
         together = simplified.mesh
         interfaces, notes = together.interfaces, _notes_of(simplified)
+        borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
-            faces, beyond, used = bordering(together.faces, together.sides, label, len(together.vertices))
+            faces, beyond, used = borders[label]
             mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
                 mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
@@ -221,8 +231,8 @@ class _Making:
 def _notes_of(simplified: ComplexSimplification) -> list[str]:
     """Return what simplification did to all labels together."""
     notes = []
-    if simplified.removed.count:
-        notes.append(f"{simplified.removed.sentence('mm3')}.")
+    if simplified.collapsed.count:
+        notes.append(f"{simplified.collapsed.sentence('mm3')}.")
     if simplified.handles_cut:
         notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
     return notes

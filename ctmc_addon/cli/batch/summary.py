@@ -18,7 +18,8 @@ from .files import read_record, thumbnail_path
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
 LABELS_FILE = "labels.csv"  # written where a case has several labels
-MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed")  # of each of several surfaces
+# Of each of several surfaces.
+MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed", "self_intersections")
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
 STYLE = (
     "body{font:15px system-ui,sans-serif;margin:2em;color:#222}table{border-collapse:collapse}"
@@ -36,8 +37,12 @@ class SummaryRow:
     status: str = "waiting"
     faces: int | None = None
     volume_mm3: float | None = None
+    self_intersections: int | None = None
     seconds: float | None = None
     error: str | None = None
+    removed_components: int | None = None
+    collapsed_components: int | None = None
+    collapsed_mm3: float | None = None
     surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
 
     def fill(self, record: dict[str, Any] | None) -> None:
@@ -48,7 +53,15 @@ class SummaryRow:
         self.status = record["status"]
         self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
         self.seconds, self.error = record["seconds"], record["error"]
-        self.surfaces = [{name: surface[name] for name in MEASURES} for surface in record.get("surfaces", ())]
+        self.self_intersections = record.get("self_intersections")  # not in records of older versions
+        surfaces = record.get("surfaces", ())
+        self.surfaces = [{name: surface.get(name) for name in MEASURES} for surface in surfaces]
+        made = [each for each in surfaces or [record] if "collapsed_components" in each]
+        if made:
+            collapsed = [each["collapsed_components"] for each in made]
+            self.removed_components = sum(each["removed_components"] for each in made)
+            self.collapsed_components = sum(each["count"] for each in collapsed)
+            self.collapsed_mm3 = sum(each["mm3"] for each in collapsed)
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -96,7 +109,8 @@ def html_text(folder: Path, rows: Sequence[SummaryRow], over: bool) -> str:
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">{refresh}',
         f"<title>CTMC batch</title><style>{STYLE}</style></head><body>",
         f"<h1>{counts(rows)}</h1><p>ctmc {VERSION}</p><table>",
-        "<tr><th></th><th>case</th><th>status</th><th>triangles</th><th>volume, ml</th><th>seconds</th><th>error</th>"
+        "<tr><th></th><th>case</th><th>status</th><th>triangles</th><th>volume, ml</th>"
+        "<th>self-intersections</th><th>seconds</th><th>error</th>"
         "</tr>",
         *(html_row(folder, row) for row in rows),
         "</table></body></html>",
@@ -153,10 +167,11 @@ def picture(folder: Path, row: SummaryRow) -> str:
 
 
 def numbers(row: SummaryRow) -> list[str]:
-    """Triangles, millilitres and seconds for a person; an open surface has no volume."""
+    """Triangles, milliliters, self-intersections and seconds for a person; an open surface has no volume."""
     return [
         "" if row.faces is None else f"{row.faces}",
         f"{row.volume_mm3 / 1000:.3f}" if row.volume_mm3 is not None else "-" if row.faces else "",
+        "" if row.self_intersections is None else f"{row.self_intersections}",
         "" if row.seconds is None else f"{row.seconds:.1f}",
     ]
 

@@ -19,6 +19,7 @@ from ctmc_addon.blender.surface import (
     temporary_surfaces,
     update_reconstruction,
 )
+from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct_labels
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
@@ -428,3 +429,24 @@ def test_vertices_all_moved_by_hand_stay_where_they_are_read(scene, torus):
     expected = (local.astype(np.float64) + obj.location) * 100
     assert np.abs(seen - expected).max() <= 1e-3
     assert np.abs(seen - before).max() > 0.5
+
+
+def test_a_face_says_which_label_lies_behind_it_and_both_sides_of_a_wall_move_alike(scene):
+    values = np.zeros((10, 12, 14), np.uint8)
+    values[2:8, 2:10, 2:7], values[2:8, 2:10, 7:12] = 1, 2
+    volume = Volume(values, np.diag([1.0, 1.0, 2.0, 1.0]), kind="label")
+    results = reconstruct_labels(volume, ReconstructionSettings()).surfaces
+    objects = [add_reconstruction(result, scene) for result in results]
+    walls = []
+    for obj, result in zip(objects, results, strict=True):
+        neighbor = np.empty(len(obj.data.polygons), np.int32)
+        obj.data.attributes["neighbor_label"].data.foreach_get("value", neighbor)
+        assert neighbor.tolist() == result.beyond.tolist()
+        alpha_key(obj).value = 0.3
+        mesh = evaluated_triangles(obj)
+        wall = mesh.vertices[mesh.faces[neighbor == 3 - result.settings.label]]
+        walls.append({tuple(map(tuple, triangle)) for triangle in np.round(wall, 4).tolist()})
+    turned = {(triangle[0], triangle[2], triangle[1]) for triangle in walls[1]}
+    rolled = {roll for a, b, c in turned for roll in ((a, b, c), (b, c, a), (c, a, b))}
+    assert len(walls[0]) == results[0].neighbors[0].triangles > 20
+    assert walls[0] <= rolled

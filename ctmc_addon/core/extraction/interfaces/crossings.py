@@ -8,12 +8,15 @@ that it has alone. A constant of a label moves its vertices along their edges an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...parallel import map_steps
+from ...progress import Steps
 from ..case_table import NEAREST
 from .bands import Band, BandFaces
 from .label_samples import LabelSamples
@@ -58,13 +61,21 @@ class Crossings:
         return np.clip(share, NEAREST, 1 - NEAREST, out=share)
 
 
-def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSamples]) -> Crossings:
+def crossings_of(
+    owners: Owners,
+    band: Band,
+    axis: int,
+    fields: Sequence[LabelSamples],
+    walls: Mapping[tuple[int, int], LabelSamples] = MappingProxyType({}),
+) -> Crossings:
     """Return the vertices on a band's edges along an axis.
 
     Parameters
     ----------
     fields : sequence of LabelSamples
         In the order of the labels' values; empty where labels are not smoothed.
+    walls : mapping of (first, second) to LabelSamples
+        The field between two labels, above 0 in the first.
     """
     rows, columns = owners.number.shape[1:]
     flat = band.edges[axis]
@@ -85,6 +96,7 @@ def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSa
         tuple(of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), sample, strict=True))
         for sample in (low, high)
     ]
+    samples_of = (low, high)
     others = None if owners.total is None else [owners.total[at[2], at[1], at[0]] for at in (low, high)]
     for side in (0, 1):
         order = np.argsort(ends[:, side], kind="stable")
@@ -99,8 +111,22 @@ def crossings_of(owners: Owners, band: Band, axis: int, fields: Sequence[LabelSa
                     rest = (others[end][edge] - values) / 2
                     # Both fields' mean difference, on an edge between two labels too.
                     values = np.where(ends[edge, 1 - side] == 0, values - 0.5 + rest, values / 2)
+                elif end == side and owners.largest is not None:
+                    # Its own field, but where a wall's gave it the sample.
+                    column, row, layer = (along_axis[edge] for along_axis in samples_of[end])
+                    largest = owners.largest[layer, row, column]
+                    values = np.where((ends[edge, 1 - side] == 0) & (values < 0), largest, values)
                 own[side, end, edge] = values
-    return Crossings(axis, low, ends, own[0] - own[1], fixed)
+    between = own[0] - own[1]
+    for pair, of_both in walls.items():
+        for (own_low, own_high), sign in ((pair, 2.0), (pair[::-1], -2.0)):
+            wall_edge = np.flatnonzero((ends[:, 0] == own_low) & (ends[:, 1] == own_high))
+            if not len(wall_edge):
+                continue
+            of_wall = sign * np.stack([of_both.at(*(index.take(wall_edge) for index in at)) for at in at_ends])
+            crosses = (of_wall[0] >= 0) & (of_wall[1] <= 0)
+            between[:, wall_edge[crosses]] = of_wall[:, crosses]
+    return Crossings(axis, low, ends, between, fixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +161,9 @@ class Placed:
         out[points] = out[~out[points]]
         return out
 
-    def positions(
-        self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp]
-    ) -> Floats:
+    def positions_steps(
+        self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp], threads: int
+    ) -> Steps[Floats]:
         """Return all positions, (V, 3) float32.
 
         Parameters
@@ -146,29 +172,33 @@ class Placed:
             Where on its edge each vertex lies; None for half-way.
         origins : (labels + 1, 3) intp
             The sample position from which those of each label's vertices are counted, x, y, z.
+        threads : int
         """
         out = np.empty((self.count, 3), np.float32)
         axes = (owners.x, owners.y, owners.z)
-        for band, (crossings, starts) in enumerate(zip(self.crossings, self.starts.tolist(), strict=True)):
-            for each, start in zip(crossings, starts, strict=False):
-                origin = origins[each.ends.max(axis=1)]  # (n, 3)
-                rows = out[start : start + len(each.ends)]
-                for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
-                    position = axis.position.take(sample) - origin[:, column].astype(np.float32)
-                    if column == each.axis:
-                        side = np.diff(axis.position).take(sample)
-                        share = 0.5 if shares is None else shares[band][each.axis]
-                        position = position + share * side
-                    rows[:, column] = position
-        self._place_points(out)
-        return out
+        starts = self.starts.tolist()
+        sides = [np.diff(axis.position) for axis in axes]
 
-    def _place_points(self, out: Floats) -> None:
-        """Put every point inside a face or a voxel at the mean of its vertices on edges."""
-        for faces, starts in zip(self.faces, self.starts.tolist(), strict=True):
+        def place_edges(band: int) -> None:
+            for each, start in zip(self.crossings[band], starts[band], strict=False):
+                label = each.ends.max(axis=1)
+                rows = out[start : start + len(label)]
+                for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
+                    position = axis.position.take(sample)
+                    position -= origins[:, column].astype(np.float32).take(label)
+                    if column == each.axis:
+                        share = 0.5 if shares is None else shares[band][each.axis]
+                        position = position + share * sides[column].take(sample)
+                    rows[:, column] = position
+
+        def place_points(band: int) -> None:
+            faces, start = self.faces[band], starts[band][3]
             count = np.diff(faces.point_first)
-            if not len(count):
-                continue
-            corners = out.take(faces.point_edges, axis=0).astype(np.float64)
-            sums = np.add.reduceat(corners, faces.point_first[:-1], axis=0)
-            out[starts[3] : starts[3] + len(count)] = sums / count[:, None]
+            if len(count):
+                corners = out.take(faces.point_edges, axis=0).astype(np.float64)
+                sums = np.add.reduceat(corners, faces.point_first[:-1], axis=0)
+                out[start : start + len(count)] = sums / count[:, None]
+
+        for place in (place_edges, place_points):
+            yield from map_steps(place, range(len(starts)), threads)
+        return out

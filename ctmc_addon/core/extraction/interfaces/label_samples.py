@@ -9,6 +9,7 @@ all highest are not kept.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,13 @@ def label_samples_steps(field: Field) -> Steps[LabelSamples]:
     field = yield from held_steps(field)
     (x0, x1), (y0, y1), (z0, z1) = field.window_in_values
     values = yield from field.values.slices_steps(range(field.values.shape[0]))
-    values = values[z0:z1, y0:y1, x0:x1]
+    origin_x, origin_y, _ = field.origin
+    low = (origin_x + x0, origin_y + y0, refined_slice(field, z0))
+    return (yield from samples_of_steps(values[z0:z1, y0:y1, x0:x1], low))
+
+
+def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int]) -> Steps[LabelSamples]:
+    """Return values (slices, rows, columns) without their constant parts; `low` is where on the grid they begin."""
     lowest, highest = values.min(), values.max()
     yield PAUSE
     slices, rows, columns = values.shape
@@ -109,9 +116,9 @@ def label_samples_steps(field: Field) -> Steps[LabelSamples]:
         if wide * BRICK > columns:
             part = np.pad(part, ((0, 0), (0, 0), (0, wide * BRICK - columns)), mode="edge")
         bricks = np.ascontiguousarray(part).reshape(-1, BRICK)
-        low, high = (bricks <= lowest).all(axis=1), (bricks >= highest).all(axis=1)
-        own = np.flatnonzero(~(low | high))
-        part_number = np.where(low, np.int32(-2), np.int32(-1))
+        is_low, is_high = (bricks <= lowest).all(axis=1), (bricks >= highest).all(axis=1)
+        own = np.flatnonzero(~(is_low | is_high))
+        part_number = np.where(is_low, np.int32(-2), np.int32(-1))
         part_number[own] = np.arange(count, count + len(own), dtype=np.int32)
         number[start : start + layers] = part_number.reshape(-1, rows, wide)
         kept.append(bricks[own].astype(np.float32))
@@ -120,10 +127,5 @@ def label_samples_steps(field: Field) -> Steps[LabelSamples]:
     ends = np.array([lowest, highest], np.float32)
     kept.append(np.repeat(ends[:, None], BRICK, axis=1))
     number[number < 0] += np.int32(count + 2)
-    origin_x, origin_y, _ = field.origin
-    box = (
-        (origin_x + x0, origin_x + x1),
-        (origin_y + y0, origin_y + y1),
-        (refined_slice(field, z0), refined_slice(field, z1)),
-    )
-    return LabelSamples(box, number, np.concatenate(kept), float(ends[0]))
+    x, y, z = ((start, start + size) for start, size in zip(low, values.shape[::-1], strict=True))
+    return LabelSamples((x, y, z), number, np.concatenate(kept), float(ends[0]))

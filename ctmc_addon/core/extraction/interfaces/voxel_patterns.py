@@ -150,7 +150,9 @@ def pattern_of(number: int) -> Pattern:
             sides += [group[0][2:]] * len(cut)
             continue
         center = INNER_POINT + len(inner)
-        inner.append(tuple(sorted(node for node in nodes if node < FACE_POINT)))
+        # The mean of the points on faces, each of which is a mean itself: there the labels meet.
+        on_faces = tuple(sorted(s[0] for s in group if s[1] >= FACE_POINT))
+        inner.append(on_faces or tuple(sorted(nodes)))
         triangles += [(first, second, center) for first, second, _, _ in group]
         sides += [segment[2:] for segment in group]
     return Pattern(tuple(triangles), tuple(sides), tuple(inner))

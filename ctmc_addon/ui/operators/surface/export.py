@@ -83,13 +83,20 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         export_together(self.surfaces(context), path, space=self.space, scene=context.scene)
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """What goes to the file, by name; the active surface where there is nothing else."""
+        """What goes to the file, in the order of the labels; the active surface where there is nothing else."""
         chosen = []
         if self.which == "SELECTED":
             chosen = [obj for obj in context.selected_objects if obj.type == "MESH"]
         elif self.which == "VISIBLE":
             chosen = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
-        return sorted(chosen, key=lambda obj: obj.name) or [context.object]
+        return sorted(chosen, key=label_and_name) or [context.object]
+
+
+def label_and_name(obj: bpy.types.Object) -> tuple[int, str]:
+    """Where an object stands in a file of several: as its label on the command line."""
+    provenance = read_provenance(obj)
+    label = None if provenance is None else provenance.settings.label
+    return (-1 if label is None else label, obj.name)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

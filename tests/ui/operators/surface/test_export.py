@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -34,6 +35,50 @@ def test_panel_and_command_line_write_the_same_bytes(loaded, ball_file, tmp_path
     line = ["reconstruct", str(ball_file), "-o", str(tmp_path / f"command{suffix}"), "--spacing", "1", "1", "2", *flags]
     assert main(line) == 0
     assert (tmp_path / f"panel{suffix}").read_bytes() == (tmp_path / f"command{suffix}").read_bytes()
+
+
+def organs_file(tmp_path):
+    """Labels of three boxes, which TotalSegmentator calls kidney_right, liver and sacrum."""
+    values = np.zeros((12, 12, 14), np.uint8)
+    values[2:6, 2:6, 2:6], values[7:10, 7:10, 7:10], values[2:5, 7:10, 2:5] = 5, 2, 25
+    np.save(tmp_path / "totalsegmentator_seg.npy", values)
+    return tmp_path / "totalsegmentator_seg.npy"
+
+
+@pytest.mark.parametrize("which", ["SELECTED", "VISIBLE"])
+def test_several_surfaces_go_to_one_file_with_the_bytes_of_the_command_line(scene, tmp_path, which):
+    path = organs_file(tmp_path)
+    bpy.ops.ctmc.load(filepath=str(path), spacing=(1, 1, 2))
+    for item in scene.ctmc.labels:
+        item.chosen = item.value != 25
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.mesh.primitive_cube_add()
+    cube = active()
+    for obj in bpy.context.scene.objects:
+        obj.select_set(obj is not cube and obj.name in ("liver", "kidney_right"))
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    line = ["reconstruct", str(path), "--spacing", "1", "1", "2", "--label", "kidney_right,liver", "-o"]
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "a" / "x.obj"), which=which)
+    assert main([*line, str(tmp_path / "b" / "x.obj")]) == 0
+    assert (tmp_path / "a" / "x.obj").read_bytes() == (tmp_path / "b" / "x.obj").read_bytes()
+    lines = (tmp_path / "a" / "x.mtl").read_text("utf-8").splitlines()
+    assert [text for text in lines if text.startswith(("newmtl", "Kd"))] == [
+        "newmtl kidney_right",
+        "Kd 0.6510 0.3529 0.2196",
+        "newmtl liver",
+        "Kd 0.4784 0.1098 0.1569",
+    ]
+
+
+def test_several_surfaces_do_not_go_to_an_stl(scene, tmp_path):
+    bpy.ops.ctmc.load(filepath=str(organs_file(tmp_path)), spacing=(1, 1, 2))
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, and there are 3"):
+        bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"), which="VISIBLE")
+    assert not (tmp_path / "a.stl").exists()
 
 
 def test_an_object_with_a_slash_in_its_name_is_exported_under_one_that_a_file_can_have(loaded, tmp_path):

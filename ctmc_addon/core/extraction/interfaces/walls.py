@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The field between two labels that touch: smoothed once for their wall, beyond both labels too.
+
+Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
+other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...budget import Budget
+from ...progress import PAUSE, Steps
+from ...volume.smoothing import between_labels_steps, reach_of
+from ...volume.volume import Box
+from .label_samples import LabelSamples, samples_of_steps
+
+LEAST_WALL = 40  # sides of voxels between two labels; a smaller wall lies where the labels' own fields are equal
+
+
+class Wall(NamedTuple):
+    """Where two labels touch.
+
+    Parameters
+    ----------
+    first, second : int
+        The labels, counted from 1; the first is the smaller.
+    box : Box
+        The samples beside the wall.
+    """
+
+    first: int
+    second: int
+    box: Box
+
+
+def find_walls(owners: NDArray[Any]) -> list[Wall]:
+    """Return the walls between labels, by label.
+
+    Parameters
+    ----------
+    owners : (slices, rows, columns) unsigned
+        The label of every sample, counted from 1; 0 is no label.
+    """
+    found = []
+    for axis in range(3):
+        low, high = (np.moveaxis(owners, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
+        at = np.nonzero((low != high) & (low > 0) & (high > 0))
+        ends = np.sort(np.stack([low[at], high[at]]).astype(np.int64), axis=0)
+        place = [*at[1 : axis + 1], at[0], *at[axis + 1 :]]
+        found.append(np.stack([*ends, *place, *place]))
+        found[-1][5 + axis] += 1
+    every = np.concatenate(found, axis=1)
+    if not every.shape[1]:
+        return []
+    every = every[:, np.lexsort(every[1::-1])]
+    first = np.flatnonzero(np.concatenate([[True], (np.diff(every[:2], axis=1) != 0).any(axis=0)]))
+    count = np.diff(first, append=every.shape[1])
+    lows, highs = np.minimum.reduceat(every[2:5], first, axis=1), np.maximum.reduceat(every[5:], first, axis=1) + 1
+    walls = []
+    for wall, number in enumerate(first.tolist()):
+        if count[wall] >= LEAST_WALL:
+            (z0, y0, x0), (z1, y1, x1) = lows[:, wall].tolist(), highs[:, wall].tolist()
+            walls.append(Wall(int(every[0, number]), int(every[1, number]), ((x0, x1), (y0, y1), (z0, z1))))
+    return walls
+
+
+def wall_samples_steps(
+    wall: Wall,
+    owners: NDArray[Any],
+    origin: tuple[int, int, int],
+    fields: tuple[LabelSamples, LabelSamples],
+    spacing_mm: tuple[float, float, float],
+    slice_steps: int,
+    budget: Budget,
+) -> Steps[LabelSamples]:
+    """Return the field between two labels, above 0 in the first.
+
+    Parameters
+    ----------
+    owners : (slices, rows, columns)
+        As `find_walls` takes them.
+    origin : (x, y, z) int
+        The volume's index of the first of them.
+    fields : LabelSamples
+        Of both labels.
+    """
+    reach = reach_of(spacing_mm)
+    x, y, z = (
+        (max(0, low - more), min(size, high + more))
+        for (low, high), more, size in zip(wall.box, reach, owners.shape[::-1], strict=True)
+    )
+    own = owners[slice(*z), slice(*y), slice(*x)]
+    sign = (own == wall.first).astype(np.int8) - (own == wall.second)
+    yield PAUSE
+    columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
+    slices = np.arange((z[0] + origin[2]) * slice_steps, (z[1] - 1 + origin[2]) * slice_steps + 1)
+    between = np.zeros((len(slices), *own.shape[1:]), np.float32)
+    for field, half in zip(fields, (0.5, -0.5), strict=True):
+        inside = field.part(columns, rows, slices)
+        part = np.full(between.shape, np.float32(field.outside))
+        if inside is not None:
+            part[inside[0]] = inside[1]
+        between += np.float32(half) * part
+        yield PAUSE
+    smooth = yield from between_labels_steps(between, sign, spacing_mm, slice_steps, budget)
+    return (yield from samples_of_steps(smooth, (int(columns[0]), int(rows[0]), int(slices[0]))))

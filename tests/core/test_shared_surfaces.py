@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several labels with shared interfaces, from the volume to each label's own surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import (
+    Budget,
+    MeshError,
+    ReconstructionSettings,
+    Volume,
+    finish,
+    reconstruct,
+    reconstruct_labels,
+    shared_surfaces_steps,
+)
+from ctmc_addon.core.volume import ValuesInMemory
+
+AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
+
+
+def two_halves(island=0):
+    """Return a ball of two labels that meet at a wavy wall; label 2 may have an island of so many voxels across."""
+    z, y, x = np.indices((16, 34, 36), np.float32)
+    ball = (2 * (z - 7.5)) ** 2 + (y - 16.5) ** 2 + (x - 17.5) ** 2 < 12**2
+    values = np.where(ball, 1 + (x + 2 * np.sin(y / 4) > 18), 0).astype(np.uint8)
+    values[2 : 2 + island, 2 : 2 + island, 2 : 2 + island] = 2
+    return values
+
+
+def made(values, settings, labels=(1, 2), **more):
+    volume = Volume(values, AFFINE, kind="label", **more)
+    return finish(shared_surfaces_steps(volume, settings, labels, Budget(threads=1)))
+
+
+def test_neighbors_say_the_same_of_the_triangles_that_they_share():
+    together = made(two_halves(), ReconstructionSettings())
+    first, second = together.results[1], together.results[2]
+    assert [(near.label, near.triangles) for near in first.neighbors] == [(2, int((first.beyond == 2).sum()))]
+    assert first.neighbors[0][1:] == second.neighbors[0][1:]
+    for label, result in together.results.items():
+        assert (result.mesh.closed, result.wrong_side, result.settings.label) == (True, 0, label)
+        assert len(result.beyond) == len(result.mesh.faces)
+        assert result.report()["neighbors"][0]["label"] == 3 - label
+
+
+def test_a_small_component_goes_and_its_neighbors_stay():
+    settings = ReconstructionSettings(min_part_mm3=40.0)
+    plain = made(two_halves(), settings)
+    together = made(two_halves(island=2), settings)
+    assert (
+        reconstruct_labels(Volume(two_halves(island=2), AFFINE, kind="label"), ReconstructionSettings())
+        .surfaces[1]
+        .mesh.components
+        == 2
+    )
+    for label in (1, 2):
+        assert together.results[label].mesh.components == 1
+        assert together.results[label].mesh.closed
+        assert together.results[label].mesh.volume == pytest.approx(plain.results[label].mesh.volume, rel=0.01)
+
+
+def test_a_small_component_within_another_label_becomes_that_label():
+    values = np.zeros((16, 34, 36), np.uint8)
+    values[2:14, 4:30, 4:30] = 1
+    values[7:9, 10:13, 10:13] = 2
+    values[5:11, 16:26, 16:26] = 2
+    together = made(values, ReconstructionSettings(min_part_mm3=100.0, smoothing="none"))
+    outer = together.results[1]
+    assert together.results[2].mesh.components == 1
+    assert outer.mesh.components == 2  # the outside, and the large part of label 2
+    assert outer.mesh.closed
+    assert int((outer.beyond == 2).sum()) == len(together.results[2].mesh.faces)
+
+
+def test_a_label_of_which_no_component_is_large_enough_is_refused_or_left_out():
+    values = two_halves()
+    values[1:3, 1:4, 1:4] = 3
+    settings = ReconstructionSettings(min_part_mm3=200.0)
+    with pytest.raises(MeshError, match="no component has a volume of 200 mm3 or more"):
+        made(values, settings, (1, 2, 3))
+    all_labels = reconstruct_labels(Volume(values, AFFINE, kind="label"), settings, None, Budget(threads=1))
+    assert [result.settings.label for result in all_labels.surfaces] == [1, 2]
+    [sentence] = all_labels.left_out
+    assert sentence.startswith("label 3 is left out: no component has a volume of 200 mm3")
+
+
+@pytest.mark.parametrize("goal", [{"reduction": 0.7}, {"target_faces": 900}])
+def test_simplified_together_the_count_is_that_of_all_and_the_wall_stays_one(goal):
+    full = made(two_halves(), ReconstructionSettings())
+    together = made(two_halves(), ReconstructionSettings(**goal))
+
+    def stored(results):  # a triangle of two labels is one
+        shared = results[1].neighbors[0].triangles
+        return sum(len(result.mesh.faces) for result in results.values()) - shared
+
+    before = stored(full.results)
+    target = goal.get("target_faces") or round(before * 0.3)
+    assert target - 1 <= stored(together.results) <= target
+    assert together.full[1].mesh.faces.tobytes() == full.results[1].mesh.faces.tobytes()
+    for result in together.results.values():
+        assert result.mesh.closed
+        assert result.surface is None
+        assert result.full_faces == len(together.full[result.settings.label].mesh.faces)
+
+
+def test_alpha_is_chosen_for_all_together():
+    settings = ReconstructionSettings(alpha="auto", min_angle_deg=8.0)
+    together = made(two_halves(), settings)
+    alphas = {result.settings.alpha for result in together.results.values()}
+    assert len(alphas) == 1
+    [alpha] = alphas
+    assert 0 < alpha < 1
+    by_hand = made(two_halves(), ReconstructionSettings(alpha=alpha))
+    for label in (1, 2):
+        assert together.results[label].mesh.vertices.tobytes() == by_hand.results[label].mesh.vertices.tobytes()
+        assert together.results[label].alpha_choice.smallest_angle_deg >= 8.0
+
+
+def test_a_label_in_a_layer_of_its_own_is_made_as_if_alone():
+    inner = np.zeros((16, 34, 36), np.uint8)
+    inner[6:10, 12:20, 12:22] = 5
+    layered = made(two_halves(), ReconstructionSettings(), (1, 2, 5), layers=(ValuesInMemory(inner),))
+    alone = reconstruct(Volume(inner, AFFINE, kind="label"), ReconstructionSettings(label=5))
+    assert layered.results[5].mesh.vertices.tobytes() == alone.mesh.vertices.tobytes()
+    assert layered.results[5].neighbors == ()
+    assert layered.results[1].neighbors[0].label == 2
+
+
+def test_one_label_alone_is_as_ever():
+    volume = Volume(two_halves(), AFFINE, kind="label")
+    [only] = reconstruct_labels(volume, ReconstructionSettings(), [2], Budget(threads=1)).surfaces
+    alone = reconstruct(volume, ReconstructionSettings(label=2))
+    assert only.mesh.vertices.tobytes() == alone.mesh.vertices.tobytes()
+    assert only.beyond is None
