@@ -45,6 +45,7 @@ from ..terminal import Progress, listing
 STAGES = {"Reading the CT": 4, "Reading labels": 1, "Segmenting": 4, "Growing": 1, "Writing": 2, "Reading back": 1}
 METHODS = ("compete", "connected")
 DEFAULT_MAX_MM = 65.0
+DEFAULT_HU_PER_MM = 2.0
 
 Mask = NDArray[np.bool_]
 Masks = dict[str, Mask]
@@ -72,6 +73,7 @@ class Request:
     region_unit: str
     max_mm: float | None
     opening_mm: float
+    hu_per_mm: float
 
 
 def add_parser(commands: Any) -> None:
@@ -103,6 +105,11 @@ def add_parser(commands: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--max-mm", metavar="MM", help=f"no farther from a point (default: {DEFAULT_MAX_MM:g} for compete)"
+    )
+    parser.add_argument(
+        "--hu-per-mm",
+        metavar="HU",
+        help=f"compete: a difference that counts as a millimeter, more for a noisy CT (default: {DEFAULT_HU_PER_MM:g})",
     )
     parser.add_argument(
         "--opening-mm", metavar="MM", help="connected: through no opening narrower than this (default: any)"
@@ -168,9 +175,12 @@ def request_of(args: argparse.Namespace) -> Request:
         raise UsageError("--opening-mm is for --method connected; with compete close a leak by --background X Y Z")
     max_mm = None if args.max_mm is None else numbers_of("--max-mm", [args.max_mm])[0]
     opening_mm = 0.0 if args.opening_mm is None else numbers_of("--opening-mm", [args.opening_mm])[0]
+    if args.method == "connected" and args.hu_per_mm is not None:
+        raise UsageError("--hu-per-mm is for --method compete; with connected choose --opening-mm or a --range")
+    hu_per_mm = DEFAULT_HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
     region, unit = getattr(args, "region", None), getattr(args, "region_unit", "voxel")
     given = None if limits is None else (limits[0], limits[1])
-    return Request(seeds, surroundings, margins, args.method, given, region, unit, max_mm, opening_mm)
+    return Request(seeds, surroundings, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
 
 
 def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
@@ -207,7 +217,7 @@ def segmented_steps(ct: Volume, request: Request) -> Steps[Masks]:
     clicks = [Click(sample, number) for number, samples in enumerate(own.values(), 1) for sample in samples]
     clicks += [Click(sample_at(part, point), 0) for point in request.surroundings]
     reach_mm = DEFAULT_MAX_MM if request.max_mm is None else request.max_mm
-    labels = yield from compete_steps(part, clicks, allowed, max_mm=reach_mm)
+    labels = yield from compete_steps(part, clicks, allowed, request.hu_per_mm, reach_mm)
     for number, mask in enumerate(masks.values(), 1):
         mask[z, y, x] = labels == number
     return masks

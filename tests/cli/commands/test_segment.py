@@ -129,6 +129,7 @@ def test_a_background_point_takes_voxels_away(ctmc, ct, tmp_path):
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "spleen", 2), "there is no structure 'spleen'"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "liver", -90), "nothing is left of liver"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--max-mm", 0), "numbers above 0"),
+        (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--hu-per-mm", -1), "numbers above 0, not -1"),
         (
             ("-o", "l.nii", "--seed", "a", 20, 0, 3, "--seed", "b", 0, -14, 3, "--margin", "b", 30),
             "structures overlap, and l.nii has one label a voxel",
@@ -156,6 +157,10 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
         (("--seed", "liver", 20, 0, "three"), "--seed takes finite numbers, not 20 0 three"),
         (("--seed", " ", 20, 0, 3), "--seed begins with the structure's name"),
         (("--seed", "liver", 20, 0, 3, "--method", "connected"), "needs --range LOW HIGH"),
+        (
+            ("--seed", "a", 20, 0, 3, "--method", "connected", "--range", 0, 9, "--hu-per-mm", 3),
+            "--hu-per-mm is for --method compete",
+        ),
         (("--seed", "liver", 20, 0, 3, "--opening-mm", 3), "--opening-mm is for --method connected"),
     ],
 )
