@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from ctmc_addon.cli import main
+from ctmc_addon.readers import read_volume
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -80,6 +81,27 @@ def test_the_python_of_the_simulation_page_makes_tetrahedra(readme_folder, monke
     assert grid.n_cells == count > 1000
     assert filled == pytest.approx(enclosed, rel=1e-3)
     assert grid.volume == pytest.approx(enclosed, rel=1e-3)
+
+
+def test_the_command_lines_of_the_segmenting_page_make_labels(readme_folder, monkeypatch):
+    lines = [line for line in page_of("segmenting.md").splitlines() if re.match(r"ctmc (segment|reconstruct) ", line)]
+    monkeypatch.chdir(readme_folder)
+    assert [main(shlex.split(line)[1:]) for line in lines] == [0, 0, 0, 0]
+    volumes = {name: read_volume(f"{name}.seg.nrrd") for name in ("tumor", "organs", "ablation")}
+    assert list(volumes["organs"].label_names.values()) == ["tumor", "liver"]
+    tumor, ablation = (int((volumes[name].values == 1).sum()) for name in ("tumor", "ablation"))
+    assert 0 < tumor < ablation
+
+
+def test_the_python_of_the_segmenting_page_runs(readme_folder, monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", page_of("segmenting.md"), re.DOTALL)
+    monkeypatch.chdir(readme_folder)
+    exec(compile(code, "segmenting.md", "exec"), {})
+    words = r"(\d+) voxels, (\d+) with a margin; (\d+) by the brush\n(\d+) bytes of undo\n"
+    tumor, grown, brushed, undo = map(int, re.fullmatch(words, capsys.readouterr().out).groups())
+    assert 0 < tumor < grown
+    assert 0 < brushed < grown
+    assert 16 <= undo <= 16 * brushed
 
 
 def test_the_command_lines_of_readme_make_what_they_say(readme_folder):

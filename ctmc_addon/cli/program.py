@@ -19,6 +19,7 @@ COMMANDS = {
     "info": ".commands.info",
     "phantom": ".phantom.command",
     "foam": ".phantom.foam",
+    "segment": ".commands.segment",
     "reconstruct": ".commands.reconstruct",
     "batch": ".batch.command",
     "experiment": ".experiment.command",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import spacing_of, transform_faces, transform_normals, transform_points
+from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
 from .anatomy import Anatomy, anatomy_of
 from .histogram import (
     Band,
@@ -137,6 +137,7 @@ __all__ = [
     "surface_name",
     "tissue_bands",
     "tissue_name",
+    "to_index",
     "transform_faces",
     "transform_normals",
     "transform_points",

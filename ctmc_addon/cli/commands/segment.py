@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`ctmc segment CT -o labels.seg.nrrd --seed NAME X Y Z`: structures from points, as labels in a file."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import readers
+from ...core import (
+    SETTINGS,
+    LabelError,
+    OutputError,
+    ReconstructionSettings,
+    SettingsError,
+    Stages,
+    Steps,
+    Volume,
+    defaults,
+)
+from ...core.files.atomic_write import require_writable, whole_files
+from ...core.files.file_names import printable
+from ...core.files.label_files import LABEL_SUFFIXES, Segment, write_labels_steps
+from ...core.segmentation import (
+    Click,
+    compete_steps,
+    connected_steps,
+    layers_of,
+    margin_steps,
+    range_mask_steps,
+    sample_at,
+)
+from ...core.volume import ValueKind, box_of, structure_color
+from ..arguments import UsageError, add_input, add_quiet, reading_of
+from ..described_flags import add_flag
+from ..terminal import Progress, listing
+
+STAGES = {"Reading the CT": 4, "Reading labels": 1, "Segmenting": 4, "Growing": 1, "Writing": 2, "Reading back": 1}
+METHODS = ("compete", "connected")
+DEFAULT_MAX_MM = 65.0
+DEFAULT_HU_PER_MM = 2.0
+
+Mask = NDArray[np.bool_]
+Masks = dict[str, Mask]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the flags ask for.
+
+    Parameters
+    ----------
+    seeds : mapping of str to list of (x, y, z)
+        RAS+ mm, by structure.
+    surroundings : list of (x, y, z)
+    margins : mapping of str to float
+        Millimeters, by structure.
+    """
+
+    seeds: Mapping[str, list[tuple[float, ...]]]
+    surroundings: list[tuple[float, ...]]
+    margins: Mapping[str, float]
+    method: str
+    limits: tuple[float, float] | None
+    region: tuple[float, ...] | None
+    region_unit: str
+    max_mm: float | None
+    opening_mm: float
+    hu_per_mm: float
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`."""
+    parser = commands.add_parser(
+        "segment",
+        help="make labels from points in a CT",
+        description="Make structures from points in a CT, and write them as labels: a segmentation of 3D Slicer "
+        "(.seg.nrrd: names, colors, structures that overlap) or NIfTI (.nii, .nii.gz). Points are RAS+ mm, a flag for "
+        "each.",
+    )
+    add_input(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="labels: .seg.nrrd, .nrrd, .nii, .nii.gz")
+    parser.add_argument(
+        "--seed", action="append", nargs=4, default=[], metavar=("NAME", "X", "Y", "Z"), help="a point in a structure"
+    )
+    parser.add_argument(
+        "--background", action="append", nargs=3, default=[], metavar=("X", "Y", "Z"),
+        help="a point that belongs to no structure; closes a leak",
+    )  # fmt: skip
+    parser.add_argument("--range", nargs=2, metavar=("LOW", "HIGH"), help="only values between these two")
+    own = defaults(ReconstructionSettings)
+    for name in ("region", "region_unit"):
+        add_flag(parser, name, SETTINGS[name], own[name])
+    parser.add_argument(
+        "--method", choices=METHODS, default=METHODS[0],
+        help="compete: each voxel to the point from which mm and differences of HU are least, cut off where the border "
+        "is sharpest; connected: what hangs together in --range (default: compete)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--max-mm", metavar="MM", help=f"no farther from a point (default: {DEFAULT_MAX_MM:g} for compete)"
+    )
+    parser.add_argument(
+        "--hu-per-mm",
+        metavar="HU",
+        help=f"compete: a difference that counts as a millimeter, more for a noisy CT (default: {DEFAULT_HU_PER_MM:g})",
+    )
+    parser.add_argument(
+        "--opening-mm", metavar="MM", help="connected: through no opening narrower than this (default: any)"
+    )
+    parser.add_argument(
+        "--margin", action="append", nargs=2, default=[], metavar=("NAME", "MM"),
+        help="grow a structure at the end, or shrink it by a negative number",
+    )  # fmt: skip
+    parser.add_argument("--from", dest="labels", metavar="FILE", help="labels on the CT's grid to go on from")
+    add_quiet(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Make the structures, write them, read them back and print their volumes."""
+    request = request_of(args)
+    output = require_writable(args.output, LABEL_SUFFIXES)
+    if output.suffix.lower() == ".gz" and not output.name.lower().endswith(".nii.gz"):
+        raise OutputError(f"{output.name} needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz")
+    stages = Stages(STAGES)
+    reading, before, segmenting, growing, writing, back = STAGES
+    with Progress() as progress:
+        steps = readers.read_volume_steps(args.input, reading_of(args))
+        ct = progress.finish(stages.run(reading, steps))
+        if ct.kind == ValueKind.LABEL:
+            raise LabelError(f"{Path(args.input).name} has labels; give the CT, and the labels by --from")
+        masks: Masks = {}
+        if args.labels:
+            masks = progress.finish(stages.run(before, labels_steps(args.labels, ct)))
+        for name, mask in progress.finish(stages.run(segmenting, segmented_steps(ct, request))).items():
+            masks[name] = masks[name] | mask if name in masks else mask
+        masks = progress.finish(stages.run(growing, grown_steps(masks, ct, request.margins)))
+        layers, used = layers_of(list(masks.values()))
+        segments = [
+            Segment(name, structure_color(number, None, name).rgb, layer)
+            for number, (name, layer) in enumerate(zip(masks, used, strict=True), 1)
+        ]
+        with whole_files([output]) as temporary_paths:
+            path = temporary_paths[output]
+            progress.finish(stages.run(writing, write_labels_steps(path, layers, segments, ct.affine)))
+            progress.finish(stages.run(back, checked_steps(path, masks, ct)))
+    print(text_of(masks, ct, output))
+
+
+def request_of(args: argparse.Namespace) -> Request:
+    """Return what the flags ask for; a `UsageError` where they contradict each other."""
+    seeds: dict[str, list[tuple[float, ...]]] = {}
+    for name, *point in args.seed:
+        called = printable(name)
+        if not called:
+            raise UsageError("--seed begins with the structure's name: --seed liver -40 20 95")
+        seeds.setdefault(called, []).append(numbers_of("--seed", point))
+    surroundings = [numbers_of("--background", point) for point in args.background]
+    margins = {printable(name): numbers_of("--margin", [mm])[0] for name, mm in args.margin}
+    limits = None if args.range is None else numbers_of("--range", args.range)
+    if not seeds and not (args.labels and margins):
+        raise UsageError("give a point, --seed NAME X Y Z, or --from labels and a --margin")
+    if args.method == "connected" and seeds and limits is None:
+        raise UsageError("--method connected needs --range LOW HIGH: what hangs together in it is taken")
+    if args.method == "connected" and surroundings:
+        raise UsageError("--background is for --method compete; with connected choose --opening-mm or a --range")
+    if args.method == "compete" and args.opening_mm is not None:
+        raise UsageError("--opening-mm is for --method connected; with compete close a leak by --background X Y Z")
+    max_mm = None if args.max_mm is None else numbers_of("--max-mm", [args.max_mm])[0]
+    opening_mm = 0.0 if args.opening_mm is None else numbers_of("--opening-mm", [args.opening_mm])[0]
+    if args.method == "connected" and args.hu_per_mm is not None:
+        raise UsageError("--hu-per-mm is for --method compete; with connected choose --opening-mm or a --range")
+    hu_per_mm = DEFAULT_HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
+    region, unit = getattr(args, "region", None), getattr(args, "region_unit", "voxel")
+    given = None if limits is None else (limits[0], limits[1])
+    return Request(seeds, surroundings, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
+
+
+def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
+    """Return the numbers of a flag; a `UsageError` where one is no finite number."""
+    try:
+        numbers = tuple(float(word) for word in words)
+    except ValueError:
+        numbers = (math.nan,)
+    if not all(math.isfinite(number) for number in numbers):
+        raise UsageError(f"{flag} takes finite numbers, not {' '.join(words)}")
+    return numbers
+
+
+def segmented_steps(ct: Volume, request: Request) -> Steps[Masks]:
+    """Make the structures of the seeds, each a mask of the whole CT."""
+    if not request.seeds:
+        return {}
+    box = box_of(ct, request.region, request.region_unit)
+    part = ct.part(box)
+    own = {name: [sample_at(part, point) for point in points] for name, points in request.seeds.items()}
+    allowed = None
+    if request.limits is not None:
+        allowed = yield from range_mask_steps(part, *request.limits)
+    x, y, z = (slice(*side) for side in box)
+    masks = {name: np.zeros(ct.shape, bool) for name in own}
+    if request.method == "connected":
+        assert allowed is not None
+        max_mm = math.inf if request.max_mm is None else request.max_mm
+        for name, samples in own.items():
+            masks[name][z, y, x] = yield from connected_steps(
+                allowed, samples, part.spacing, max_mm, request.opening_mm
+            )
+        return masks
+    clicks = [Click(sample, number) for number, samples in enumerate(own.values(), 1) for sample in samples]
+    clicks += [Click(sample_at(part, point), 0) for point in request.surroundings]
+    reach_mm = DEFAULT_MAX_MM if request.max_mm is None else request.max_mm
+    labels = yield from compete_steps(part, clicks, allowed, request.hu_per_mm, reach_mm)
+    for number, mask in enumerate(masks.values(), 1):
+        mask[z, y, x] = labels == number
+    return masks
+
+
+def grown_steps(masks: Masks, ct: Volume, margins: Mapping[str, float]) -> Steps[Masks]:
+    """Grow and shrink structures; one that vanishes is refused."""
+    grown = dict(masks)
+    for name, margin_mm in margins.items():
+        if name not in masks:
+            raise LabelError(f"there is no structure '{name}' for --margin; there are {', '.join(masks)}")
+        grown[name] = yield from margin_steps(masks[name], ct.spacing, margin_mm)
+    for name, mask in grown.items():
+        if not mask.any():
+            raise LabelError(f"nothing is left of {name}; shrink it less")
+    return grown
+
+
+def labels_steps(path: str, ct: Volume) -> Steps[Masks]:
+    """Read labels on the CT's grid, a mask for each, by name."""
+    labels = yield from readers.read_volume_steps(path)
+    name = Path(path).name
+    if labels.kind != ValueKind.LABEL:
+        raise LabelError(f"{name} has no labels but {labels.kind}s; give a label volume to --from")
+    if labels.shape != ct.shape or not np.allclose(labels.affine, ct.affine, atol=1e-2):
+        raise SettingsError(f"{name} and the CT do not lie on one grid; give labels that were drawn on this CT")
+    masks: Masks = {}
+    for layer in labels.each_layer:
+        values = layer.values
+        for label in np.unique(values[values != 0]).tolist():
+            called = labels.label_names.get(int(label)) or f"label {int(label)}"
+            masks[called] = masks[called] | (values == label) if called in masks else values == label
+    if not masks:
+        raise LabelError(f"{name} has no labelled voxel; leave --from out")
+    return masks
+
+
+def checked_steps(path: Path, masks: Masks, ct: Volume) -> Steps[None]:
+    """Read the file back; an `OutputError` where a voxel or the grid is not what was written."""
+    back = yield from readers.read_volume_steps(path)
+    same = back.shape == ct.shape and np.allclose(back.affine, ct.affine, rtol=1e-5, atol=1e-3)
+    layers = [layer.values for layer in back.each_layer]
+    for number, mask in enumerate(masks.values(), 1):
+        same = same and any(np.array_equal(values == number, mask) for values in layers)
+    if not same:
+        raise OutputError(f"{path.name} does not read back as it was written; choose another disk or format")
+
+
+def text_of(masks: Masks, ct: Volume, output: Path) -> str:
+    """Return the volumes of the structures, for a person."""
+    voxel_ml = abs(float(np.linalg.det(ct.affine[:3, :3]))) / 1000
+    lines = []
+    for name, mask in masks.items():
+        voxels = int(np.count_nonzero(mask))
+        lines.append((name, f"{voxels * voxel_ml:.4g} ml, {voxels} voxels"))
+    return listing([*lines, ("file", output.name)])

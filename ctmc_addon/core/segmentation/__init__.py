@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From clicks and strokes to structures: masks on a grid, without a trained model. NumPy alone.
+
+A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, hand in `volume.part(box)` and masks of its
+shape: nothing else is read or touched.
+"""
+
+from .between_slices import between_slices_steps
+from .brush import brush, brushed_window
+from .changes import Change, change_of
+from .combine import COMBINATIONS, combined
+from .competition.compete import Click, compete_steps
+from .connected import connected_steps
+from .islands import holes_filled_steps, islands_steps
+from .layers import layers_of
+from .margin import margin_steps
+from .points import sample_at
+from .range_mask import range_mask_steps
+from .scissors import scissors_steps
+
+__all__ = [
+    "COMBINATIONS",
+    "Change",
+    "Click",
+    "between_slices_steps",
+    "brush",
+    "brushed_window",
+    "change_of",
+    "combined",
+    "compete_steps",
+    "connected_steps",
+    "holes_filled_steps",
+    "islands_steps",
+    "layers_of",
+    "margin_steps",
+    "range_mask_steps",
+    "sample_at",
+    "scissors_steps",
+]

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Geodesic times from clicks by sweeps over planes, and which click is the nearest, in one array of integers.
+
+A time counts millimeters and differences of values. It is a uint32: the number of the click in the lowest 8 bits,
+1/32 mm above them, so the lower of two times brings its click along, a tie goes to the earlier click, and the bytes
+are the same everywhere. A sweep hands times from plane to plane, to the sample straight ahead and the four beside it;
+six sweeps, one along each direction, are a round (after Criminisi et al. 2008, doi:10.1007/978-3-540-88682-2_9).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...progress import Step, Steps
+from ..distance import Spacing
+
+Times = NDArray[np.uint32]
+Heights = NDArray[np.int32]
+OWNER_BITS = 8
+UNIT = 32  # steps of time in a millimeter
+NEVER = 1 << 31
+BLOCKED = 1 << 29  # a step up or down that no time is left after; a difference of heights
+ROUNDS = 3
+
+
+def cost_of(mm: float) -> int:
+    """Return a length as a difference of times.
+
+    Examples
+    --------
+    >>> cost_of(0.5)
+    4096
+    """
+    return round(mm * UNIT) << OWNER_BITS
+
+
+def heights_of(values: NDArray[np.float32], units_per_mm: float) -> Heights:
+    """Return values as integers whose differences are differences of times; so many units of them are a millimeter."""
+    scaled = np.rint(values * np.float32(UNIT / units_per_mm)).astype(np.int32)
+    return scaled << OWNER_BITS
+
+
+def sweep_steps(times: Times, heights: Heights, spacing_mm: Spacing, rounds: int = ROUNDS) -> Steps[Times]:
+    """Lower the times of all samples to what their neighbors' times and the way from them allow.
+
+    Parameters
+    ----------
+    times : (slices, rows, columns) uint32
+        The clicks' numbers where time begins, `NEVER` elsewhere.
+    heights : (slices, rows, columns) int32
+        As of `heights_of`; `BLOCKED` is added where no way leads through.
+    spacing_mm : (x, y, z) float
+    rounds : int
+        At most so many; fewer where nothing changes any more.
+    """
+    sides = list(reversed(spacing_mm))
+    for number in range(rounds):
+        before = times
+        for axis in range(3):
+            order = (axis, *(other for other in range(3) if other != axis))
+            turned = np.array(times.transpose(order), order="C")  # a copy: a sweep writes into it
+            ground = np.ascontiguousarray(heights.transpose(order))
+            costs = [sides[axis], *(math.hypot(sides[axis], sides[other]) for other in order[1:])]
+            for forward in (True, False):
+                _sweep(turned, ground, [np.uint32(cost_of(cost)) for cost in costs], forward)
+                yield Step((number + (axis + forward / 2) / 3) / rounds)
+            times = np.ascontiguousarray(turned.transpose(np.argsort(order)))
+        if np.array_equal(times, before):
+            break
+    return times
+
+
+def _sweep(times: Times, heights: Heights, costs: list[np.uint32], forward: bool) -> None:
+    """Hand times on from plane to plane, in place."""
+    planes = range(1, len(times)) if forward else range(len(times) - 2, -1, -1)
+    every, head, tail = slice(None), slice(1, None), slice(None, -1)
+    ways = [
+        ((every, every), (every, every), costs[0]),
+        ((head, every), (tail, every), costs[1]),
+        ((tail, every), (head, every), costs[1]),
+        ((every, head), (every, tail), costs[2]),
+        ((every, tail), (every, head), costs[2]),
+    ]
+    room = np.empty(times.shape[1:], np.int32)
+    for plane in planes:
+        last = plane - 1 if forward else plane + 1
+        for to, of, cost in ways:
+            step = room[to]
+            np.subtract(heights[plane][to], heights[last][of], out=step)
+            np.abs(step, out=step)
+            through = step.view(np.uint32)
+            through += times[last][of]
+            through += cost
+            own = times[plane][to]
+            np.minimum(own, through, out=own)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What hangs together with clicked points, through openings that are wide enough.
+
+The mask is eroded by half an opening, flooded from the points, and the flood dilated back by as much inside the mask:
+a leak through a bridge that is narrower than the opening is cut. All distances are exact (`distance`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import SettingsError
+from ..progress import Steps, equal_part
+from .distance import Mask, Spacing, far_inside_steps, near_steps
+from .islands import touching_steps
+from .points import Sample, sample_in, window_around
+
+
+def connected_steps(
+    allowed: Mask,
+    samples: Sequence[Sample],
+    spacing_mm: Spacing,
+    max_mm: float = math.inf,
+    opening_mm: float = 0.0,
+) -> Steps[Mask]:
+    """Return what hangs together with some samples.
+
+    Parameters
+    ----------
+    allowed : (slices, rows, columns) bool
+        Such as a range.
+    samples : sequence of (slice, row, column) int
+        The clicked points; those outside of the allowed samples have no effect.
+    spacing_mm : (x, y, z) float
+        For an oblique or sheared affine the lengths of its columns.
+    max_mm : float
+        No sample is farther from the nearest clicked one, as the crow flies.
+    opening_mm : float
+        Openings that are narrower by more than a voxel are closed, and none as wide; 0 closes none.
+
+    Returns
+    -------
+    (slices, rows, columns) bool
+
+    Raises
+    ------
+    SettingsError
+        If no clicked sample is allowed, or none lies where the mask is as wide as the opening; or a length is below 0.
+    """
+    if not (max_mm > 0 and 0 <= opening_mm < math.inf):
+        raise SettingsError(
+            f"max_mm must be above 0, opening_mm 0 or more, not {max_mm:g} and {opening_mm:g}; leave them out"
+        )
+    clicked = [sample for sample in samples if allowed[sample]]
+    if not clicked:
+        raise SettingsError("no clicked point lies in the range; click inside the structure, or widen the range")
+    result = np.zeros(allowed.shape, bool)
+    window = window_around(clicked, max_mm, spacing_mm, allowed.shape)
+    inner = allowed[window]
+    own = [sample_in(sample, window) for sample in clicked]
+    if max_mm < math.inf:
+        points = np.zeros(inner.shape, bool)
+        for sample in own:
+            points[sample] = True
+        inner = inner & (yield from equal_part(near_steps(points, spacing_mm, max_mm), 0, 4))
+    if opening_mm == 0:
+        result[window] = yield from touching_steps(inner, own)
+        return result
+    half = opening_mm / 2
+    core = yield from equal_part(far_inside_steps(inner, spacing_mm, half, at_least=True), 1, 4)
+    wide = yield from equal_part(_cores_steps(core, inner, own, spacing_mm, half), 2, 4)
+    flood = yield from touching_steps(core, wide)
+    result[window] = inner & (yield from equal_part(near_steps(flood, spacing_mm, half), 3, 4))
+    return result
+
+
+def _cores_steps(
+    core: Mask, inner: Mask, clicked: Sequence[Sample], spacing_mm: Spacing, half_mm: float
+) -> Steps[list[Sample]]:
+    """Return the clicked samples of the core, and for others a sample of it near them that the mask connects."""
+    found: list[Sample] = []
+    for sample in clicked:
+        if core[sample]:
+            found.append(sample)
+            continue
+        window = window_around([sample], half_mm, spacing_mm, core.shape)
+        own = sample_in(sample, window)
+        linked = yield from touching_steps(inner[window], [own])
+        at = np.argwhere(core[window] & linked)
+        apart = (at - np.array(own)) * np.array(spacing_mm[::-1])
+        square = apart[:, 0] ** 2 + apart[:, 1] ** 2 + apart[:, 2] ** 2
+        if at.size and square.min() <= half_mm * half_mm * (1 + 1e-6):
+            z, y, x = (at[int(square.argmin())] + [side.start for side in window]).tolist()
+            found.append((z, y, x))
+    if not found:
+        raise SettingsError(
+            f"no clicked point lies where the structure is {2 * half_mm:g} mm wide; choose a narrower opening_mm, or "
+            "click where it is wider"
+        )
+    return found

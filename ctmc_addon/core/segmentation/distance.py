@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which samples lie within a distance of a mask: exact distances between samples' centers, in millimeters.
+
+Axis by axis as Felzenszwalb and Huttenlocher 2012 (doi:10.4086/toc.2012.v008a019): along x by the nearest sample on
+either side, then along y and z the least of `squared distance so far + squared step`, by brute force over the steps
+that the limit allows. Masks are (slices, rows, columns); a grid's spacing is (x, y, z).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..progress import Step, Steps
+
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+Spacing = tuple[float, float, float]
+Window = tuple[slice, slice, slice]
+BLOCK = 1 << 20  # samples worked on at once, each with some bytes
+SLACK = 1e-6  # share of a distance that is rounding
+
+
+def window_of(mask: Mask) -> Window | None:
+    """Return the smallest window (z, y, x) that holds a mask's samples; None where it has none.
+
+    Examples
+    --------
+    >>> mask = np.zeros((4, 5, 6), bool)
+    >>> mask[1, 2:4, 5] = True
+    >>> window_of(mask)
+    (slice(1, 2, None), slice(2, 4, None), slice(5, 6, None))
+    """
+    found = []
+    part = mask
+    for axis in range(3):
+        others = tuple(other for other in range(3) if other != axis)
+        at = np.flatnonzero(part.any(axis=others))
+        if not at.size:
+            return None
+        found.append(slice(int(at[0]), int(at[-1]) + 1))
+        part = part[(slice(None),) * axis + (found[-1],)]
+    return found[0], found[1], found[2]
+
+
+def grown_window(window: Window, margin_mm: float, spacing_mm: Spacing, shape: tuple[int, ...]) -> Window:
+    """Return a window (z, y, x) that is larger by so many mm on every side, inside a grid of this shape.
+
+    Examples
+    --------
+    >>> grown_window((slice(1, 2), slice(2, 4), slice(5, 6)), 2.0, (1.0, 1.0, 4.0), (4, 5, 6))
+    (slice(0, 3, None), slice(0, 5, None), slice(3, 6, None))
+    """
+    grown = []
+    for side, count, mm in zip(window, shape, reversed(spacing_mm), strict=True):
+        more = math.ceil(min(margin_mm / mm, count))
+        grown.append(slice(max(0, side.start - more), min(count, side.stop + more)))
+    return grown[0], grown[1], grown[2]
+
+
+def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.inf) -> Floats:
+    """Return the squared distance from every sample to the nearest one of a mask, mm2, exact up to the limit.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+    spacing_mm : (x, y, z) float
+    limit_mm : float
+        Farther distances may be given as infinite.
+
+    Returns
+    -------
+    (slices, rows, columns) float32
+
+    Examples
+    --------
+    >>> squared_distances(np.array([[[True, False, False]], [[False] * 3]]), (1.0, 1.0, 2.0)).tolist()
+    [[[0.0, 1.0, 4.0]], [[4.0, 5.0, 8.0]]]
+    """
+    columns = mask.shape[2]
+    at = np.arange(columns, dtype=np.int32)
+    far = np.int32(2 * columns)
+    before = np.maximum.accumulate(np.where(mask, at, -far), axis=2)
+    behind = np.minimum.accumulate(np.where(mask, at, 2 * far)[:, :, ::-1], axis=2)[:, :, ::-1]
+    steps = np.minimum(at - before, behind - at)
+    squares = steps.astype(np.float32) * np.float32(spacing_mm[0])
+    squares *= squares
+    squares[steps >= far] = np.inf
+    farthest = limit_mm * limit_mm * (1 + SLACK)
+    for axis, mm in ((1, spacing_mm[1]), (0, spacing_mm[2])):
+        nearest = squares.copy()
+        finite = nearest[np.isfinite(nearest)]
+        if not finite.size:
+            return squares
+        most = math.inf if finite.size < nearest.size else float(finite.max())
+        for step in range(1, mask.shape[axis]):
+            extra = np.float32((step * mm) ** 2)
+            if extra > farthest or extra >= most:
+                break
+            head, tail = [slice(None)] * 3, [slice(None)] * 3
+            head[axis], tail[axis] = slice(step, None), slice(None, -step)
+            for to, of in ((tuple(head), tuple(tail)), (tuple(tail), tuple(head))):
+                np.minimum(nearest[to], squares[of] + extra, out=nearest[to])
+        squares = nearest
+    return squares
+
+
+def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = False) -> Steps[Mask]:
+    """Find the samples that are at most `limit_mm` from one of the mask, the mask's own included.
+
+    Works on some slices at a time, so it takes a byte for each sample of the grid.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+    spacing_mm : (x, y, z) float
+        For an oblique or sheared affine the lengths of its columns.
+    limit_mm : float
+        0 or more.
+    below : bool
+        Whether a sample at exactly this distance is left out.
+
+    Returns
+    -------
+    (slices, rows, columns) bool
+    """
+    result = mask.copy()
+    window = window_of(mask)
+    if window is None or limit_mm <= 0:
+        return result
+    window = grown_window(window, limit_mm, spacing_mm, mask.shape)
+    inner, found = mask[window], result[window]
+    slices, rows, columns = inner.shape
+    reach = min(slices, math.ceil(limit_mm / spacing_mm[2]))
+    most = np.float32(limit_mm * limit_mm * (1 - SLACK if below else 1 + SLACK))
+    layers = max(1, reach, BLOCK // (rows * columns))
+    for low in range(0, slices, layers):
+        high = min(slices, low + layers)
+        first = max(0, low - reach)
+        squares = squared_distances(inner[first : high + reach], spacing_mm, limit_mm)
+        found[low:high] |= squares[low - first : high - first] <= most
+        yield Step(high / slices, "Measuring distances")
+    return result
+
+
+def far_inside_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, at_least: bool = False) -> Steps[Mask]:
+    """Find the samples of a mask that are farther than `limit_mm` from every sample outside of it.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+        What lies behind the border of the grid is not outside.
+    spacing_mm : (x, y, z) float
+    limit_mm : float
+        0 or more.
+    at_least : bool
+        Whether a sample at exactly this distance is kept.
+    """
+    result = np.zeros(mask.shape, bool)
+    window = window_of(mask)
+    if window is None:
+        return result
+    # The nearest outside is never behind the first layer of samples around the mask's box.
+    window = grown_window(window, min(spacing_mm) / 2, spacing_mm, mask.shape)
+    outside = ~mask[window]
+    result[window] = ~(outside | (yield from near_steps(outside, spacing_mm, limit_mm, below=at_least)))
+    return result

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The samples of a volume between two values: the mask that other tools stay in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import SettingsError
+from ..progress import Step, Steps
+from ..volume.statistics import slabs_of
+from ..volume.volume import Volume
+from .distance import Mask
+
+
+def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Mask]:
+    """Find the samples from `low` to `high`, both included; NaN is in no range.
+
+    Parameters
+    ----------
+    volume : Volume
+        For a region alone, `volume.part(box)`; it is read slab by slab.
+    low, high : float
+        HU, or gray values; infinite where there is no limit.
+
+    Returns
+    -------
+    (slices, rows, columns) bool
+
+    Raises
+    ------
+    SettingsError
+        If `low` is above `high`, or one of them is NaN.
+
+    Examples
+    --------
+    >>> from ctmc_addon.core import finish
+    >>> volume = Volume(np.arange(8).reshape(2, 2, 2), np.eye(4))
+    >>> finish(range_mask_steps(volume, 2, 5)).astype(int).ravel().tolist()
+    [0, 0, 1, 1, 1, 1, 0, 0]
+    """
+    if not low <= high:
+        raise SettingsError(f"a range goes from a value to a higher one, not from {low:g} to {high:g}; swap them")
+    mask = np.empty(volume.shape, bool)
+    first = 0
+    for values in slabs_of(volume):
+        inside = mask[first : first + len(values)]
+        np.greater_equal(values, low, out=inside)
+        inside &= values <= high
+        first += len(values)
+        yield Step(first / volume.shape[0], "Looking for the range")
+    return mask

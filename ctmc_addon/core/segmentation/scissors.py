@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cut by a lasso that was drawn in a view: what is seen inside of it, through everything or to a depth.
+
+The view is a (4, 4) matrix from RAS+ mm to clip space, as Blender's and OpenGL's: divided by w, x and y are those of
+the lasso. A polygon that crosses itself has inside what an odd number of its sides encloses.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SettingsError
+from ..progress import Step, Steps
+from ..volume.volume import Placed
+from .distance import Mask, window_of
+
+Floats = NDArray[np.float64]
+SAMPLES_PER_STEP = 1 << 18
+
+
+def scissors_steps(
+    mask: Mask,
+    volume: Placed,
+    view: Floats,
+    lasso: Floats,
+    keep_inside: bool = False,
+    depth_mm: float = math.inf,
+) -> Steps[Mask]:
+    """Erase what a lasso encloses in a view, or all else.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+    volume : Placed
+        The mask's grid.
+    view : (4, 4) float64
+        RAS+ mm to clip space; of a perspective or an orthographic view.
+    lasso : (n, 2) float64
+        Corners of the polygon, x and y after the division by w.
+    keep_inside : bool
+        Erase what is outside of the lasso.
+    depth_mm : float
+        Cut so deep from the sample of the mask that the view sees first inside the lasso; infinite for all depths.
+
+    Raises
+    ------
+    SettingsError
+        If the lasso has fewer than three corners, or a number is not finite, or the depth is not above zero.
+    """
+    view, lasso = np.array(view, np.float64), np.array(lasso, np.float64)
+    if view.shape != (4, 4) or lasso.ndim != 2 or lasso.shape[1] != 2 or len(lasso) < 3:
+        raise SettingsError(
+            f"a lasso has three corners or more and a view is a (4, 4) matrix, not {lasso.shape} and {view.shape}"
+        )
+    if not (np.isfinite(view).all() and np.isfinite(lasso).all() and depth_mm > 0):
+        raise SettingsError(f"view and lasso are finite numbers and the depth is above 0 mm, not {depth_mm:g}")
+    result = mask.copy()
+    window = window_of(mask)
+    if window is None:
+        return result
+    matrix = np.zeros((4, 4))
+    for row in range(4):  # view times affine, as sums in a fixed order
+        for column in range(4):
+            matrix[row, column] = sum(float(view[row, k]) * float(volume.affine[k, column]) for k in range(4))
+    nearest = math.inf
+    for turn in range(1 if depth_mm == math.inf else 2):
+        counts = [side.stop - side.start for side in window]
+        layers = max(1, SAMPLES_PER_STEP // (counts[1] * counts[2]))
+        for low in range(window[0].start, window[0].stop, layers):
+            slab = (slice(low, min(window[0].stop, low + layers)), window[1], window[2])
+            z, y, x = np.nonzero(mask[slab])
+            index = [at + side.start for at, side in zip((x, y, z), slab[::-1], strict=True)]
+            clip = [((row[0] * index[0] + row[1] * index[1]) + row[2] * index[2]) + row[3] for row in matrix]
+            seen = clip[3] > 0
+            w = np.where(seen, clip[3], 1.0)
+            inside = seen & inside_polygon(clip[0] / w, clip[1] / w, lasso)
+            depth = _depth_mm(view, volume, index)
+            if turn == 0 and depth_mm < math.inf:
+                nearest = min(nearest, float(depth[inside].min())) if inside.any() else nearest
+            else:
+                cut = inside & (depth <= nearest + depth_mm) if depth_mm < math.inf else inside
+                result[slab][z, y, x] = cut if keep_inside else ~cut
+            yield Step((low - window[0].start) / counts[0], "Cutting")
+    return result
+
+
+def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
+    """Return which points (n,) an odd number of a polygon's sides encloses.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+    >>> inside_polygon(np.array([1.0, 3.0]), np.array([1.0, 1.0]), square).tolist()
+    [True, False]
+    """
+    inside = np.zeros(len(x), bool)
+    for (x1, y1), (x2, y2) in zip(corners.tolist(), np.roll(corners, -1, axis=0).tolist(), strict=True):
+        if y1 != y2:
+            inside ^= ((y1 > y) != (y2 > y)) & (x < (x2 - x1) * ((y - y1) / (y2 - y1)) + x1)
+    return inside
+
+
+def _depth_mm(view: Floats, volume: Placed, index: list[NDArray[np.int64]]) -> Floats:
+    """Return how deep samples lie along the view's direction, mm from an arbitrary plane; larger is farther.
+
+    In a perspective view w grows with the depth, in an orthographic one z does: either is a plane's equation.
+    """
+    row = view[3] if np.abs(view[3, :3]).max() > 1e-12 else view[2]
+    normal = row[:3] / math.sqrt(float((row[:3] * row[:3]).sum()))
+    along = [sum(float(normal[k]) * float(volume.affine[k, column]) for k in range(3)) for column in range(4)]
+    return ((along[0] * index[0] + along[1] * index[1]) + along[2] * index[2]) + along[3]

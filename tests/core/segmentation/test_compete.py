@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clicks that compete: times against Dijkstra's, borders against closed forms, one click on a noisy body."""
+
+from __future__ import annotations
+
+import heapq
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import SettingsError, Volume, finish
+from ctmc_addon.core.segmentation import Click, compete_steps
+from ctmc_addon.core.segmentation.competition.compete import factors_of
+from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
+
+REAL = Path("/work/shared/data/ts_nifti")
+
+
+def dijkstra(starts: dict[tuple[int, int, int], int], heights: np.ndarray, spacing: tuple[float, float, float]):
+    """Least times, with the click's number in the lowest bits; neighbors are the 18 by faces and edges."""
+    side = np.array(spacing[::-1])
+    steps = [step for step in product((-1, 0, 1), repeat=3) if 0 < sum(map(abs, step)) < 3]
+    times = np.full(heights.shape, NEVER, np.int64)
+    queue = [(number, at) for at, number in starts.items()]
+    for number, at in queue:
+        times[at] = number
+    heapq.heapify(queue)
+    while queue:
+        time, at = heapq.heappop(queue)
+        if time > times[at]:
+            continue
+        for step in steps:
+            near = tuple(int(a + s) for a, s in zip(at, step, strict=True))
+            if all(0 <= a < count for a, count in zip(near, heights.shape, strict=True)):
+                length = float(np.sqrt(((np.array(step) * side) ** 2).sum()))
+                later = time + cost_of(length) + abs(int(heights[near]) - int(heights[at]))
+                if later < times[near]:
+                    times[near] = later
+                    heapq.heappush(queue, (later, near))
+    return times
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sweeps_find_the_least_times(seed):
+    random = np.random.default_rng(seed)
+    heights = heights_of(random.normal(0, 20, (5, 7, 8)).astype(np.float32), 2.0)
+    heights[random.random(heights.shape) < 0.2] += BLOCKED
+    starts = {(1, 2, 3): 0, (4, 6, 7): 1, (0, 0, 7): 2}
+    times = np.full(heights.shape, NEVER, np.uint32)
+    for at, number in starts.items():
+        heights[at] &= BLOCKED - 1
+        times[at] = number
+    swept = finish(sweep_steps(times, heights, (0.8, 1.1, 2.0), rounds=20))
+    assert (swept == dijkstra(starts, heights, (0.8, 1.1, 2.0))).all()
+
+
+def dice(first: np.ndarray, second: np.ndarray) -> float:
+    return float(2 * (first & second).sum() / (first.sum() + second.sum()))
+
+
+def body(
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    center_mm: tuple[float, float, float],
+    radius: float,
+) -> np.ndarray:
+    axes = np.indices(shape) * np.array(spacing[::-1])[:, None, None, None]
+    return ((axes - np.array(center_mm)[:, None, None, None]) ** 2).sum(axis=0) <= radius**2
+
+
+def scan(inside: np.ndarray, spacing: tuple[float, float, float], noise: float = 12.0) -> Volume:
+    values = np.where(inside, 100, 40) + np.random.default_rng(5).normal(0, noise, inside.shape)
+    return Volume(values.round().astype(np.int16), np.diag([*spacing, 1.0]), kind="HU")
+
+
+@pytest.mark.parametrize("spacing", [(0.8, 0.8, 0.8), (0.7, 0.7, 3.0), (2.5, 2.5, 2.5)])
+def test_one_click_takes_a_noisy_ball(spacing):
+    shape = tuple(int(56 / side) for side in reversed(spacing))
+    inside = body(shape, spacing, (27.0, 26.0, 29.0), 14.0)
+    sample = np.rint(np.array([27.0, 26.0, 29.0]) / spacing[::-1]).astype(int).tolist()
+    click = Click(tuple(sample), 1)
+    labels = finish(compete_steps(scan(inside, spacing), [click]))
+    assert labels.max() == 1
+    assert dice(labels == 1, inside) > 0.93
+
+
+def test_two_structures_of_one_value_part_halfway():
+    volume = Volume(np.zeros((20, 20, 41), np.int16), np.eye(4), kind="HU")
+    labels = finish(compete_steps(volume, [Click((10, 10, 10), 1), Click((10, 10, 30), 2)]))
+    assert (labels[:, :, :20] == 1).all()
+    assert (labels[:, :, 21:] == 2).all()
+
+
+def test_a_click_in_the_surroundings_closes_a_leak():
+    shape, spacing = (24, 40, 70), (1.0, 1.0, 1.0)
+    first = body(shape, spacing, (12.0, 20.0, 20.0), 11.0)
+    second = body(shape, spacing, (12.0, 20.0, 46.0), 11.0)
+    bridge = body(shape, (0.0, 1.0, 1.0), (0.0, 20.0, 33.0), 6.0)
+    volume = scan(first | second | bridge, spacing, noise=4.0)
+    clicks = [Click((12, 20, 20), 1), Click((12, 20, 48), 0)]
+    labels = finish(compete_steps(volume, clicks))
+    assert labels[12, 20, 46] == 0
+    assert labels[12, 20, 22] == 1
+    assert dice(labels == 1, first) > 0.85
+
+
+def test_nothing_is_outside_of_the_range_or_farther_than_allowed():
+    spacing = (1.0, 1.0, 1.0)
+    volume = scan(body((30, 30, 30), spacing, (15.0, 15.0, 15.0), 10.0), spacing)
+    allowed = volume.values > 60
+    labels = finish(compete_steps(volume, [Click((15, 15, 15), 3)], allowed))
+    assert set(np.unique(labels)) == {0, 3}
+    assert not labels[~allowed].any()
+    near = finish(compete_steps(volume, [Click((15, 15, 15), 1)], max_mm=6.0))
+    far = np.sqrt(((np.indices(near.shape) - 15) ** 2).sum(axis=0)) > 6.0
+    assert near.any()
+    assert not near[far].any()
+
+
+def test_gray_values_compete_as_hu_do():
+    inside = body((24, 24, 24), (1.5, 1.5, 1.5), (18.0, 18.0, 18.0), 10.0)
+    values = np.where(inside, 0.8, 0.2).astype(np.float32) + np.random.default_rng(1).normal(0, 0.03, inside.shape)
+    values[0, 0, 0] = np.nan
+    volume = Volume(values.astype(np.float32), np.diag([1.5, 1.5, 1.5, 1.0]))
+    assert dice(finish(compete_steps(volume, [Click((12, 12, 12), 1)])) == 1, inside) > 0.88
+
+
+def test_the_same_clicks_give_the_same_bytes_in_a_larger_volume():
+    spacing = (1.0, 1.0, 1.0)
+    volume = scan(body((40, 44, 48), spacing, (20.0, 22.0, 24.0), 8.0), spacing)
+    labels = finish(compete_steps(volume, [Click((20, 22, 24), 1)], max_mm=15.0))
+    part = volume.cropped((9, 7, 5), (40, 38, 36))
+    inner = finish(compete_steps(part, [Click((15, 15, 15), 1)], max_mm=15.0))
+    assert (labels[5:36, 7:38, 9:40] == inner).all()
+    assert labels.sum() == inner.sum()
+
+
+def test_blocks_are_about_as_long_as_wide():
+    assert factors_of((129, 512, 512), (0.57, 0.57, 1.6)) == (2, 5, 5)
+    assert factors_of((10, 10, 10), (5.0, 5.0, 5.0)) == (1, 1, 1)
+
+
+def test_competing_refuses_what_cannot_be():
+    volume = Volume(np.zeros((8, 8, 8), np.int16), np.eye(4), kind="HU")
+    with pytest.raises(SettingsError, match="no click lies in a structure"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 0)]))
+    with pytest.raises(SettingsError, match="lies outside of the range"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 1)], np.zeros((8, 8, 8), bool)))
+    with pytest.raises(SettingsError, match="256 clicks compete"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 1)] * 256))
+    with pytest.raises(SettingsError, match="numbers above 0, not 0 and 65"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 1)], hu_per_mm=0.0))
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs /work/shared/data/ts_nifti")
+@pytest.mark.parametrize(("label", "share"), [(1, 0.7), (2, 0.5), (28, 0.5)], ids=["spleen", "kidney", "vertebra"])
+def test_one_click_in_a_patient(label, share):
+    nibabel = pytest.importorskip("nibabel")
+    ct = nibabel.load(REAL / "example_ct.nii.gz")
+    values = np.asarray(ct.dataobj).T.astype(np.int16)
+    labels = label == np.asarray(nibabel.load(REAL / "example_seg_fast_force_split.nii.gz").dataobj).T
+    at = np.argwhere(labels)
+    middle = at[((at - at.mean(axis=0)) ** 2).sum(axis=1).argmin()]
+    volume = Volume(values, ct.affine, kind="HU")
+    drawn = finish(compete_steps(volume, [Click(tuple(int(part) for part in middle), 1)]))
+    assert dice(drawn == 1, labels) > share
