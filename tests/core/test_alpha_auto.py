@@ -161,7 +161,7 @@ def test_labels_choose_each_for_itself():
     values[(x - 6) ** 2 + (y - 6) ** 2 + (z - 6) ** 2 < 20] = 1
     values[(x - 17) ** 2 / 2 + (y - 5) ** 2 + 2 * (z - 6) ** 2 < 20] = 2
     volume = Volume(values, np.diag([0.7, 0.8, 2.5, 1.0]), kind="label")
-    made = reconstruct_labels(volume, replace(AUTO, threshold=None)).surfaces
+    made = reconstruct_labels(volume, replace(AUTO, threshold=None, interfaces="separate")).surfaces
     assert [result.settings.label for result in made] == [1, 2]
     for result in made:
         alone = reconstruct(volume, replace(AUTO, threshold=None, label=result.settings.label))

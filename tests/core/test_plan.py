@@ -30,6 +30,7 @@ from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.plan import FACE_BYTES, Plan, widest_slices
 
 SETTINGS = ReconstructionSettings(threshold=132.0)
+SEPARATE = ReconstructionSettings(interfaces="separate")
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +143,7 @@ def test_of_several_labels_the_one_that_does_not_fit_is_named_before_others_are_
 
     monkeypatch.setattr(label_surfaces, "reconstruct_steps", watched_steps)
     with pytest.raises(MemoryLimitError, match=r"^label 2: smoothing label 2 as constrained needs more than the"):
-        reconstruct_labels(labels, ReconstructionSettings(), [1, 2], Budget(threads=2, bytes=100_000, work_bytes=0))
+        reconstruct_labels(labels, SEPARATE, [1, 2], Budget(threads=2, bytes=100_000, work_bytes=0))
     assert len(tried) == 1
 
 

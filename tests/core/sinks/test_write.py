@@ -111,7 +111,7 @@ def test_a_refusal_leaves_nothing_and_what_was_there_stays(tmp_path):
 
 def test_every_label_goes_into_a_file_of_its_own(tmp_path):
     volume = Volume(np.digitize(waves(), [120, 300]).astype(np.uint8), AFFINE, kind="label")
-    settings = ReconstructionSettings(smoothing="gaussian", smoothing_mm=0.8)
+    settings = ReconstructionSettings(smoothing="gaussian", smoothing_mm=0.8, interfaces="separate")
     steps = reconstruct_labels_steps(
         in_file(volume), settings, None, SMALL, lambda label: Write(tmp_path / f"{label}.ply")
     )
