@@ -24,7 +24,7 @@ COMMANDS = {
     "experiment": ".experiment.command",
     "figure": ".figure.command",
     "settings": ".commands.settings",
-    "batch-case": ".batch.case",
+    "batch-case": ".batch.worker",
 }
 
 

@@ -327,11 +327,12 @@ def test_stopping_ends_every_process(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, scene, tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+    def interrupted(running, _limit):
+        if running:
+            raise KeyboardInterrupt
 
     in_place_of_a_case(monkeypatch, "import sys; sys.stdin.read()")
-    monkeypatch.setattr(batch_process.CaseProcess, "ended", interrupted)
+    monkeypatch.setattr(batch_process, "first_to_grant", interrupted)
     outcome = ctmc("batch", cases, "-o", tmp_path, *FLAGS)
     assert (outcome.code, outcome.errors) == (130, ["ctmc: interrupted"])
     assert set(states(tmp_path).values()) == {"waiting"}
