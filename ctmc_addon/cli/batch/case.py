@@ -27,7 +27,7 @@ from ...core import (
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
-from ...core.volume import chosen_labels_steps, label_extents_steps, region_box
+from ...core.volume import chosen_labels_steps, inside_values_steps, label_extents_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -124,6 +124,7 @@ class Case:
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
         self.together: SharedSurfaces | None = None
+        self.ct: Volume | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
         """Make one output, and put it in the place of an older one."""
@@ -156,6 +157,7 @@ class Case:
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
             "seconds": since(start),
+            **self.hu_inside(settings, volume, bool(output["labels"])),
             "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -181,6 +183,18 @@ class Case:
             raise self.together.errors[label]
         result = self.together.results.get(label)
         return None if result is None else Surfaces(volume.name, (result,))
+
+    def hu_inside(self, settings: ReconstructionSettings, labels: Volume, several: bool) -> dict[str, Any]:
+        """Return mean and deviation of the CT inside the label that lies beside it, where that is asked for."""
+        path = Path(self.task["input"])
+        if not self.task.get("hu") or several or settings.label is None or self.source == path:
+            return {}
+        if self.ct is None:
+            options = options_of(self.task)
+            opened = finish(readers.open_volume_steps(path, options.allow_outside))
+            self.ct = finish(needed_steps(opened, path, options, ReconstructionSettings(), True, budget=self.budget))
+        values = finish(inside_values_steps(self.ct, labels, settings.label))
+        return {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
         """Record that the case does not have the label of an output; what an older run made of it goes."""

@@ -89,6 +89,9 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--space", choices=SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)")
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
     group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
+    group.add_argument(
+        "--hu", action="store_true", help="mean HU inside each label; reads the CT beside the labels (LiTS) too"
+    )
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
     again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
@@ -214,6 +217,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "format": f".{args.output_format}",
         "space": args.space,
         "html": args.html,
+        "hu": args.hu,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
         "threads": args.threads,
@@ -237,7 +241,7 @@ def remaining_steps(
                 if source not in keys:
                     keys[source] = key_or_empty(source, task["verify"], options_of(task).allow_outside)
                 if is_same_input(record, keys[source]):
-                    rows[output["name"]].fill(record)
+                    rows[output["name"]].fill(record, folder)
                     continue
             remaining.append(output)
         if remaining:

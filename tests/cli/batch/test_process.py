@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import sys
 
+import nibabel
 import numpy as np
 import pytest
 from shapes import distance_mm
@@ -153,3 +154,23 @@ def test_a_case_without_a_batch_asks_for_nothing(tmp_path):
     case = Case(task_of(tmp_path, "a"), tmp_path / "unfinished")
     case.budget.require(1, "this", "do that")
     assert type(case.budget).__name__ == "Budget"
+
+
+def test_hu_inside_a_label_is_that_of_the_ct_beside_it(ctmc, tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    values = np.random.default_rng(2).integers(-100, 200, (20, 20, 20)).astype(np.int16)
+    labels = (distance_mm((20, 20, 20)) < 6).astype(np.uint8)
+    for name, array in (("volume-1", values), ("segmentation-1", labels)):
+        nibabel.save(nibabel.Nifti1Image(array.T, np.diag([1.0, 1.0, 2.0, 1.0])), folder / f"{name}.nii.gz")
+    words = ["--label", "1", "--no-thumbnails", "--jobs", "1"]
+    assert ctmc("batch", folder, "-o", tmp_path / "out", *words, "--hu").code == 0
+    [row] = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    chosen = values[labels == 1].astype(float)
+    assert row["mean_hu"] == pytest.approx(chosen.mean(), abs=6e-4)
+    assert row["sd_hu"] == pytest.approx(chosen.std(), abs=6e-4)
+    assert (row["spacing_z_mm"], row["components"], row["closed"]) == (2.0, 1, True)
+    assert "1 done before" in ctmc("batch", folder, "-o", tmp_path / "out", *words, "--resume").out
+    assert ctmc("batch", folder, "-o", tmp_path / "without", *words).code == 0
+    [row] = json.loads((tmp_path / "without" / "summary.json").read_text("utf-8"))
+    assert row["mean_hu"] is None
