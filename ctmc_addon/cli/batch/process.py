@@ -29,6 +29,7 @@ from .worker import COMMAND, GO, MARK, NEEDS, OVER
 PACKAGE = Path(__file__).resolve().parents[2]
 TICK = 0.05  # seconds between two looks at the processes
 PATIENCE = 5.0  # seconds that a process gets to leave by itself
+KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
 
 Task = Mapping[str, Any]
 
@@ -86,7 +87,7 @@ class CaseProcess:
         self.task = task
         self.start = time.perf_counter()
         self.errors_before = os.fstat(self.errors.fileno()).st_size
-        self.say(task)
+        self.say({**task, "more": True})
 
     def say(self, content: Any) -> None:
         """Send a line of JSON."""
@@ -171,15 +172,40 @@ def settle(task: Task, error: str, seconds: float | None = None, printed: str = 
                     path.unlink(missing_ok=True)
 
 
+_idle: list[CaseProcess] = []  # of a cluster's worker
+_lock = threading.Lock()
+
+
 def run_task(task: Task) -> None:
-    """Do one task from start to end, as a cluster's worker does."""
-    messages: queue.Queue[tuple[CaseProcess, str | None]] = queue.Queue()
-    process = CaseProcess(messages)
+    """Do one task from start to end, as a cluster's worker does, which keeps the process for a while for the next."""
+    with _lock:
+        process = _idle.pop() if _idle else None
+    process = process or CaseProcess(queue.Queue())
+    kept = False
     try:
         process.begin(task)
-        process.settle(messages.get()[1] is None)
+        words = process.messages.get()[1]
+        process.settle(ended=words is None)
+        kept = words == OVER
     finally:
-        process.stop()
+        if not kept:
+            process.stop()
+    if not kept:
+        return
+    with _lock:
+        _idle.append(process)
+    timer = threading.Timer(KEPT_SECONDS, _stop_if_idle, [process, process.start])
+    timer.daemon = True
+    timer.start()
+
+
+def _stop_if_idle(process: CaseProcess, start: float) -> None:
+    """Stop a process that has had no other case since the one that began at `start`."""
+    with _lock:
+        if process not in _idle or process.start != start:
+            return
+        _idle.remove(process)
+    process.stop()
 
 
 class Running(NamedTuple):

@@ -58,7 +58,8 @@ def run(_args: argparse.Namespace) -> None:
             shutil.rmtree(unfinished, ignore_errors=True)
         gc.collect()  # what refers to itself holds volumes, too
         give_back()
-        leaving = case_process_is_large(resident_bytes())
+        # A batch of another installation may wait for the end of this process.
+        leaving = case_process_is_large(resident_bytes()) or not task.get("more")
         batch.end_task(LEAVING if leaving else OVER)
         if leaving:
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 
 import nibabel
 import numpy as np
@@ -174,3 +175,17 @@ def test_hu_inside_a_label_is_that_of_the_ct_beside_it(ctmc, tmp_path):
     assert ctmc("batch", folder, "-o", tmp_path / "without", *words).code == 0
     [row] = json.loads((tmp_path / "without" / "summary.json").read_text("utf-8"))
     assert row["mean_hu"] is None
+
+
+def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(started, tmp_path, monkeypatch):
+    monkeypatch.setattr(batch_process, "KEPT_SECONDS", 2.0)
+    for name in ("a", "b", "bad", "c"):
+        batch_process.run_task(task_of(tmp_path, name, reserved=0))
+    assert len(started) == 2  # one for a, b and the one that crashed, one for c
+    assert all((tmp_path / f"{name}.json").exists() for name in ("a", "b", "bad", "c"))
+    [kept] = batch_process._idle
+    kept.process.wait(10)
+    end = time.monotonic() + 10
+    while batch_process._idle and time.monotonic() < end:
+        time.sleep(0.02)
+    assert batch_process._idle == []
