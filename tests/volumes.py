@@ -17,6 +17,8 @@ FACTS = (
     "wrong_side",
     "slice_steps",
     "removed_components",
+    "collapsed_components",
+    "collapsed_mm3",
     "name",
     "label_name",
     "label_color",

@@ -65,8 +65,7 @@ class Outputs:
         """Return every file with surfaces, and the numbers of those in it."""
         everything = list(range(len(surfaces.results)))
         files = dict.fromkeys(self.surfaces, everything)
-        for path in files:
-            mesh_files.require_one_surface(path, len(everything))
+        self.require_room_for(len(everything))
         if self.folder is not None:
             stems = file_names(surfaces.titles)
             files |= {self.folder / f"{stems[at]}{self.suffix}": [at] for at in everything}
@@ -107,6 +106,11 @@ class Outputs:
         with surface_writer(folder, suffix, self.space) as writer:
             yield writer
 
+    def require_room_for(self, count: int) -> None:
+        """Raise `OutputError` where one file is to hold more surfaces than its format can."""
+        for path in self.surfaces:
+            mesh_files.require_one_surface(path, count)
+
     def triangle_bytes(self, simplifier: str) -> int:
         """Bytes that writing takes for each triangle beside the surface; 0 for an STL or PLY without Blender."""
         objects = self.needs_objects(simplifier)  # a thumbnail is of few triangles, whatever the surface has
@@ -125,10 +129,19 @@ class Outputs:
         Budget().require(faces * self.triangle_bytes(simplifier), f"writing {faces} triangles{by}", remedy)
 
 
-def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
+def surface_output(text: str, suffix: str, several: bool, count_known: bool = True) -> dict[str, Any]:
     """Return the fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
 
     Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
+
+    Parameters
+    ----------
+    text, suffix : str
+        The OUTPUT, and the suffix of files in a folder.
+    several : bool
+        Whether there may be several surfaces.
+    count_known : bool
+        Whether there are several; else `Outputs.require_room_for` is asked once their number is known.
 
     Raises
     ------
@@ -142,9 +155,12 @@ def surface_output(text: str, suffix: str, several: bool) -> dict[str, Any]:
         return {"folder": path, "suffix": suffix}
     if several and text and not path.suffix:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
-    if several:
+    if several and count_known:
         mesh_files.require_one_surface(path)
-    return {"surfaces": (require_writable(path, mesh_files.SURFACE_SUFFIXES),)}
+    surface = require_writable(path, mesh_files.SURFACE_SUFFIXES)
+    for beside in files_of(surface)[1:]:
+        require_writable(beside)
+    return {"surfaces": (surface,)}
 
 
 def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces, list[Path]]]:

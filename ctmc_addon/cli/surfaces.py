@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -104,6 +104,7 @@ def surfaces_steps(
     budget: Budget,
     writer: SurfaceWriter | None = None,
     written_bytes: int = 0,
+    require_room_for: Callable[[int], None] = lambda _: None,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
@@ -113,6 +114,8 @@ def surfaces_steps(
         Writes each surface as it is made; without one all are held.
     written_bytes : int
         Of a triangle of a held surface, while Blender writes it.
+    require_room_for : callable
+        Told how many labels there are before they are made; raises where they cannot be written.
 
     Raises
     ------
@@ -125,6 +128,7 @@ def surfaces_steps(
     if choices:
         box = region_box(volume, settings)
         labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
+        require_room_for(len(labels))
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
     if not several:

@@ -20,14 +20,14 @@ from .each_label import each_label_steps, label_title, no_surface
 from .errors import CtmcError, LabelError, MeshError, ThresholdError
 from .extraction.grid import Axis, check_stride, make_axes
 from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
-from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs, next_constants
+from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
 from .extraction.interfaces.walls import Wall, find_walls, wall_samples_steps
 from .mesh.label_complex import ComplexSurface
 from .parallel import map_steps, side_by_side_steps
-from .progress import PAUSE, Stages, Step, Steps
+from .progress import PAUSE, Stages, Steps, equal_part
 from .settings import ReconstructionSettings
 from .volume.affine import transform_faces, transform_points
 from .volume.field import field_steps, field_window_steps, refinement_of
@@ -203,7 +203,16 @@ class _Making:
         if self.method == "constrained":
             yield from self.stages.run(WALLS, self._walls_steps(own, samples))
         if samples:
-            owning = owners_steps(axes, samples, self.walls, indicators, threads)
+            first_x, first_y, first_z = self.first
+            columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
+
+            def filled(slice_: int) -> NDArray[np.bool_] | None:
+                below, step = divmod(slice_, self.slice_steps)
+                if not step or not 0 <= below - first_z < len(own) - 1:
+                    return None
+                return (own[below - first_z, rows, columns] > 0) & (own[below - first_z + 1, rows, columns] > 0)
+
+            owning = owners_steps(axes, samples, self.walls, indicators, filled, threads)
             self.owners = yield from self.stages.run(OWNING, owning)
         else:
             number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
@@ -355,16 +364,19 @@ class _Making:
         constants = np.zeros(count + 1)
         limit = max(self.volume.spacing) / 2
         self.shares = self._shares(constants)
+        threads = self.budget.thread_count
+        missing, gain = np.zeros(count + 1), np.ones(count + 1)
         for trial in range(ROUNDS + 1):
-            positions = self.placed.positions(self.owners, self.shares, self.origins)
-            yield Step((trial + 0.5) / (ROUNDS + 1))
-            self.volumes, areas = measured_pairs(positions, self.faces, self.sides, sizes, count)
-            missing = np.where(free, self.goals - self.volumes, 0.0)
+            placing = self.placed.positions_steps(self.owners, self.shares, self.origins, threads)
+            self.linear = yield from equal_part(placing, 2 * trial, 2 * ROUNDS + 2)
+            measuring = measured_pairs_steps(self.linear, self.faces, self.sides, sizes, count, threads)
+            self.volumes, areas = yield from equal_part(measuring, 2 * trial + 1, 2 * ROUNDS + 2)
+            before, missing = missing, np.where(free, self.goals - self.volumes, 0.0)
+            gain = next_gain(gain, before, missing)
             if trial == ROUNDS or not (np.abs(missing) > EXACT_ENOUGH * self.goals).any():
                 break
-            constants = np.clip(constants + next_constants(missing, areas, free), -limit, limit)
+            constants = np.clip(constants + next_constants(missing * gain, areas, free), -limit, limit)
             self.shares = self._shares(constants)
-            yield Step((trial + 1) / (ROUNDS + 1))
         self.constants = constants
 
     def _shares(self, constants: NDArray[np.float64]) -> list[list[NDArray[np.float64]]]:
@@ -379,7 +391,8 @@ class _Making:
         yield PAUSE
         settings, volume = self.settings, self.volume
         faces, sides, placed = self.faces, self.sides, self.placed
-        ends = [placed.positions(self.owners, shares, self.origins) for shares in (None, self.shares)]
+        placing = placed.positions_steps(self.owners, None, self.origins, self.budget.thread_count)
+        ends = [(yield from placing), self.linear]
         group = self.group[placed.labels]
         if not settings.close_border and self.on_cap.any():
             faces, sides = faces[~self.on_cap], sides[~self.on_cap]
@@ -399,7 +412,7 @@ class _Making:
         faces = transform_faces(volume.affine, faces)
         values = np.array([0, *self.labels], np.int32)
         surface = ComplexSurface(ends[0], ends[1], faces, values[sides])
-        with_surface = set(surface.at(1.0).labels)
+        with_surface = set(values[np.flatnonzero(np.bincount(sides.reshape(-1), minlength=2)[1:]) + 1].tolist())
         for label in self.labels:
             if label not in with_surface:
                 message = f"no sample of this grid is cut off by {label_title(volume, label)}; use a smaller stride"

@@ -22,12 +22,12 @@ from .memory import give_back
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps, kept_alpha_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
-from .mesh.kept_pieces import KeptPieces, keep_components_steps
+from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
 from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
 from .progress import Stages, Steps, WithResult, finish
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
-from .simplification.component_removal import RemovedComponents
+from .simplification.component_removal import CollapsedComponents
 from .simplification.simplify import simplification_steps, simplified_pieces_steps
 from .simplification.whole import Goal, Simplification
 from .sinks import HOLD, Sink, Taken
@@ -38,6 +38,7 @@ from .volume.volume import Box, Volume
 # What report.json and a user read, and the usual share of the time.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
+LARGEST_COLLAPSED_MM3 = 20.0  # simplification removes no component that encloses more
 MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
 
 
@@ -126,14 +127,16 @@ def without_small_steps(
         settings = replace(settings, keep_parts=keep_parts)
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
-    surface = yield from keep_components_steps(surface, settings.alpha_number, settings.keep_parts, min_part_mm3)
-    mesh = surface.at(settings.alpha_number)
+    alpha = settings.alpha_number
+    surface, removed = yield from kept_and_removed_steps(surface, alpha, settings.keep_parts, min_part_mm3)
+    mesh = surface.at(alpha)
     return replace(
         full,
         mesh=mesh,
         surface=None if full.surface is None else surface,
         settings=settings,
         full_faces=len(mesh.faces),
+        removed_components=full.removed_components + removed,
     )
 
 
@@ -202,12 +205,18 @@ class _Making:
         self.choice: AlphaChoice | None = None
         self._held: Held | None = None  # the pieces of the surface, until it is taken
         self._held_seconds = 0.0
+        self.removed_components = 0
         if volume is not None:
             self.volume = volume
             region = region_box(volume, settings)
             steps = refinement_of(volume.spacing, settings)
             first, last = region[2][0] * steps, (region[2][1] - 1) * steps
             check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
+
+    @property
+    def _goals(self) -> tuple[float | None, int | None, float | None]:
+        """Reduction, triangles and maximum error that are asked for."""
+        return self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from."""
@@ -221,7 +230,7 @@ class _Making:
             return (yield from self.finished_steps(full, None))
         yield from self._choose_steps(holds=False)
         pieces, extracting = self._pieces_steps(joined=False)
-        goal = Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
+        goal = Goal(*self._goals, LARGEST_COLLAPSED_MM3)
         with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
             reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha_number), goal, self.budget)
             start = time.perf_counter()
@@ -249,28 +258,28 @@ class _Making:
             self.settings = replace(self.settings, alpha=full.settings.alpha)
         simplification, settings = None, self.settings
         if _simplifies(settings):
-            goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            simplifying = simplification_steps(full.mesh, *goals, self.budget)
+            simplifying = simplification_steps(full.mesh, *self._goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
             self.seconds[SIMPLIFYING] = self.stages.seconds[SIMPLIFYING]
         return (yield from self.finished_steps(full, simplification))
 
     def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
         """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
-        mesh, surface, notes, removed = full.mesh, full.surface, full.notes, RemovedComponents()
-        settings, measured = self.settings, full.measured
+        mesh, surface, notes, collapsed = full.mesh, full.surface, full.notes, CollapsedComponents()
+        settings, measured, crossings = self.settings, full.measured, full.self_intersections
         if simplification is not None:
-            mesh, removed, surface = simplification.mesh, simplification.removed, None
-            if removed.count:
-                notes += (f"{removed.sentence('mm3')}.",)
+            mesh, collapsed, surface = simplification.mesh, simplification.collapsed, None
+            if simplification.self_intersections is not None:
+                crossings = simplification.self_intersections
+            if crossings:
+                notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
+            if collapsed.count:
+                notes += (f"{collapsed.sentence('mm3')}.",)
             if simplification.handles_cut:
                 notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
             target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
             if settings.max_error_mm is None and len(mesh.faces) > target:
-                notes += (
-                    f"{len(mesh.faces)} triangles are left instead of {target}: no further edge can be removed "
-                    "without moving a border or tearing the surface.",
-                )
+                notes += (missed_goal(len(mesh.faces), target),)
         if settings.normals == "mesh" and self.sink.normals and measured is None:
             averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
             mesh = replace(mesh, normals=(yield from self.stages.run(AVERAGING, averaging)))
@@ -288,7 +297,9 @@ class _Making:
             settings=settings,
             stages=full.stages + stages,
             notes=notes,
-            removed_components=removed.count,
+            collapsed_components=collapsed.count,
+            collapsed_mm3=collapsed.volume,
+            self_intersections=None if settings.simplifies and not _simplifies(settings) else crossings,
             measured=measured,
         )
 
@@ -331,7 +342,6 @@ class _Making:
         They may be large where they are to be `joined`.
         """
         extracting, keeping = _Timed(), _Timed()
-        extracting.seconds = self._held_seconds
 
         def one_pass(normals: bool) -> Pieces:
             pieces = self._extracted_steps(normals, joined)
@@ -372,12 +382,14 @@ class _Making:
             held = yield from held_steps(one_pass(normals))
             one_pass = lambda _: replayed_steps(*held)  # noqa: E731
         kept = KeptPieces(one_pass, settings.alpha_number, settings.keep_parts, settings.min_part_mm3, holds)
-        return (yield from kept.pieces_steps(normals))
+        wrong_side = yield from kept.pieces_steps(normals)
+        self.removed_components = kept.removed
+        return wrong_side
 
     def _count(self, name: str, seconds: float, pieces: tuple[_Timed, _Timed]) -> None:
         """Divide the seconds of a stage between it and the stages that made its pieces."""
         extracting, keeping = pieces
-        self.seconds[EXTRACTING] = extracting.seconds
+        self.seconds[EXTRACTING] = self._held_seconds + extracting.seconds
         if keeping is not extracting:
             self.seconds[KEEPING] = keeping.seconds - extracting.seconds
         if name:
@@ -402,10 +414,20 @@ class _Making:
             slice_steps=field.slice_steps,
             wrong_side=taken.wrong_side,
             label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
+            removed_components=self.removed_components,
             label_color=None if settings.label is None else volume.label_colors.get(settings.label),
+            self_intersections=0,
             measured=taken.measured,
             alpha_choice=self.choice,
         )
+
+
+def missed_goal(faces: int, target: int) -> str:
+    """Return the note for a surface that keeps more triangles than it was to have."""
+    return (
+        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, "
+        f"tearing or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
+    )
 
 
 def voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:

@@ -53,7 +53,11 @@ class Reconstruction:
     name : str
         The volume's name.
     removed_components : int
+        Small components that the settings asked to remove (`keep_parts`, `min_part_mm3`), cavities among them.
+    collapsed_components : int
         Small components that the built-in simplifier removed as a whole.
+    collapsed_mm3 : float
+        What these enclosed together when they went; of a surface of millions of triangles they have shrunk before.
     slice_steps : int
         Steps from slice to slice of a label that was smoothed as constrained.
     wrong_side : int or None
@@ -62,6 +66,10 @@ class Reconstruction:
         What the volume calls the label; empty where it has no name.
     label_color : (red, green, blue) int or None
         sRGB from 0 to 255, where the volume has one for the label.
+    self_intersections : int or None
+        Pairs of triangles of the surface that cross, touch or overlap each other beyond common vertices and edges; None
+        where that is not known. A full surface has none: every triangle lies in its own cell, on edges that vertices
+        never leave, and cells meet only in faces, which both cut alike. After simplification they were counted.
     measured : Measures or None
         Measures of a surface that was written piece by piece, whose mesh is empty.
     beyond : (F,) int32 or None
@@ -83,10 +91,13 @@ class Reconstruction:
     notes: tuple[str, ...]
     name: str
     removed_components: int = 0
+    collapsed_components: int = 0
+    collapsed_mm3: float = 0.0
     slice_steps: int = 1
     wrong_side: int | None = None
     label_name: str = ""
     label_color: tuple[int, int, int] | None = None
+    self_intersections: int | None = None
     measured: Measures | None = None
     beyond: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
@@ -115,6 +126,8 @@ class Reconstruction:
             "components": measures.components,
             "parts": measures.components,  # the name in reports of 0.2
             "removed_components": self.removed_components,
+            "collapsed_components": {"count": self.collapsed_components, "mm3": self.collapsed_mm3},
+            "self_intersections": self.self_intersections,
             "smallest_angle_deg": None if quality is None else quality.smallest_angle_deg,
             "below_5_deg": None if quality is None else quality.below_5,
             "below_10_deg": None if quality is None else quality.below_10,

@@ -19,10 +19,20 @@ from .label_complex import LabelComplex, complex_steps
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
-from .mesh.label_complex import ComplexMesh, ComplexSurface, bordering, neighbors_of
+from .mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
-from .reconstruct import AVERAGING, CHOOSING, EXTRACTING, KEEPING, SIMPLIFYING, result_and_full_steps, voxels_visited
+from .reconstruct import (
+    AVERAGING,
+    CHOOSING,
+    EXTRACTING,
+    KEEPING,
+    LARGEST_COLLAPSED_MM3,
+    SIMPLIFYING,
+    missed_goal,
+    result_and_full_steps,
+    voxels_visited,
+)
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
 from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
@@ -120,6 +130,7 @@ class _Making:
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
         self.choice: AlphaChoice | None = None
+        self.target = 0
 
     def result_steps(self) -> Steps[SharedSurfaces]:
         """Extract, drop small components, simplify, and return each label's own surface."""
@@ -145,8 +156,9 @@ class _Making:
         full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
-            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget)
+            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
+            self.target = settings.target_faces or round(len(full_mesh.faces) * (1 - (settings.reduction or 0)))
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
         if simplified is not None:
@@ -161,10 +173,10 @@ class _Making:
     ) -> Steps[dict[int, Reconstruction]]:
         """Return each label's own surface at both ends of alpha."""
         full: dict[int, Reconstruction] = {}
-        interfaces = mesh.interfaces
+        interfaces, borders = mesh.interfaces, borders_of(surface.faces, surface.sides)
         for label in labels:
             yield Step(len(full) / len(self.labels))
-            own, beyond = surface.of_label(label)
+            own, beyond = surface.within(borders[label])
             at_alpha = own.at(self.settings.alpha_number)
             normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
             own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
@@ -178,10 +190,11 @@ class _Making:
         """Return what simplification has left of each label."""
         results: dict[int, Reconstruction] = {}
         together = simplified.mesh
-        interfaces, notes = together.interfaces, _notes_of(simplified)
+        interfaces, notes = together.interfaces, self._notes_of(simplified)
+        borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
-            faces, beyond, used = bordering(together.faces, together.sides, label, len(together.vertices))
+            faces, beyond, used = borders[label]
             mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
                 mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
@@ -192,8 +205,30 @@ class _Making:
                 notes=(*result.notes, *notes),
                 beyond=beyond,
                 neighbors=neighbors_of(label, interfaces),
+                self_intersections=simplified.self_intersections,
             )
         return results
+
+    def _notes_of(self, simplified: ComplexSimplification) -> list[str]:
+        """Return what simplification did to all labels together."""
+        notes, faces = [], len(simplified.mesh.faces)
+        if simplified.self_intersections:
+            notes.append(f"Pairs of triangles that cross each other: {simplified.self_intersections:,}.")
+        if simplified.collapsed.count:
+            notes.append(f"{simplified.collapsed.sentence('mm3')}.")
+        if simplified.handles_cut:
+            notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
+        if self.settings.max_error_mm is None and faces > self.target:
+            notes.append(missed_goal(faces, self.target))
+        return notes
+
+    @property
+    def _notes(self) -> tuple[str, ...]:
+        """What holds for all labels."""
+        notes: tuple[str, ...] = () if self.choice is None else (self.choice.sentence(),)
+        if self.settings.topology != "classic":
+            notes += ("Interfaces are cut by the classic cases; topology trilinear needs interfaces separate.",)
+        return notes
 
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
         """Return the reconstruction of a label's own surface."""
@@ -207,7 +242,7 @@ class _Making:
             voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, extracted.slice_steps),
             stages=(),
             spacing_mm=volume.spacing,
-            notes=extracted.notes[label] if self.choice is None else (*extracted.notes[label], self.choice.sentence()),
+            notes=(*extracted.notes[label], *self._notes),
             name=volume.name,
             slice_steps=extracted.slice_steps,
             wrong_side=extracted.wrong_side[label],
@@ -216,13 +251,3 @@ class _Making:
             beyond=beyond,
             alpha_choice=self.choice,
         )
-
-
-def _notes_of(simplified: ComplexSimplification) -> list[str]:
-    """Return what simplification did to all labels together."""
-    notes = []
-    if simplified.removed.count:
-        notes.append(f"{simplified.removed.sentence('mm3')}.")
-    if simplified.handles_cut:
-        notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
-    return notes

@@ -123,6 +123,7 @@ def read_volume(
     allow_outside: bool = False,
     name: str | None = None,
     options: ReadingOptions | None = None,
+    anatomy_colors: bool = False,
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -133,7 +134,7 @@ def read_volume(
         or structure set; a folder of masks, a file or a folder of DICOM slices for each;
         a volume in a file or folder of its own, such as `.nii.gz`, `.nrrd`, `.mha` or `.ome.zarr` (`FORMATS` has all).
         A lone slice stands for its folder.
-    spacing, series, strict, flip, time, level, allow_outside, name
+    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors
         As in `ReadingOptions`, which describes them.
     budget : Budget, optional
         The threads that decode PNG, JPEG, BMP and TIFF slices, and the memory that the values may take.
@@ -162,7 +163,7 @@ def read_volume(
         If the volume would not fit; said before it is read.
     """
     fields = {"spacing": spacing, "flip": flip, "series": series, "time": time, "strict": strict, "level": level}
-    fields |= {"allow_outside": allow_outside, "name": name}
+    fields |= {"allow_outside": allow_outside, "name": name, "anatomy_colors": anatomy_colors}
     given = {field: value for field, value in fields.items() if value is not defaults(ReadingOptions)[field]}
     options = options_of(options, given)
     steps = read_volume_steps(path, options, budget=budget, region=region, region_unit=region_unit, stride=stride)

@@ -167,6 +167,12 @@ class ReadingOptions(Described):
         without="as the file or folder",
         check=checked_name,
     )
+    anatomy_colors: bool = setting(
+        False,
+        "Color labels whose names are anatomical by these, whatever colors their file gives them",
+        label="Anatomy Colors",
+        type=bool,
+    )
 
 
 def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:

@@ -28,7 +28,7 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, box_of, spacing_of
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
@@ -353,6 +353,8 @@ class VolumeSource(ABC):
             names, colors, found = table_for(self.path, self.name)
             notes += found
         names = {value: one_line(name) for value, name in names.items()}
+        if request.anatomy_colors:
+            colors = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)

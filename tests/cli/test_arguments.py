@@ -26,8 +26,8 @@ def parsed(line):
 def test_every_setting_has_its_flag_with_text_and_limits():
     flags = {name: flag_of(name, about) for name, about in SETTINGS.items()}
     assert set(flags.values()) == {
-        "--threshold", "--upper", "--label", "--stride", "--alpha", "--topology", "--smoothing", "--smoothing-mm",
-        "--slice-steps", "--close-border", "--region",
+        "--threshold", "--upper", "--label", "--stride", "--alpha", "--min-angle", "--topology", "--smoothing",
+        "--smoothing-mm", "--slice-steps", "--interfaces", "--close-border", "--region",
         "--region-unit", "--keep-parts", "--min-part", "--normals", "--simplifier", "--simplify", "--triangles",
         "--max-error", "--nan-as",
     }  # fmt: skip
@@ -66,7 +66,7 @@ def test_one_number_stands_for_three():
 
 
 def test_a_value_outside_its_limits_is_wrong_usage():
-    with pytest.raises(argparse.ArgumentError, match="--alpha: must be from 0 to 1, not 2"):
+    with pytest.raises(argparse.ArgumentError, match="--alpha: must be from 0 to 1 or auto, not 2"):
         parsed("--alpha 2")
     with pytest.raises(UsageError, match="max_error_mm is not possible with simplifier decimate"):
         parsed("--simplifier decimate --max-error 1")

@@ -139,6 +139,17 @@ def test_what_cannot_be_is_one_sentence_and_leaves_nothing(refused, misused, lab
     assert names_in(tmp_path) == [labels_file.name]
 
 
+def test_all_of_a_single_label_fits_into_one_file_and_of_several_does_not(ctmc, refused, labels_file, tmp_path):
+    values = np.zeros((6, 7, 8), np.uint8)
+    values[2:4, 2:5, 2:6] = 1
+    np.save(tmp_path / "mask.npy", values)
+    assert ctmc("reconstruct", tmp_path / "mask.npy", "--label", "all", "-o", tmp_path / "x.ply").code == 0
+    assert (tmp_path / "x.ply").stat().st_size > 1000
+    sentence = refused("reconstruct", labels_file, "--label", "all", "-o", tmp_path / "y.ply")
+    assert "y.ply can hold one surface, and there are 6; give a folder, such as -o y/" in sentence
+    assert not (tmp_path / "y.ply").exists()
+
+
 def test_when_one_file_of_a_folder_fails_none_is_left(refused, labels_file, tmp_path, monkeypatch):
     from ctmc_addon.core.sinks import write as sink
 

@@ -50,7 +50,8 @@ def test_one_surface_is_gone_before_the_next_is_made(ctmc, volume, tmp_path, mon
         return (yield from write_pieces_steps(path, watched(), space))
 
     monkeypatch.setattr(write, "write_pieces_steps", watched_steps)
-    done = ctmc("reconstruct", tmp_path / "labels.npy", "--label", "all", "--threads", "1", "-o", f"{tmp_path}/out/")
+    words = ("--label", "all", "--interfaces", "separate", "--threads", "1", "-o", f"{tmp_path}/out/")
+    done = ctmc("reconstruct", tmp_path / "labels.npy", *words)
     assert done.code == 0, done.errors
     assert len(seen) == 4
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [f"label {label}.stl" for label in range(1, 5)]

@@ -101,6 +101,7 @@ def test_dropped_components_have_no_say(result, drops, held, tmp_path):
     assert kept.measures.quality == by_hand.measures.quality
     assert kept.measures.quality.smallest_angle_deg >= 5.0
     assert kept.settings.alpha >= result.settings.alpha
+    assert all(stage.seconds >= 0 for stage in kept.stages)
 
 
 def test_a_simplified_surface_chooses_on_its_full_one(result):
@@ -143,6 +144,15 @@ def test_where_no_alpha_reaches_the_angle_the_best_is_taken_and_said():
     others = [at(alpha).measures.quality.smallest_angle_deg for alpha in np.linspace(0, 1, 21).round(3)]
     assert angle >= max(others)
     assert any(note.startswith("No alpha keeps every angle at 58 degrees") for note in best.notes)
+
+
+def test_samples_on_the_wrong_side_are_counted_once(tmp_path):
+    values = (waves((12, 14, 16)) > 100).astype(np.uint8)
+    volume = Volume(values, np.diag([0.7, 0.8, 2.5, 1.0]), kind="label")
+    settings = ReconstructionSettings(label=1, smoothing_mm=1.5, alpha="auto")
+    chosen = finish(reconstruct_steps(in_file(volume), settings, Budget(slab_bytes=1024), Write(tmp_path / "a.stl")))
+    by_hand = reconstruct(volume, replace(settings, alpha=chosen.settings.alpha))
+    assert chosen.wrong_side == by_hand.wrong_side == reconstruct(volume, settings).wrong_side > 0
 
 
 def test_labels_choose_each_for_itself():

@@ -230,3 +230,52 @@ def test_sixteen_organs_of_a_patient_share_their_walls():
     large = [label for label in labels if result.label_mm3[label] > 1000 * voxel]
     assert len(large) > 8
     assert max(abs(result.volumes_mm3[label] / result.label_mm3[label] - 1) for label in large) < 5e-3
+
+
+def cut_ball(gap, along_slices):
+    """A ball of 24 mm cut by a wavy wall, and how far a point is from the wall to first order, mm."""
+    pixel = 0.9
+    z, y, x = np.meshgrid(*(np.arange(-27, 27, side) + 0.3 for side in (gap, pixel, pixel)), indexing="ij")
+
+    def height(u, v):
+        return 3 * np.sin(u / 9 + 0.4) * np.cos(v / 11 + 0.2) + 0.15 * u
+
+    def distance(x, y, z):
+        u, v, w = (x, y, z) if along_slices else (y, z, x)
+        step = 1e-3
+        slope_u, slope_v = ((height(u + a, v + b) - height(u, v)) / step for a, b in ((step, 0), (0, step)))
+        return (w - height(u, v)) / np.sqrt(1 + slope_u**2 + slope_v**2)
+
+    ball = x * x + y * y + z * z < 24**2
+    values = np.where(ball, np.where(distance(x, y, z) > 0, 2, 1), 0).astype(np.uint8)
+    affine = np.diag([pixel, pixel, gap, 1.0])
+    affine[:3, 3] = [x.min(), y.min(), z.min()]
+    return Volume(values, affine, kind="label"), distance
+
+
+# Mean distances of vtkSurfaceNets3D 9.7 on the same: 0.92, 0.23, 0.18 and 0.089 mm.
+@pytest.mark.parametrize(
+    ("gap", "along_slices", "most"), [(5, True, 0.55), (5, False, 0.1), (2, True, 0.15), (2, False, 0.06)]
+)
+def test_a_wall_is_where_it_was_sampled(gap, along_slices, most):
+    volume, distance = cut_ball(gap, along_slices)
+    result = made(volume)
+    mesh = result.surface.at(1.0)
+    corners = mesh.vertices[mesh.faces[(mesh.sides == (2, 1)).all(axis=1)]].astype(np.float64)
+    off = distance(*corners.mean(axis=1).T)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    assert np.average(np.abs(off), weights=area) < most
+    if gap == 2:
+        assert abs(np.average(off, weights=area)) < 0.015
+    assert result.wrong_side == {1: 0, 2: 0}
+    for label in (1, 2):
+        assert result.volumes_mm3[label] == pytest.approx(result.label_mm3[label], rel=1e-3)
+
+
+def test_no_background_comes_between_two_labels_on_thick_slices():
+    volume, _ = cut_ball(5, along_slices=True)
+    mesh = made(volume).surface.at(1.0)
+    middle = mesh.vertices[mesh.faces].mean(axis=1)
+    deep = np.linalg.norm(middle, axis=1) < 20  # mm, four below the ball's surface
+    assert deep.sum() > 1000
+    assert (mesh.sides[deep] == (2, 1)).all()

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from meshes import component_of_face
 from volumes import in_file, waves
 
 from ctmc_addon.core import (
@@ -34,6 +35,7 @@ from ctmc_addon.core.errors import (
     ThresholdError,
 )
 from ctmc_addon.core.extraction import grid
+from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.reconstruct import full_steps
 
@@ -316,10 +318,58 @@ def test_small_components_removed_afterwards_give_the_bytes_of_the_setting(norma
 def test_what_simplification_removes_is_counted_in_report_and_notes():
     result = reconstruct(noisy(), ReconstructionSettings(threshold=0.0, reduction=0.9))
     report = result.report()
-    assert report["removed_components"] == 61 - report["parts"] > 0
-    assert any(note.startswith(f"{report['removed_components']} components below ") for note in report["notes"])
+    collapsed = report["collapsed_components"]
+    assert collapsed["count"] == 61 - report["parts"] > 0
+    assert report["removed_components"] == 0
     plain = reconstruct(noisy(), ReconstructionSettings(threshold=0.0))
-    assert (plain.report()["removed_components"], plain.notes) == (0, ())
+    volumes = finish(component_volumes_steps(plain.mesh.vertices, plain.mesh.faces, component_of_face(plain.mesh)))
+    small = np.sort(volumes)[:-1]
+    assert 0.999 * small[: collapsed["count"]].sum() < collapsed["mm3"] < 1.001 * small[-collapsed["count"] :].sum()
+    assert any(note.startswith(f"{collapsed['count']} components below ") for note in report["notes"])
+    assert (plain.report()["collapsed_components"], plain.notes) == ({"count": 0, "mm3": 0.0}, ())
+
+
+@pytest.mark.parametrize("more", [{}, {"reduction": 0.3}])
+@pytest.mark.parametrize("asked", [{"keep_parts": 3}, {"min_part_mm3": 10.0}])
+def test_what_the_settings_remove_is_counted_apart(asked, more):
+    report = reconstruct(noisy(), ReconstructionSettings(threshold=0.0, **asked, **more)).report()
+    left = asked.get("keep_parts", 1)
+    assert report["removed_components"] == 61 - left
+    assert report["parts"] == left - report["collapsed_components"]["count"]
+    full = finish(full_steps(noisy(), ReconstructionSettings(threshold=0.0)))
+    afterwards = finish(without_small_steps(full, asked.get("min_part_mm3", 0.0), asked.get("keep_parts", 0)))
+    assert afterwards.removed_components == 61 - left
+
+
+@pytest.mark.parametrize("whole_faces", [1 << 20, 1500])
+def test_components_of_more_than_20_mm3_stay_and_a_note_says_why_the_goal_is_missed(whole_faces):
+    values, middles = np.full((40, 60, 60), -1.0, np.float32), []
+    for number, at in enumerate(np.ndindex(3, 4, 4)):
+        z, y, x = (12 * place + 3 for place in at)
+        side = 2 if number % 2 else 4  # voxels: 8 mm3 and 64 mm3
+        values[z : z + side, y : y + side, x : x + side] = 1.0
+        if side == 4:
+            middles.append((x + 1.5, y + 1.5, z + 1.5))
+    settings = ReconstructionSettings(threshold=0.0, alpha=0.5, target_faces=50)
+    full = reconstruct(Volume(values, np.eye(4)), replace(settings, target_faces=None))
+    volumes = finish(component_volumes_steps(full.mesh.vertices, full.mesh.faces, component_of_face(full.mesh)))
+    assert ((volumes < 10).sum(), (volumes > 20).sum()) == (24, 24)
+    result = reconstruct(Volume(values, np.eye(4)), settings, Budget(whole_faces=whole_faces))
+    report = result.report()
+    corners, component = result.mesh.vertices[result.mesh.faces], component_of_face(result.mesh)
+    found = np.array([corners[component == number].mean(axis=(0, 1)) for number in range(report["parts"])])
+    off = np.linalg.norm(found[:, None] - np.array(middles), axis=2).min(axis=0)
+    assert off.max() < 3
+    # In batches a small one may stay too, whose box is judged once it has been simplified.
+    assert 24 <= report["parts"] <= (24 if whole_faces > 1500 else 27)
+    assert report["collapsed_components"]["count"] == 48 - report["parts"]
+    small = volumes[volumes < 10].sum()  # in batches they have shrunk before they go
+    assert (0.98 if whole_faces > 1500 else 0.2) * small < report["collapsed_components"]["mm3"] < 1.02 * small
+    assert report["faces"] == report["parts"] * 4
+    assert result.notes[-1] == (
+        f"{report['faces']} triangles are left instead of 50: no further edge can be removed without moving a border, "
+        "tearing or crossing the surface, or collapsing a component of more than 20 mm3."
+    )
 
 
 def test_an_open_surface_has_no_volume_and_the_report_says_so():

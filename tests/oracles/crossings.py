@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Triangles that meet where they may not, in fractions, straight from the definition: slow and obvious.
 
 What two triangles have in common is a polytope in the shares that their corners have in a point. Its extreme points

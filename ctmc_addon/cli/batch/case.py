@@ -257,7 +257,10 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
     if not surfaces.are_several:
         return report
     faces = sum(result.measures.faces for result in surfaces.results)
-    return report | {"faces": faces, "volume_mm3": None, "stages": []}
+    crossings = [result.self_intersections for result in surfaces.results]
+    known = [each for each in crossings if each is not None]
+    together = sum(known) if len(known) == len(crossings) else None  # of each surface, not between them
+    return report | {"faces": faces, "volume_mm3": None, "self_intersections": together, "stages": []}
 
 
 def can_render() -> bool:

@@ -86,7 +86,9 @@ def add_parser(commands: Any) -> None:
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
     group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
-    group.add_argument("--space", choices=SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)")
+    group.add_argument(
+        "--space", choices=SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
+    )
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
     group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
     group.add_argument(
@@ -310,7 +312,7 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
 
 def table_of(rows: Sequence[SummaryRow]) -> str:
     """Return the summary for a terminal, errors below."""
-    lines = [["case", "status", "triangles", "ml", "seconds"]]
+    lines = [["case", "status", "triangles", "ml", "crossings", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]

@@ -90,7 +90,7 @@ def column_of(title: str, where: str) -> tuple[str, str, Parse]:
     if not column[1]:
         raise ReadError(
             f"{where}: unknown column '{title}'; the columns are input, case, "
-            f"{', '.join([*map(word_of, SETTINGS), *READING])}"
+            f"{', '.join([*map(word_of, SETTINGS), *(name.replace('_', '-') for name in READING)])}"
         )
     return column
 

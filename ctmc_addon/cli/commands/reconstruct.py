@@ -71,7 +71,7 @@ def add_parser(commands: Any) -> None:
     group = parser.add_argument_group("output")
     group.add_argument("--format", choices=FORMATS, default="stl", help="of the files in a folder (default stl)")
     group.add_argument(
-        "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply and .obj, mm (default ras)"
+        "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
@@ -94,7 +94,12 @@ def run(args: argparse.Namespace) -> None:
         report=require_writable(args.report, (".json",)) if args.report else None,
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
-        **surface_output(args.output, f".{args.format}", may_be_several(choices) or asks_all_times(args)),
+        **surface_output(
+            args.output,
+            f".{args.format}",
+            may_be_several(choices) or asks_all_times(args),
+            count_known=len(choices) > 1 or asks_all_times(args),
+        ),
     )
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
@@ -115,7 +120,9 @@ def run(args: argparse.Namespace) -> None:
         volume = progress.finish(stages.run("Reading", reading))
         budget = Budget(args.threads, workers=workers)
         written_bytes = outputs.triangle_bytes(settings.simplifier)
-        making = measured_steps(surfaces_steps(volume, settings, choices, budget, writer, written_bytes), outputs)
+        room = outputs.require_room_for
+        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room)
+        making = measured_steps(making, outputs)
         surfaces = progress.finish(stages.run("Reconstructing", making))
         stage = Stage("Reading", stages.seconds["Reading"])
         results = tuple(replace(result, stages=(stage, *result.stages)) for result in surfaces.results)

@@ -12,6 +12,7 @@ from .distance.surface_distance import (
     vertex_distances_steps,
 )
 from .face_normals import vertex_normals, vertex_normals_steps
+from .intersections import self_intersections, self_intersections_steps
 from .kept_pieces import keep_components_steps
 from .measures import SMALL, Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
@@ -36,6 +37,8 @@ __all__ = [
     "mean_longest_edge_steps",
     "measures_steps",
     "roughness",
+    "self_intersections",
+    "self_intersections_steps",
     "subdivided_steps",
     "surface_distance",
     "surface_distance_steps",

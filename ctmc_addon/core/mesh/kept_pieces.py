@@ -59,6 +59,7 @@ class KeptPieces:
         self.one_pass, self.alpha, self.largest, self.min_volume = one_pass, alpha, largest, min_volume
         self.first: list[int] = []  # of every piece's components among those of all pieces; the end
         self.component = np.empty(0, np.int32)  # of the surface, for a component of a piece
+        self.removed = 0  # components of the surface that do not stay, cavities among them; known at the end
         self._known: list[NDArray[np.int32]] | None = [] if replays else None
 
     @property
@@ -77,6 +78,7 @@ class KeptPieces:
         if self.largest == 0 and self.min_volume <= 0:
             return (yield from self.one_pass(normals))
         keep, _ = yield from self.decision_steps()
+        self.removed = int(np.count_nonzero(~keep))
         if keep.all():
             return (yield from self._pass_steps(KEEPING, normals))
         return (yield from self._kept_steps(keep, normals))
@@ -233,13 +235,20 @@ class KeptPieces:
 
 def keep_components_steps(surface: Surface, alpha: float, largest: int, min_volume: float) -> Steps[Surface]:
     """Return a surface that is held without small components; parameters and errors are those of `KeptPieces`."""
+    return (yield from kept_and_removed_steps(surface, alpha, largest, min_volume))[0]
+
+
+def kept_and_removed_steps(
+    surface: Surface, alpha: float, largest: int, min_volume: float
+) -> Steps[tuple[Surface, int]]:
+    """Return what `keep_components_steps` returns, and how many components were removed, cavities among them."""
     kept = KeptPieces(lambda _: replayed_steps([surface]), alpha, largest, min_volume, replays=True)
     for item in kept.pieces_steps(normals=True):
         if isinstance(item, Step):
             yield item
         else:
             surface = item
-    return surface
+    return surface, kept.removed
 
 
 def kept_faces_steps(

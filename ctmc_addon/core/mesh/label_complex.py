@@ -92,15 +92,16 @@ class ComplexMesh:
     @property
     def interfaces(self) -> tuple[Interface, ...]:
         """Every pair of labels that have triangles between them, rising, behind before front."""
-        labels, number = np.unique(self.sides, return_inverse=True)
-        number = number.reshape(-1, 2)
+        labels = np.array(sorted({0, *self.labels}))
+        number = np.searchsorted(labels, self.sides)
         keys = number[:, 0] * len(labels) + number[:, 1]
         counts = np.bincount(keys, minlength=len(labels) ** 2)
         double = np.zeros(len(self.faces))
         for start in range(0, len(self.faces), FACES_AT_ONCE):
-            corners = self.vertices[self.faces[start : start + FACES_AT_ONCE]].astype(np.float64)  # (f, 3, 3)
-            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            double[start : start + FACES_AT_ONCE] = np.sqrt((cross**2).sum(axis=1))
+            part = slice(start, start + FACES_AT_ONCE)
+            a, b, c = (self.vertices.take(corner, axis=0).T.astype(np.float64) for corner in self.faces[part].T)
+            (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+            double[part] = np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
         areas = np.bincount(keys, double, len(labels) ** 2) / 2
         return tuple(
             Interface(
@@ -111,7 +112,7 @@ class ComplexMesh:
 
     def of_label(self, label: int) -> TriangleMesh:
         """Return the closed surface of one label: its own triangles, turned outward, and the vertices in use."""
-        faces, _, used = bordering(self.faces, self.sides, label, len(self.vertices))
+        faces, _, used = bordering(self.faces, self.sides, label)
         return TriangleMesh(self.vertices[used], faces, None if self.normals is None else self.normals[used])
 
 
@@ -140,23 +141,19 @@ class ComplexSurface:
 
     def of_label(self, label: int) -> tuple[Surface, NDArray[np.int32]]:
         """Return a label's surface at both ends of alpha, and the label in front of each triangle, (f,) int32."""
-        faces, beyond, used = bordering(self.faces, self.sides, label, len(self.linear))
-        return Surface(self.midpoints[used], self.linear[used], faces), beyond
+        return self.within(bordering(self.faces, self.sides, label))
+
+    def within(self, border: Border) -> tuple[Surface, NDArray[np.int32]]:
+        """Return what `of_label` does, of a label whose border is known."""
+        used = border.used
+        return Surface(self.midpoints[used], self.linear[used], border.faces), border.beyond
 
 
-def bordering(
-    faces: NDArray[np.int32], sides: NDArray[np.int32], label: int, vertex_count: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the triangles that border a label, turned outward.
+class Border(NamedTuple):
+    """The triangles that border a label, turned outward.
 
     Parameters
     ----------
-    faces, sides : (F, 3) and (F, 2) int32
-        As in `ComplexMesh`.
-    vertex_count : int
-
-    Returns
-    -------
     faces : (f, 3) int32
         In their order in the complex; vertices numbered anew.
     beyond : (f,) int32
@@ -164,11 +161,42 @@ def bordering(
     used : (v,) int32
         The complex's number of each vertex, rising.
     """
-    behind = np.flatnonzero((sides == label).any(axis=1))
-    own, turned = faces[behind], sides[behind, 1] == label
-    own[turned] = own[turned][:, ::-1]
-    beyond = np.where(turned, sides[behind, 0], sides[behind, 1]).astype(np.int32)
-    used = np.zeros(vertex_count, bool)
-    used[own] = True
-    new_number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return new_number[own], beyond, np.flatnonzero(used).astype(np.int32)
+
+    faces: NDArray[np.int32]
+    beyond: NDArray[np.int32]
+    used: NDArray[np.int32]
+
+
+def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, Border]:
+    """Return the border of every label of a complex but 0, looked for once for all of them.
+
+    Parameters
+    ----------
+    faces, sides : (F, 3) and (F, 2) int32
+        As in `ComplexMesh`.
+    """
+    both = sides.reshape(-1)  # each triangle stands once for either side
+    order = np.argsort(both, kind="stable")
+    labels, starts = np.unique(both[order], return_index=True)
+    borders = {}
+    for label, start, stop in zip(labels.tolist(), starts, [*starts[1:], len(order)], strict=True):
+        if label:
+            number, side = np.divmod(order[start:stop], 2)
+            own = faces[number]
+            own[side == 1] = own[side == 1][:, ::-1]
+            used, corners = np.unique(own, return_inverse=True)
+            borders[label] = Border(corners.reshape(own.shape).astype(np.int32), sides[number, 1 - side], used)
+    return borders
+
+
+def bordering(faces: NDArray[np.int32], sides: NDArray[np.int32], label: int) -> Border:
+    """Return the border of one label of a complex, (f may be 0).
+
+    Parameters
+    ----------
+    faces, sides : (F, 3) and (F, 2) int32
+        As in `ComplexMesh`.
+    """
+    own = np.flatnonzero((sides == label).any(axis=1))
+    nothing = Border(np.empty((0, 3), np.int32), np.empty(0, np.int32), np.empty(0, np.int32))
+    return borders_of(faces[own], sides[own]).get(label, nothing)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.intersections import self_intersections_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
@@ -170,6 +171,7 @@ def _round_steps(shape: Shape, target: int) -> Steps[Shape]:
     multiple = np.zeros(vertex_count, bool)
     multiple[clusters.roots[made]] = True
     changed, at = multiple, None
+    untested = multiple.copy()  # vertices whose triangles may cross others
     while True:
         # The triangles of what was taken apart are looked at anew; at first all that touch a cluster.
         apart = np.zeros(vertex_count, bool)
@@ -179,6 +181,7 @@ def _round_steps(shape: Shape, target: int) -> Steps[Shape]:
         placed[:, apart] = positions[:, apart]
         moved = np.zeros(vertex_count, bool)
         moved[apart] = True
+        untested |= moved
         touched = np.flatnonzero(np.take(moved, faces[0]) | np.take(moved, faces[1]) | np.take(moved, faces[2]))
         for corner, before in zip(new, faces, strict=True):
             corner[touched] = joins[before[touched]]
@@ -200,6 +203,13 @@ def _round_steps(shape: Shape, target: int) -> Steps[Shape]:
             for corner in new:
                 used[corner[whole]] = True
             reverted = (multiple & ~used)[clusters.roots]  # a whole component
+        if not reverted.any():
+            left = np.take(new, whole, axis=1)
+            crossing = yield from self_intersections_steps(placed.T, left.T, np.take(untested, left).any(axis=0))
+            at_crossing = np.zeros(vertex_count, bool)
+            at_crossing[left[:, crossing]] = True
+            untested[:] = False
+            reverted = (multiple & at_crossing)[clusters.roots]
             if not reverted.any():
                 break
         multiple[clusters.roots[reverted]] = False

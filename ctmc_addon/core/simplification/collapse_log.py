@@ -69,12 +69,21 @@ class Numbered(Protocol):
     locked: Flags
     component: Ints
     original_vertex: Ints
+    face_count: int
 
 
 class CollapseLog:
-    """The rounds since the log began, and the log's numbers of the faces, edges and vertices that the mesh has now."""
+    """The rounds since the log began, and the log's numbers of the faces, edges and vertices that the mesh has now.
 
-    def __init__(self, mesh: Numbered) -> None:
+    Parameters
+    ----------
+    mesh : Numbered
+    crossing : (2, n) int32, optional
+        Faces that cross each other as the log begins; None where that was not tested.
+    """
+
+    def __init__(self, mesh: Numbered, crossing: Ints | None = None) -> None:
+        self.crossing, self.face_count = crossing, mesh.face_count
         self.rounds: list[Round] = []
         self.face_number = np.arange(mesh.faces.shape[1], dtype=np.int32)
         self.edge_number = np.arange(mesh.edges.shape[1], dtype=np.int32)

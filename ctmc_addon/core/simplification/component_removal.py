@@ -14,7 +14,7 @@ latest together with it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,39 +43,71 @@ POINTS_AT_ONCE = 1024
 
 
 @dataclass(frozen=True)
-class RemovedComponents:
-    """Components that were removed as a whole.
+class CollapsedComponents:
+    """Components that simplification removed as a whole.
 
     count : int
         Number of components, cavities among them.
-    largest : float
-        The largest volume that one of them enclosed, in the cube of the mesh's unit.
+    largest, volume : float
+        The largest volume that one of them enclosed, and that of all together, in the cube of the mesh's unit; the
+        volume of a cavity counts as much as that of a body.
     """
 
     count: int = 0
     largest: float = 0.0
+    volume: float = 0.0
+
+    def __add__(self, other: CollapsedComponents) -> CollapsedComponents:
+        """Return those of both."""
+        largest = max(self.largest, other.largest)
+        return CollapsedComponents(self.count + other.count, largest, self.volume + other.volume)
+
+    def scaled(self, factor: float) -> CollapsedComponents:
+        """Return the same components with lengths multiplied."""
+        return CollapsedComponents(self.count, self.largest * factor**3, self.volume * factor**3)
 
     def sentence(self, unit: str) -> str:
         """Return count and volume in words.
 
         Examples
         --------
-        >>> RemovedComponents(9204, 3.93).sentence("mm3")
-        '9,204 components below 4 mm3 were removed'
+        >>> CollapsedComponents(9204, 3.93, 811.7).sentence("mm3")
+        '9,204 components below 4 mm3 were collapsed, 812 mm3 together'
         """
         components, were = ("component", "was") if self.count == 1 else ("components", "were")
         digit = 10.0 ** (math.floor(math.log10(self.largest)) - 1) if self.largest > 0 else 1.0
         below = (math.floor(self.largest / digit) + 1) * digit  # rounded up to two digits
-        return f"{self.count:,} {components} below {below:.6g} {unit} {were} removed"
+        together = f"{float(f'{self.volume:.3g}'):.6g} {unit} together"
+        return f"{self.count:,} {components} below {below:.6g} {unit} {were} collapsed, {together}"
+
+
+@dataclass(frozen=True, eq=False)
+class Staying:
+    """Components that are not removed, whatever they cost.
+
+    largest : float
+        Those that enclose more, cavities too, in the cube of the unit of the positions.
+    by_box : bool
+        Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
+    vertices : (n,) int64
+        Those of these vertices.
+    """
+
+    largest: float = math.inf
+    by_box: bool = False
+    vertices: Indices = field(default_factory=lambda: np.empty(0, np.int64))
 
 
 class Components:
     """The components of a mesh, each with its area, volume and gap; in the order of their first faces."""
 
+    staying = Staying()
+
     def prepare_steps(self, positions: Floats, faces: Ints, border: Ints, locked: Ints) -> Steps[Ints]:
         """Take in positions (3, V) and faces (3, F); returns the component of every vertex, -1 for one without faces.
 
-        `border` are the vertices on a border, `locked` those whose components must stay.
+        `border` are the vertices on a border, `locked` those whose components must stay. So must those that
+        `staying` names, which is set before.
         """
         component = yield from component_numbers_steps(np.ascontiguousarray(faces.T), positions.shape[1])
         of_vertex = np.full(positions.shape[1], -1, np.int32)
@@ -85,7 +117,9 @@ class Components:
         self.count = count = int(component.max()) + 1
         self.present, self.removable = np.ones(count, bool), np.ones(count, bool)
         self.removable[of_vertex[locked]] = False
-        self.removed = RemovedComponents()
+        self.removable[of_vertex[self.staying.vertices]] = False
+        self.collapsed = CollapsedComponents()
+        self.large = np.zeros(count, bool)
         if count == 1:
             return of_vertex
         self.volume = yield from component_volumes_steps(positions.T, faces.T, component)
@@ -98,10 +132,15 @@ class Components:
         yield PAUSE
         starts = np.cumsum(self.vertices) - self.vertices
         self.extent = np.zeros(count, np.float32)
+        box = np.ones(count)
         for axis in positions:
             along = axis[self.order]
-            self.extent += np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
+            side = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
+            self.extent += side
+            box *= side
         yield PAUSE
+        self.large = (box if self.staying.by_box else np.abs(self.volume)) > self.staying.largest
+        self.removable &= ~self.large
         by_extent = np.argsort(self.extent, kind="stable")
         self.rank = np.empty(count, np.int32)
         self.rank[by_extent] = np.arange(count, dtype=np.int32)
@@ -197,10 +236,10 @@ class Components:
         yield from self._measure_gaps_steps(self.present & ~self.present[self.nearest])
 
     def count_removed(self, gone: Flags) -> None:
-        """Add these components, (components,), to `removed`."""
+        """Add these components, (components,), to `collapsed`."""
         volumes = np.abs(self.volume[gone])
-        largest = max(self.removed.largest, float(volumes.max(initial=0.0)))
-        self.removed = RemovedComponents(self.removed.count + len(volumes), largest)
+        largest = float(volumes.max(initial=0.0))
+        self.collapsed += CollapsedComponents(len(volumes), largest, math.fsum(volumes.tolist()))
 
 
 def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) -> Steps[Doubles]:

@@ -24,6 +24,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog
+from .collapse_rules import CollapseRules
 from .collapses import (
     MOST_SHARE,
     Collapses,
@@ -32,14 +33,12 @@ from .collapses import (
     independent_set_steps,
     locked_vertices_steps,
     share_of,
-    violates_link_condition_steps,
 )
-from .component_removal import Components, RemovedComponents, without_components_steps
+from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
-from .handles import Cuts, handle_cuts_steps, longest_loop_edge, pull_apart_steps
+from .handles import longest_loop_edge, pull_apart_steps
 from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
-from .rollback import History, roll_back_steps
-from .uncrossing import uncross_steps
+from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -55,7 +54,7 @@ CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them ta
 CUT_IN_BATCH = 6.0  # times in a batch of a surface: the last pass cuts what is left
 
 
-class CollapsingMesh:
+class CollapsingMesh(CollapseRules):
     """The mesh while it is simplified: columns instead of rows, and every edge once.
 
     positions, normals : (3, V) float32
@@ -98,10 +97,7 @@ class CollapsingMesh:
         self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
-        self.tested_faces = 0  # when crossings were last looked for
-        self.crossing: Ints | None = (
-            None  # (2, n) faces that cross and always did, as the log began; None before a test
-        )
+        self.crossing_count: int | None = None  # pairs of triangles that cross, once tested
         self.batch = batch
         self.rough = rough
         self.components = Components()
@@ -145,54 +141,6 @@ class CollapsingMesh:
         self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
         if self.limit is None:
             yield from self.components.prepare_gaps_steps(self.positions, self.component)
-
-    # What a complex of several labels does in another way: see `complexes/collapsing.py`.
-
-    def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
-        """Which of these edges may never collapse: both ends are locked."""
-        return self.locked[first] & self.locked[second]
-
-    def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Of which edges the second end stays and the first goes."""
-        return self.locked[second]
-
-    def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses would change how the surface is connected, (n,) bool."""
-        return violates_link_condition_steps(collapses, self.edges, self.locked)
-
-    def priority(self, edges: Indices | None = None) -> Floats:
-        """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""
-        return self.cost if edges is None else self.cost[edges]
-
-    def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
-        """The cheapest of the collapses, of which `budget` remove no more than the faces that may go."""
-        left = len(collapses.edges)
-        if left <= budget:
-            return collapses
-        cheapest = np.zeros(left, bool)
-        cheapest[np.argsort(self.priority(collapses.edges), kind="stable")[:budget]] = True
-        return collapses.select(cheapest)
-
-    def edges_joined(self, lost: Indices, stays: Indices) -> None:
-        """Edges that are gone became one with those that stay."""
-
-    def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
-        """Cuts of handles at loops whose edges are no longer than `longest`."""
-        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest))
-
-    def handles_were_cut(self, loops: Ints) -> None:
-        """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
-
-    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
-        """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
-
-    def was_undone(self) -> None:
-        """Changes were undone: faces and edges are as before, costs not yet."""
-
-    def normals_added(self, collapses: Collapses) -> Floats:
-        """What is added to the normals of the vertices that stay, (3, n)."""
-        assert self.normals is not None
-        return self.normals[:, collapses.dropped]
 
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
@@ -261,14 +209,6 @@ class CollapsingMesh:
         collapses = self.within_budget(collapses, budget)
         if len(collapses.edges):
             yield from self.merge_steps(collapses)
-
-    def _update_face_cost(self, collapses: Collapses) -> None:
-        """Raise `face_cost` to that of a round: a quadric is an area times a squared distance, its trace the area."""
-        middle = len(collapses.edges) // 2
-        traces = [self.quadrics[row, end] for end in (collapses.kept, collapses.dropped) for row in (0, 3, 5)]
-        area = np.partition(sum(traces[1:], traces[0]), middle)[middle]
-        cost = np.partition(self.cost[collapses.edges], middle)[middle]
-        self.face_cost = max(self.face_cost, 0.5 * float(np.sqrt(cost * area)))
 
     def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
         """Remove components that now cost less than collapses, at most `excess` faces; whether any went.
@@ -339,14 +279,6 @@ class CollapsingMesh:
             yield PAUSE
         yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
 
-    def cheapest(self, count: int) -> Indices:
-        """The `count` cheapest edges and those that cost the same as the last of them."""
-        priority = self.priority()
-        limit = np.partition(priority, count)[count]
-        if np.isfinite(limit):
-            return np.flatnonzero(priority <= limit)
-        return np.flatnonzero(np.isfinite(priority))
-
     def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
@@ -376,7 +308,6 @@ class CollapsingMesh:
         self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
         if self.log is not None:
             self.log.add_collapses(self, collapses)
-            yield PAUSE
         if self.compacting:
             self.positions[:, keep] = collapses.target
         else:
@@ -485,37 +416,14 @@ class CollapsingMesh:
         yield PAUSE
         return vertex_left
 
-    def uncross_steps(self, hold: bool) -> Steps[bool]:
-        """Undo what has made triangles cross each other since the last call; whether there was any.
-
-        `hold` keeps the vertices of what was undone where they are from now on.
-        """
-        if self.log is None or not (self.log.rounds or self.crossing is None):
-            return False
-        self.crossing, undone = yield from uncross_steps(self, self.log, self.crossing, hold)
-        self.begin_log()
-        return undone
-
-    def begin_log(self) -> None:
-        """Begin a log of what changes from now on."""
-        self.log, self.tested_faces = CollapseLog(self), self.face_count
-
-    def roll_back_steps(self) -> Steps[None]:
-        """Revert collapses until the bound on the error, if there is one, holds everywhere: last of all."""
-        if self.bound is not None:
-            history, check, self.bound = self.history, self.bound.check, None  # the samples are not needed any more
-            del self.quadrics, self.cost, self.edges, self.face_edges
-            yield from roll_back_steps(history, check)
-            self.positions, self.normals = history.positions, history.normals
-            self.original_vertex = np.arange(self.positions.shape[1], dtype=np.int32)
-            self.faces = yield from without_components_steps(self.components, history, check)
-            self.face_count = self.faces.shape[1]
+    def begin_log(self, crossing: Ints | None = None) -> None:
+        """Begin a log of what changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
+        self.log = CollapseLog(self, crossing)
 
     @property
-    def removed(self) -> RemovedComponents:
+    def collapsed_components(self) -> CollapsedComponents:
         """Components that were removed as a whole, in the unit of the mesh."""
-        removed = self.components.removed
-        return RemovedComponents(removed.count, removed.largest / float(self.scale) ** 3)
+        return self.components.collapsed.scaled(1 / float(self.scale))
 
     def mesh(self) -> TriangleMesh:
         """The mesh as it is now, without the vertices that are not used any more."""

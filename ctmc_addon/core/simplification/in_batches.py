@@ -11,21 +11,25 @@ surfaces add up at most. A closed component may go as a whole; one that is cut b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import MeshError
 from ..memory import require_or_killed
+from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
 from ..progress import PAUSE, Step, Steps
 from .batches import NEW, Batch, Numbering, area, beside, joined, shared
+from .bounded import hold_bound_steps
 from .clustering import clustered_steps
-from .component_removal import RemovedComponents
+from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .whole import SAFETY_FACTOR, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
 
@@ -35,6 +39,10 @@ CLUSTERED = 4.0  # times as many triangles as wanted: worth clustering first
 LEFT_BY_CLUSTERS = 2.0  # times as many triangles as wanted: edges collapse from there on
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
 BATCHES_SHARE = 0.8  # of the time
+LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
+
+
+Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +54,21 @@ class Reduced:
         Triangles that it had.
     density : float
         Triangles wanted for each unit of area.
-    removed : RemovedComponents
+    collapsed : CollapsedComponents
     handles_cut : int
+    large : (n,) int64 or None
+        Numbers of the vertices whose components enclose more than those that may go.
+    crossing_count : int or None
+        Pairs of triangles that cross, if that was tested.
     """
 
     batch: Batch
     face_count: int
     density: float
-    removed: RemovedComponents
+    collapsed: CollapsedComponents
     handles_cut: int
+    large: Numbers | None = None
+    crossing_count: int | None = None
 
 
 Work = Callable[[], Steps[Reduced]]
@@ -83,7 +97,10 @@ def in_batches_steps(
         return simplification, passes.full_faces
     target = goal.target(passes.full_faces)
     left = yield from passes.last_pass_steps(left, target)
-    simplification = Simplification(joined(left).mesh, passes.removed, passes.handles_cut)
+    mesh, crossing_count = joined(left).mesh, passes.crossing_count
+    if crossing_count is None:
+        crossing_count = len((yield from self_intersections_steps(mesh.vertices, mesh.faces)))
+    simplification = Simplification(mesh, passes.collapsed, passes.handles_cut, crossing_count)
     yield Step(1.0, simplification.message(target))
     return simplification, passes.full_faces
 
@@ -94,8 +111,11 @@ class _Passes:
     def __init__(self, goal: Goal, budget: Budget) -> None:
         self.goal, self.budget, self.numbering = goal, budget, Numbering()
         self.batch_faces, self.last_faces = goal.sizes(budget)
+        self.large: list[Numbers] = []
+        self.later_limit = LATER_SHARE * goal.largest_component
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
-        self.removed, self.handles_cut = RemovedComponents(), 0
+        self.collapsed, self.handles_cut = CollapsedComponents(), 0
+        self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
         """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
@@ -122,7 +142,16 @@ class _Passes:
                 halves.append(each.batch.with_faces(in_strip))
                 reduced[at] = replace(each, batch=each.batch.with_faces(~in_strip))
                 wanted += each.density * area(halves[-1].mesh)
-            works.append(partial(reduce_batch_steps, joined(halves), wanted))
+            works.append(
+                partial(
+                    reduce_batch_steps,
+                    joined(halves),
+                    wanted,
+                    largest_component=self.later_limit,
+                    by_box=True,
+                    protected=self.protected(),
+                )
+            )
             most = max(most, sum(half.face_count for half in halves))
         strips = []
         for item in self._in_order_steps(works, most):
@@ -164,10 +193,14 @@ class _Passes:
         else:
             self.budget.require(needed, what, remedy)
         if max_error is not None:
-            return partial(reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error)
+            return partial(
+                reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error, largest_component=self.goal.largest_component
+            )
         # Of a number of triangles every batch may have as many as if all were like those so far.
         wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
-        return partial(reduce_batch_steps, batch, wanted, 2 * seam_vertices)
+        return partial(
+            reduce_batch_steps, batch, wanted, 2 * seam_vertices, largest_component=self.goal.largest_component
+        )
 
     def _in_order_steps(self, works: Iterable[Step | Work], most: int) -> Generator[Step | Reduced, None, None]:
         """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
@@ -175,11 +208,18 @@ class _Passes:
         for item in in_order_steps(works, threads):
             if isinstance(item, Reduced):
                 self.handles_cut += item.handles_cut
-                largest = max(self.removed.largest, item.removed.largest)
-                self.removed = RemovedComponents(self.removed.count + item.removed.count, largest)
+                self.collapsed += item.collapsed
+                if item.large is not None and len(item.large):
+                    self.large.append(item.large)
                 self.reduced_faces += item.face_count
                 item = replace(item, batch=self.numbering.completed(item.batch))
             yield item
+
+    def protected(self) -> Numbers:
+        """Numbers of the vertices of components that were too large to go when they were first simplified."""
+        if len(self.large) > 1:
+            self.large = [np.unique(np.concatenate(self.large))]
+        return self.large[0] if self.large else np.empty(0, np.int64)
 
     def last_pass_steps(self, batches: list[Batch], target: int) -> Steps[list[Batch]]:
         """Simplify all to the goal: at once where it is small, or stretches bring too little; else in stretches."""
@@ -201,7 +241,16 @@ class _Passes:
             goal = target if whole else max(target, faces // 2)
             wanted = [goal] if whole else _shares(goal, counts)
             works = [
-                partial(_stretch_steps, stretch, share if max_error is None else 0, max_error, whole, goal == target)
+                partial(
+                    _stretch_steps,
+                    stretch,
+                    share if max_error is None else 0,
+                    max_error,
+                    whole,
+                    goal == target,
+                    self.later_limit,
+                    self.protected(),
+                )
                 for stretch, share in zip(stretches, wanted, strict=True)
             ]
             batches = []
@@ -211,6 +260,7 @@ class _Passes:
                     yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * len(batches) / len(works))
                 else:
                     batches.append(item.batch)
+                    self.crossing_count = item.crossing_count if whole else None
             before, faces = faces, sum(batch.face_count for batch in batches)
             # Stretches that cannot be joined to longer ones have the same borders again.
             stuck = before - faces < LEAST_GAIN * (before - goal)
@@ -226,6 +276,9 @@ def reduce_batch_steps(
     max_error: float | None = None,
     whole: bool = False,
     last: bool = False,
+    largest_component: float = math.inf,
+    by_box: bool = False,
+    protected: Numbers | None = None,
 ) -> Steps[Reduced]:
     """Simplify a batch whose border stays.
 
@@ -241,24 +294,38 @@ def reduce_batch_steps(
         Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
     last : bool
         Whether no other pass follows, which would choose better what goes last.
+    largest_component : float
+        Components that enclose more, in the cube of the mesh's unit, stay.
+    by_box : bool
+        Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
+    protected : (n,) int64, optional
+        Numbers of vertices whose components stay.
     """
     before = batch.face_count
     target = round(wanted) + at_border
     if target >= before:
-        return Reduced(batch, before, _density(batch, wanted), RemovedComponents(), 0)
+        return Reduced(batch, before, _density(batch, wanted), CollapsedComponents(), 0)
     clustered = max_error is None and not whole and before - at_border > CLUSTERED * wanted
     if clustered:
         batch = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted) + at_border)
     collapsing = CollapsingMesh(
-        batch.mesh, max_error, SAFETY_FACTOR, not whole, rough=not last and (clustered or max_error is not None)
+        batch.mesh,
+        max_error,
+        SAFETY_FACTOR,
+        not whole,
+        rough=not last and (clustered or max_error is not None),
     )
+    vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
+    collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:
-        yield from collapsing.roll_back_steps()
+        yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
     left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    return Reduced(left, before, _density(left, wanted), collapsing.removed, collapsing.handles_cut)
+    large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
+    density, collapsed = _density(left, wanted), collapsing.collapsed_components
+    return Reduced(left, before, density, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _density(batch: Batch, wanted: float) -> float:
@@ -268,9 +335,16 @@ def _density(batch: Batch, wanted: float) -> float:
 
 
 def _stretch_steps(
-    stretch: list[Batch], wanted: int, max_error: float | None, whole: bool, last: bool
+    stretch: list[Batch],
+    wanted: int,
+    max_error: float | None,
+    whole: bool,
+    last: bool,
+    largest_component: float,
+    protected: Numbers,
 ) -> Steps[Reduced]:
-    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, last))
+    limits = largest_component, True, protected
+    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, last, *limits))
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:

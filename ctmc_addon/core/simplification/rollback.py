@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
 from .error_check import ErrorCheck
 
@@ -99,11 +100,13 @@ class History:
         return folding
 
 
-def roll_back_steps(history: History, check: ErrorCheck) -> Steps[None]:
-    """Revert the last collapse wherever the bound is exceeded, until it holds everywhere.
+def roll_back_steps(history: History, check: ErrorCheck) -> Steps[int]:
+    """Revert the last collapse wherever the bound is exceeded or triangles cross, until neither is so anywhere.
+
+    Returns how many pairs of triangles cross that no collapse has touched, as in the original.
 
     After the first time only what has changed is checked, of the original only what is near that: so all of the
-    original is checked once more in the end.
+    original is checked once more in the end. Crossings are looked for where the bound holds.
     """
     corners = check.original_faces
     every_face = every_original = True
@@ -115,6 +118,10 @@ def roll_back_steps(history: History, check: ErrorCheck) -> Steps[None]:
         near = (touched[check.nearest] | history.changed[history.becomes])[corners].any(axis=0)
         original = yield from check.original_exceeding_steps(np.flatnonzero(near | every_original))
         last = np.concatenate([_last(history, faces), _last_near(history, check, original)])
+        crossing = np.zeros((0, 2), np.int64)
+        if every_original and not (last >= 0).any():
+            crossing = yield from self_intersections_steps(history.positions.T, history.faces.T)
+            last = _last(history, crossing.ravel())
         last = last[last >= 0]  # a triangle that no collapse has touched is away by the rounding of the check alone
         if len(last):
             history.exclude(last)
@@ -122,7 +129,7 @@ def roll_back_steps(history: History, check: ErrorCheck) -> Steps[None]:
             yield from check.compare_with_steps(history.positions, history.faces)
             every_face = every_original = False
         elif every_original:
-            return
+            return len(crossing)
         else:
             every_original = True
 

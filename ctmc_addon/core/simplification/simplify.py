@@ -3,13 +3,15 @@
 
 What never changes: closed stays closed and manifold stays manifold (link condition), no triangle turns
 over, vertices on a border stay where they are and border edges are not collapsed. Triangles at edges
-with three triangles or more are left alone. A small component may go as a whole, the largest never does.
+with three triangles or more are left alone. A small component may go as a whole, the largest never does, nor one that
+encloses more than a limit.
 Small handles are cut and capped, but never within a maximum error.
 Garland and Heckbert 1997, doi:10.1145/258734.258849.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -30,6 +32,7 @@ def simplify(
     target_faces: int | None = None,
     max_error: float | None = None,
     budget: Budget = WHOLE_MACHINE,
+    largest_component: float = math.inf,
 ) -> TriangleMesh:
     """The surface with fewer triangles. Exactly one of the three goals is given.
 
@@ -46,6 +49,10 @@ def simplify(
     budget : Budget, optional
         By default what the machine has. A surface of more than its `whole_faces` is simplified in batches side by
         side. Threads and memory do not change the result.
+    largest_component : float, optional
+        Components that enclose more than this, in the cube of the mesh's unit, do not go as a whole, even where the
+        goal is then not reached. A reconstruction has 20 mm3 here. Where it is done in batches, components that hang
+        together across them are judged by half of that and by their boxes.
 
     Returns
     -------
@@ -71,7 +78,7 @@ def simplify(
     >>> len(simplify(square, reduction=0.5).faces)
     2
     """
-    return finish(simplify_steps(mesh, reduction, target_faces, max_error, budget))
+    return finish(simplify_steps(mesh, reduction, target_faces, max_error, budget, largest_component))
 
 
 def simplify_steps(
@@ -80,9 +87,11 @@ def simplify_steps(
     target_faces: int | None = None,
     max_error: float | None = None,
     budget: Budget = WHOLE_MACHINE,
+    largest_component: float = math.inf,
 ) -> Steps[TriangleMesh]:
     """`simplify` as steps; the last message says how many triangles there are, and why if that is more than asked."""
-    return (yield from simplification_steps(mesh, reduction, target_faces, max_error, budget)).mesh
+    goals = (reduction, target_faces, max_error)
+    return (yield from simplification_steps(mesh, *goals, budget, largest_component)).mesh
 
 
 def simplification_steps(
@@ -91,9 +100,10 @@ def simplification_steps(
     target_faces: int | None = None,
     max_error: float | None = None,
     budget: Budget = WHOLE_MACHINE,
+    largest_component: float = math.inf,
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
-    goal = Goal(reduction, target_faces, max_error)
+    goal = Goal(reduction, target_faces, max_error, largest_component)
     goal.target(1)
     if len(mesh.faces) <= goal.most_whole(budget):
         return (yield from whole_steps(mesh, goal, budget))

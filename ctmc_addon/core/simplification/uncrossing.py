@@ -2,14 +2,14 @@
 """Undo collapses, and cuts of handles, after which triangles of a surface cross each other, until none do.
 
 The surface is tested when a quarter of its triangles is left, and at the end. Of two triangles that cross, the last
-change that touched one of them is undone, with all that depend on it; then what that brought back is tested. In the
+change that touched either is undone, with all that depend on it; then what that brought back is tested. In the
 worst case a place is as it was at the last test. What is undone stays as it is until the next test, and the triangles
 that are then too many go elsewhere.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,45 +17,54 @@ from numpy.typing import NDArray
 from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog, Round
+from .edge_collapse import CollapsingMesh
 from .quadrics import vertex_quadrics_steps
-
-if TYPE_CHECKING:
-    from .edge_collapse import CollapsingMesh
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-def uncross_steps(mesh: CollapsingMesh, log: CollapseLog, before: Ints | None, hold: bool) -> Steps[tuple[Ints, bool]]:
-    """Undo changes of the log until no two triangles cross but those that did before.
+def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
+    """Undo what has made triangles cross since the last call, but for those that crossed when the mesh was made.
 
     Parameters
     ----------
     mesh : CollapsingMesh
-    log : CollapseLog
-    before : (2, n) int32 or None
-        Triangles that crossed when the log began, by its numbers; None if that is not known.
+        Its `crossing_count` then tells how many pairs still cross.
     hold : bool
-        Lock the vertices of changes that are undone because of a crossing.
+        Keep the vertices of what is undone because of a crossing where they are from now on.
 
     Returns
     -------
-    crossing : (2, n) int32
-        Faces of the mesh that cross, as they did before.
-    undone : bool
+    bool
         Whether anything was undone.
     """
+    log = mesh.log
+    if log is None or not (log.rounds or log.crossing is None):
+        return False
+    crossing, undone = yield from _uncross_steps(mesh, log, hold)
+    mesh.begin_log(crossing)
+    mesh.crossing_count = crossing.shape[1]
+    if undone:
+        mesh.poor_rounds = 0
+    return undone
+
+
+def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[tuple[Ints, bool]]:
+    """Do so; returns the faces of the mesh that cross as before, (2, n), and whether anything was undone."""
     touched = log.touched()
-    left = [np.zeros((2, 0), np.int32) if before is None else before[:, ~touched[before].any(axis=0)]]
-    selected = None if before is None else np.take(touched, log.face_number)
+    left, selected = [np.zeros((2, 0), np.int32)], None
+    if log.crossing is not None:
+        left = [log.crossing[:, ~touched[log.crossing].any(axis=0)]]
+        selected = np.take(touched, log.face_number)
     asked: list[Ints] = []
     moved = np.zeros(len(mesh.locked), bool)
     while True:
         pairs = log.face_number[(yield from _crossing_steps(mesh, selected))]
-        last = log.last_changes()[pairs].max(axis=0) if pairs.size else np.zeros(0, np.int32)
+        last = log.last_changes()[pairs]
         yield PAUSE
-        left.append(pairs[:, last < 0])
+        left.append(pairs[:, (last < 0).all(axis=0)])
         last = np.unique(last[last >= 0])
         if not len(last):
             break
@@ -131,7 +140,9 @@ def _restored(
     return selected, moved
 
 
-def _append(mesh: CollapsingMesh, log: CollapseLog, faces: Indices, edges: Ints, vertices: Indices) -> None:
+def _append(
+    mesh: CollapsingMesh, log: CollapseLog, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]
+) -> None:
     """Bring back room for those of these faces, edges and vertices of the log that the mesh no longer has."""
     faces = faces[_places(log.face_number, log.faces)[faces] < 0]
     edges = edges[_places(log.edge_number, log.edges)[edges] < 0]

@@ -13,10 +13,12 @@ from ..budget import Budget
 from ..errors import MeshError, SettingsError
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
-from .component_removal import RemovedComponents
+from .bounded import hold_bound_steps
+from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
+from .uncrossing import uncross_steps
 
-FACE_BYTES, BOUNDED_FACE_BYTES = 220, 800  # of memory for each triangle at the start, without and with a maximum error
+FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 STAGES = {"Simplifying": 1}
@@ -25,11 +27,12 @@ BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
 @dataclass(frozen=True)
 class Goal:
-    """What simplification is to reach; exactly one is not None. See `simplify`."""
+    """What simplification is to reach; exactly one of the first three is not None. See `simplify`."""
 
     reduction: float | None = None
     target_faces: int | None = None
     max_error: float | None = None
+    largest_component: float = math.inf
 
     def target(self, face_count: int) -> int:
         """Return how many of so many triangles shall be left; 0 with a maximum error, which sets no number.
@@ -75,18 +78,22 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Simplification:
-    """A simplified surface, the components that were removed, and how many handles were cut.
+    """A simplified surface, the components that were collapsed, and how many handles were cut.
 
     mesh : TriangleMesh
-    removed : RemovedComponents
+    collapsed : CollapsedComponents
         Small components that went as a whole.
     handles_cut : int
         Each cut makes the Euler number larger by two.
+    self_intersections : int or None
+        Pairs of triangles that cross, touch or overlap each other, as tested; simplification adds none to those of
+        the surface that it is given. None where nothing was simplified, and so nothing tested.
     """
 
     mesh: TriangleMesh
-    removed: RemovedComponents
+    collapsed: CollapsedComponents
     handles_cut: int = 0
+    self_intersections: int | None = None
 
     def message(self, target: int) -> str:
         """How many triangles there are, why not `target` where that is not 0, and what else went."""
@@ -94,12 +101,15 @@ class Simplification:
         message = f"{count} triangles"
         if target and count > target:
             message += (
-                f" instead of {target}: no edge is left that can go without moving a border or tearing the surface"
+                f" instead of {target}: no edge is left that can go without moving a border, tearing or crossing the "
+                "surface or losing a component that is to stay"
             )
-        if self.removed.count:
-            message += f"; {self.removed.count} small components were removed"
+        if self.collapsed.count:
+            message += f"; {self.collapsed.count} small components were collapsed"
         if self.handles_cut:
             message += f"; small handles cut: {self.handles_cut}"
+        if self.self_intersections:
+            message += f"; pairs of triangles that cross each other: {self.self_intersections}"
         return message
 
 
@@ -116,19 +126,20 @@ def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplif
     target, max_error = goal.target(len(mesh.faces)), goal.max_error
     require_finite(mesh)
     if target >= len(mesh.faces):
-        return Simplification(mesh, RemovedComponents())
+        return Simplification(mesh, CollapsedComponents())
     budget.require(
         memory_needed(len(mesh.faces), max_error),
         f"simplifying {len(mesh.faces)} triangles",
         "use a larger stride or a region",
     )
     collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
+    collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
     yield from stages.run("Simplifying", collapse_steps(collapsing, target))
     if max_error is not None:
-        yield from stages.run("Checking the error", collapsing.roll_back_steps())
-    removed = collapsing.removed
-    simplification = Simplification(collapsing.mesh(), removed, collapsing.handles_cut)
+        yield from stages.run("Checking the error", hold_bound_steps(collapsing))
+    collapsed, crossing = collapsing.collapsed_components, collapsing.crossing_count
+    simplification = Simplification(collapsing.mesh(), collapsed, collapsing.handles_cut, crossing)
     yield Step(1.0, simplification.message(target))
     return simplification
 
@@ -146,9 +157,10 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
             done = start - collapsing.face_count
             if not (yield from equal_part(_round_steps(collapsing, excess, last), done, start - target)):
                 break
-            if collapsing.face_count < TEST_AGAIN * collapsing.tested_faces and collapsing.face_count > target:
-                yield from collapsing.uncross_steps(hold=False)
-        changed = yield from collapsing.uncross_steps(hold=True)
+            log = collapsing.log
+            if log is not None and target < collapsing.face_count < TEST_AGAIN * log.face_count:
+                yield from uncross_steps(collapsing, hold=False)
+        changed = yield from uncross_steps(collapsing, hold=True)
 
 
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:

@@ -54,15 +54,15 @@ E6C39A 1 pancreas, pankreas, bauchspeicheldrüse
 D77F86 1 stomach, magen, gaster, ventriculus, gastric
 9C5058 1 esophagus, oesophagus, ösophagus, speiseröhre
 EFA78C 1 small bowel, small intestine, smallintestin, intestinum tenue, dünndarm, jejunum, ileum, bowel, intestine,
-  darm
+  darm, bowel bag
 C9685C 1 duodenum, zwölffingerdarm
 B57A4C 1 colon, large bowel, large intestine, dickdarm, kolon, intestinum crassum, cecum, caecum, coecum, appendix,
   sigmoid, colon ascendens, colon transversum, colon descendens, colon sigmoideum, sigma, blinddarm, wurmfortsatz
 7F4F3F 1 rectum, rektum, anus, enddarm, anal canal, colorectum
 E9DC86 1 urinary bladder, bladder, harnblase, blase, vesica urinaria
-C98AB0 1 prostate, prostata, vorsteherdrüse
+C98AB0 1 prostate, prostata, vorsteherdrüse, prostate peripheral zone, prostate transition zone
 A56BA0 1 seminal vesicle, samenblase, vesicula seminalis
-D9688C 1 uterus, womb, gebärmutter, cervix, uterine cervix, vagina, prostate uterus
+D9688C 1 uterus, womb, gebärmutter, cervix, uterine cervix, vagina
 F0B8C8 1 ovary, ovaries, eierstock, eierstöcke, ovarium, ovaria, testis, testes, testicle, hoden
 F3C6BE 0.35 breast, brustdrüse, mamma, mammary gland
 C2392E 1 heart, herz, cor, pericardium, perikard, herzbeutel, heart tissue
@@ -75,19 +75,20 @@ E9A08C 1 atrial appendage, left atrial appendage, auricula, herzohr
 E8663C 1 coronary artery, coronary arteries, coronary, koronararterie, herzkranzgefäß, herzkranzgefäße
 D8191C 1 aorta, arota, hauptschlagader
 E84A45 1 artery, arteries, arteria, arteriae, arterie, schlagader, arterial system, iliac artery, celiac trunk,
-  truncus coeliacus, arterial, coeliac trunk, celiac artery, mesenteric artery, vascular, blood, blut
+  truncus coeliacus, arterial, coeliac trunk, celiac artery, mesenteric artery, vascular, blood, blut, sma, smas
 F2785A 1 brachiocephalic trunk, truncus brachiocephalicus
 B8362E 1 subclavian artery, arteria subclavia
 FA9C86 1 common carotid artery, carotid artery, carotid, arteria carotis, arteria carotis communis, internal carotid
   artery
 2D4FA2 1 vein, venae, vena, vene, venous system, venoussystem, venous, hepatic vein, lebervene, hepatic vessel, liver
-  vessel, lebergefäß, lebergefäße, vessel, blood vessel, gefäß, gefäße, capillary, capillaries, lung vessel
+  vessel, lebergefäß, lebergefäße, vessel, blood vessel, gefäß, gefäße, capillary, capillaries, lung vessel, venous
+  sinuses, sinus sagittalis
 1F3270 1 inferior vena cava, vena cava inferior, venacava, vena cava, vena cava caudalis, ivc, postcava, untere
   hohlvene, hohlvene
 39509A 1 superior vena cava, vena cava superior, svc, obere hohlvene
 3E8FCB 1 portal vein, portal vein and splenic vein, splenic vein, portal, pfortader, vena portae, vena porta, portal
   system, portalvein, veins portal and splenic, superior mesenteric vein, milzvene, vena lienalis, vena splenica,
-  pfortadersystem
+  pfortadersystem, smv
 6A86CE 1 brachiocephalic vein, vena brachiocephalica, iliac vein, iliac vena, vena iliaca, jugular vein, drosselvene
 6C7CD6 1 pulmonary artery, arteria pulmonalis, pulmonary trunk, truncus pulmonalis, lungenarterie
 DE6258 1 pulmonary vein, vena pulmonalis, lungenvene
@@ -96,7 +97,8 @@ E8AAA4 0.5 lung, lunge, pulmo, pulmones, lung field, pulmonary
 EDBDB4 0.5 lung upper lobe, upper lobe, lobus superior, oberlappen, lungenoberlappen
 C48CA0 0.5 lung middle lobe, middle lobe, lobus medius, mittellappen, lungenmittellappen
 D9928A 0.5 lung lower lobe, lower lobe, lobus inferior, unterlappen, lungenunterlappen
-9CC7DE 1 trachea, luftröhre, airway, airways, atemwege, lung trachea bronchia
+9CC7DE 1 trachea, luftröhre, airway, airways, atemwege, lung trachea bronchia, nasopharynx, oropharynx, hypopharynx,
+  pharynx, rachen, nasal cavity, nasenhöhle, larynx air, auditory canal, sinus, nebenhöhle
 5C9CC4 1 bronchus, bronchi, bronchia, bronchie, main bronchus
 7FA9B8 0.5 pleural effusion, pleuraerguss, effusion, pericardial effusion, pleural pericard effusion, ascites, fluid,
   aszites
@@ -104,13 +106,18 @@ B0503C 1 thyroid gland, thyroid, schilddrüse, glandula thyroidea, thyreoidea
 DDAA90 1 thymus, thymusdrüse
 B8CFC0 1 larynx, kehlkopf, thyroid cartilage, cricoid cartilage
 C58F7C 1 diaphragm, zwerchfell, diaphragma
-E0A0A8 1 brain, gehirn, hirn, cerebrum, encephalon, gray matter, grey matter, central nervous system, head
+E0A0A8 1 brain, gehirn, hirn, cerebrum, encephalon, gray matter, grey matter, central nervous system, head, frontal
+  lobe, parietal lobe, occipital lobe, temporal lobe, insular cortex, central sulcus, cerebral cortex, cortex,
+  großhirn
 C77888 1 cerebellum, kleinhirn
 C9A48C 1 brainstem, brain stem, hirnstamm, truncus encephali
-F2E6DC 1 white matter, weiße substanz
-86BFE0 0.7 cerebro spinal fluid, cerebrospinal fluid, csf, liquor, brain ventricle, hirnventrikel
+B0707C 1 thalamus, caudate nucleus, caudate, lentiform nucleus, putamen, pallidum, hippocampus, amygdala, basal
+  ganglia, basalganglien
+F2E6DC 1 white matter, weiße substanz, internal capsule, septum pellucidum, cerebral white matter, corpus callosum
+86BFE0 0.7 cerebro spinal fluid, cerebrospinal fluid, csf, liquor, brain ventricle, hirnventrikel, ventricle,
+  subarachnoid space, lateral ventricle, third ventricle, fourth ventricle
 F2DC4E 1 spinal cord, rückenmark, medulla spinalis, spinal canal, spinalkanal, nerve, nerv, nervus, optic nerve,
-  sehnerv, chiasm, optic chiasm, spinalcord, myelon
+  sehnerv, chiasm, optic chiasm, spinalcord, myelon, cord
 F4F4EE 1 eye, eyeball, auge, oculus, bulbus
 A8D6EE 1 lens, eye lens, linse, augenlinse
 D89A6E 1 parotid gland, parotid, ohrspeicheldrüse, glandula parotis, submandibular gland, salivary gland,
@@ -120,7 +127,8 @@ D0B4BC 1 gland, drüse, glandula, pituitary gland, pituitary, hypophyse
 E9DFC6 1 skull, schädel, cranium, calvaria, schädelknochen
 C9B88A 1 mandible, mandibula, unterkiefer, jaw, maxilla, oberkiefer, kiefer
 FFFFF8 1 tooth, teeth, zahn, zähne, dens, dentes
-E8DCBC 1 bone, knochen, os, ossa, skeleton, skelett, bony structure, foot, hand, bones
+E8DCBC 1 bone, knochen, os, ossa, skeleton, skelett, bony structure, foot, hand, bones, hyoid, zungenbein, zygomatic
+  arch, styloid process, hard palate, gaumen, bone marrow, marrow
 EBD7A0 1 vertebra, wirbel, wirbelkörper, vertebra body, spine, wirbelsäule, columna vertebralis, vertebral column,
   atlas, axis
 98774A 1 sacrum, kreuzbein, sacral bone, coccyx, steißbein
@@ -135,9 +143,12 @@ C8B48A 1 ulna, elle, fibula, wadenbein, tarsal, metatarsal, carpal, metacarpal, 
 A3875A 1 patella, kniescheibe
 C8B48A 1 phalanges feet, phalanx, fingerknochen, fußknochen, handwurzelknochen
 F0E2C8 1 hip, hüfte, hip bone, hüftbein, hüftknochen, pelvis, becken, os coxae, ilium, ischium, pubis, beckenknochen
-C2AA7C 1 femur, oberschenkelknochen, thigh bone, femoral head
+C2AA7C 1 femur, oberschenkelknochen, thigh bone, femoral head, femur head, hüftkopf, femurkopf
 9C3A34 1 muscle, muskel, muskeln, musculus, musculi, skeletal muscle, muskulatur, quadriceps femoris, sartorius,
-  gluteus maximus, thigh medial compartment, thigh posterior compartment
+  gluteus maximus, thigh medial compartment, thigh posterior compartment, sternocleidomastoid, anterior scalene,
+  scalene, levator scapulae, platysma, digastric, supraspinatus, infraspinatus, subscapularis, coracobrachial,
+  serratus anterior, teres major, triceps brachii, biceps brachii, superior pharyngeal constrictor, middle pharyngeal
+  constrictor, constrictor, soft palate
 BE6052 1 gluteus medius, trapezius, pectoralis minor, pectoralis major, deltoid
 78242A 1 gluteus minimus
 8A4A3C 1 autochthon, erector spinae, autochthonous back muscle, rückenmuskulatur, autochthone rückenmuskulatur,
@@ -145,13 +156,13 @@ BE6052 1 gluteus medius, trapezius, pectoralis minor, pectoralis major, deltoid
 B2464E 1 iliopsoas, psoas, psoas major, psoasmuskel, musculus psoas, iliacus
 EBD28C 0.3 fat, fett, adipose tissue, fettgewebe, subcutaneous fat, torso fat, visceral fat, intermuscular fat, adeps,
   omentum
-E9B99C 0.25 skin, haut, cutis, body surface, integument, derma
+E9B99C 0.25 skin, haut, cutis, body surface, integument, derma, face, gesicht, external, außenkontur
 DCA88C 0.25 body, organ, körper, corpus, body trunc, body trunk, body extremities, torso, rumpf, soft tissue,
   weichteile, tissue, gewebe
 DBE0DE 1 ligament, tendon, sehne, connective tissue, bindegewebe, ligamentum, aponeurosis, fascia, faszie
 86B04C 1 lymph node, lymphknoten, lymph nodes, lymphatic vessel, nodus lymphaticus, lymphgefäß, nodi lymphatici
 D0A8C8 1 edema, oedema, ödem, inflammation, entzündung
-8E1A1A 1 bleeding, hemorrhage, blutung, hematoma, hämatom
+8E1A1A 1 bleeding, hemorrhage, blutung, hematoma, hämatom, intracerebral hemorrhage, haemorrhage
 D8D8B0 1 stone, kidney stone, gallstone, stein, nierenstein, gallenstein, calculus, calcification, verkalkung, kalk,
   plaque
 8C6E3C 1 feces, waste, stool, stuhl
@@ -172,11 +183,16 @@ FILLERS = {*SIDES, "li", "re", "lt", "rt", "sin", "dex", "dx", "segmentation", "
            "res", "highres"}  # fmt: skip
 NEGATIONS = {"no", "non", "not", "without", "ohne", "minus", "kein", "keine", "background", "hintergrund"}
 FURTHER = re.compile(r"\b(?:and|with|incl\w*|und|mit|or|oder)\b|[/+&,;(]")
-TUMOR = re.compile(r"tumou?r|lesion|cancer|karzinom|carcinoma|metasta|neoplas|lasion")
+TUMOR = re.compile(r"^gtv|tumou?r|lesion|cancer|karzinom|carcinoma|metasta|neoplas|lasion")
 CYST = re.compile(r"(?:[ck]yst|zyste)[esn]*$")
+# Of Latin names ("V. cava inferior"), and of the names that AAPM's Task Group 263 gives structures.
+ABBREVIATIONS = {"v.": "vena", "vv.": "venae", "a.": "arteria", "aa.": "arteriae", "m.": "musculus", "n.": "nervus",
+                 "musc ": "musculus", "glnd ": "glandula", "bone ": "os"}  # fmt: skip
+ABBREVIATED = re.compile(r"^(vv?\.|aa?\.|m\.|n\.|musc |glnd |bone ) *")
 # What a name ends or begins with that is not listed itself.
 HEADS = ("artery", "arteries", "arterie", "vein", "vene", "muscle", "muskel", "nerve", "nerv", "bone", "knochen",
-         "wirbel", "rippe", "vessel", "gefass", "gefasse", "ligament", "tendon", "sehne", "cartilage", "knorpel",
+         "wirbel", "wirbelkorper", "rippe", "aorta", "vessel", "gefass", "gefasse",
+         "ligament", "tendon", "sehne", "cartilage", "knorpel",
          "gland", "druse", "lymph node", "lymphknoten", "fat", "effusion", "implant", "duct")  # fmt: skip
 LATIN_HEADS = ("arteria", "vena", "musculus", "os", "nervus", "ligamentum", "glandula", "costa", "vertebra")
 ALIASES = {"duct": "bile duct"}
@@ -198,12 +214,13 @@ def anatomy_of(name: str) -> Anatomy | None:
     (Anatomy(rgb=(233, 185, 156), opacity=0.25), False, None)
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    plain = _folded(spaced)
+    plain = _folded(spaced).replace("_", " ").replace("non-enhancing", "enhancing")
+    plain = ABBREVIATED.sub(lambda found: ABBREVIATIONS[found[1]] + " ", plain)
     words = re.findall(r"[a-z]+", plain)
     if not words or NEGATIONS.intersection(words):
         return None
-    number = VERTEBRA_NUMBER.search(plain.replace("_", " "))
-    if number and any(word.startswith("vertebra") or word.endswith("wirbel") for word in words):
+    number = VERTEBRA_NUMBER.search(plain)
+    if number and any("vertebra" in word or "wirbel" in word for word in words):
         count = FIRST_OF_REGION[number[1]] + int(number[2]) - 1
         return _INDEX["vertebra"] if count % 2 else SECOND_VERTEBRA
     return _listed(words) or _first_of_several(spaced, plain) or _by_a_word(words)
@@ -257,7 +274,9 @@ def _by_a_word(words: list[str]) -> Anatomy | None:
     for head in HEADS:
         if any(ending.endswith(head.replace(" ", "")) for ending in endings):
             return _singular(_key(ALIASES.get(head, head)))
-    return _INDEX[words[0]] if words[0] in LATIN_HEADS else None
+    if words[0] in LATIN_HEADS and len(words) > 1:  # 'os sacrum' is a sacrum, 'os pedis' a bone
+        return _listed(words[1:]) or _INDEX[words[0]]
+    return None
 
 
 def _key(name: str) -> str:

@@ -87,7 +87,7 @@ def components_text(measures: Measures | None) -> str:
     return text.format(count=count(measures.components), small=count(measures.small_components))
 
 
-FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area")
+FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area", "Self-Intersections")
 
 
 def facts_of(provenance: Provenance | None, measurement: Measurement | None, unit: str = "") -> list[tuple[str, str]]:
@@ -104,6 +104,8 @@ def facts_of(provenance: Provenance | None, measurement: Measurement | None, uni
             values[2:4] = [f"{distance.mean:.3g} mm", f"{distance.largest:.3g} mm"]
         values[4] = f"{measures.milliliters:.4g} ml" if measures.closed else translate("- (open)")
         values[5] = f"{measures.square_centimeters:.4g} cm2"
+        if measurement.self_intersections is not None:
+            values[6] = count(measurement.self_intersections)
     return list(zip(map(translate, FACTS), values, strict=True))
 
 

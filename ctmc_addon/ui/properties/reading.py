@@ -15,7 +15,7 @@ from .described import as_typed, property_of, tooltip
 from .kinds import boolean, booleans
 
 SHOWN = ("spacing", "flip", "series", "time", "strict")
-"""The options that say what is read; `allow_outside` and `level` (zarr is not bundled) are for the command line."""
+"""The options that say what is read; the others are for the command line (colors are changed in the list)."""
 SIDES = {"x": "Left - Right", "y": "Front - Back", "z": "Head - Feet"}
 LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMERA"}}
 """How Blender shows an option, beside what its description says."""

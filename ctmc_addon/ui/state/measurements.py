@@ -24,6 +24,7 @@ from ...core.mesh import (
     SurfaceDistance,
     TriangleQuality,
     measures_steps,
+    self_intersections_steps,
     surface_distance_steps,
 )
 
@@ -31,26 +32,38 @@ PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
 State = list[Any]
 UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")  # settings that change no mesh
-STAGES = {"Measuring": 2, "Comparing with the full surface": 3}
+STAGES = {"Measuring": 2, "Looking for self-intersections": 2, "Comparing with the full surface": 3}
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measures of a surface, and its distance to the full surface in mm, where it is simplified and that is known."""
+    """Measures of a surface, and its distance to the full surface in mm, where it is simplified and that is known.
+
+    `self_intersections` are pairs of triangles that cross, touch or overlap each other, None of an older file.
+    """
 
     measures: Measures
     distance: SurfaceDistance | None = None
+    self_intersections: int | None = None
 
 
-def measurement_steps(mesh: TriangleMesh, full: TriangleMesh | None) -> Steps[Measurement]:
-    """Measure a surface, and how far simplification has moved it; both meshes in RAS+ mm."""
+def measurement_steps(
+    mesh: TriangleMesh, full: TriangleMesh | None, self_intersections: int | None = None
+) -> Steps[Measurement]:
+    """Measure a surface, and how far simplification has moved it; both meshes in RAS+ mm.
+
+    `self_intersections` are counted where they are not known.
+    """
     stages = Stages(STAGES)
-    measuring, comparing = STAGES
+    measuring, crossing, comparing = STAGES
     measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces))
-    if full is None or len(mesh.faces) >= len(full.faces):
-        return Measurement(measures)
-    distance = surface_distance_steps(mesh, ReferenceSurface(full))
-    return Measurement(measures, (yield from stages.run(comparing, distance)))
+    if self_intersections is None:
+        pairs = yield from stages.run(crossing, self_intersections_steps(mesh.vertices, mesh.faces))
+        self_intersections = len(pairs)
+    distance = None
+    if full is not None and len(mesh.faces) < len(full.faces):
+        distance = yield from stages.run(comparing, surface_distance_steps(mesh, ReferenceSurface(full)))
+    return Measurement(measures, distance, self_intersections)
 
 
 def mesh_state(obj: bpy.types.Object) -> State:
@@ -124,6 +137,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
             measures = replace(measures, quality=from_stored(TriangleQuality, stored["quality"]))
         if measures.closed == math.isnan(measures.volume):
             return None  # an open surface has no volume, and every other has one
-        return Measurement(measures, None if distance is None else from_stored(SurfaceDistance, distance))
+        crossings = stored.get("self_intersections")
+        distance = None if distance is None else from_stored(SurfaceDistance, distance)
+        return Measurement(measures, distance, None if crossings is None else int(crossings))
     except (KeyError, TypeError, ValueError):
         return None  # of an older version, or another add-on's property

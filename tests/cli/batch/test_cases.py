@@ -123,7 +123,10 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number"]),
         ("input,label\na.nii,1 two\n", ["m.csv, line 2", "label cannot be '1 two'; write a whole number"]),
         ("input,keep_parts\na.nii,1.5\n", ["m.csv, line 2", "keep-parts cannot be '1.5'; write a whole number"]),
-        ("input,alpha\na.nii,0.1\na.nii,7\n", ["m.csv, line 3", "alpha cannot be '7'; must be from 0 to 1 or auto"]),
+        (
+            "input,alpha\na.nii,0.1\na.nii,7\n",
+            ["m.csv, line 3", "alpha cannot be '7'; must be from 0 to 1 or auto, not 7"],
+        ),
         ("input,close_border\na.nii,perhaps\n", ["line 2", "write true or false"]),
         ("input,stride\na.nii,1 2\n", ["line 2", "write 3 numbers"]),
         ("input,spacing\na.nii,0\n", ["line 2", "above 0 mm"]),

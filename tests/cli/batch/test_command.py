@@ -108,6 +108,7 @@ def test_the_summary_has_a_row_for_every_case(done):
     assert large["error"] is small["error"] is None
     assert large["volume_mm3"] == pytest.approx(4 / 3 * np.pi * (7 * 0.5) ** 3, rel=0.05)
     assert all(row["seconds"] > 0 for row in rows)
+    assert [row["removed_components"] for row in rows] == [row["collapsed_components"] for row in rows] == [None, 0, 0]
     with (done / "summary.csv").open(encoding="utf-8", newline="") as stream:
         table = list(csv.reader(stream))
     assert table == [list(COLUMNS), *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]

@@ -71,7 +71,7 @@ def test_outliers_are_marked_with_their_reason_and_each_label_by_itself(cohort):
     assert reasons == {
         "crumbs": "40 components, the median is 1",
         "open": "open",
-        "crossed": "3 triangles cross others",
+        "crossed": "3 self-intersections",
         "ragged": "Slices 3 to 5 are ragged.",
     }
 
@@ -127,8 +127,9 @@ def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
         table = list(csv.DictReader(stream))
     assert list(table[0]) == [
         "case", "status", "faces", "volume_mm3", "seconds", "error", "label", "components", "closed", "area_mm2",
-        "spacing_x_mm", "spacing_y_mm", "spacing_z_mm", "self_intersections", "mean_hu", "sd_hu", "memory_bytes",
-        "notes", "outlier",
+        "spacing_x_mm", "spacing_y_mm", "spacing_z_mm", "self_intersections", "removed_components",
+        "collapsed_components",
+        "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier",
     ]  # fmt: skip
     assert [line["outlier"] for line in table if line["case"] == "crumbs"] == ["40 components, the median is 1"]
 

@@ -63,10 +63,10 @@ def test_a_settings_file_takes_auto_and_an_angle(ctmc, tmp_path, labels_file):
 
 def test_several_labels_have_a_row_each_with_its_alpha_and_cost(ctmc, tmp_path, labels_file):
     out, report = tmp_path / "out", tmp_path / "all.json"
-    words = ("--label", "all", "--alpha", "auto", "-o", f"{out}/", "--report", report)
+    words = ("--label", "all", "--interfaces", "separate", "--alpha", "auto", "-o", f"{out}/", "--report", report)
     done = ctmc("reconstruct", labels_file, *SPACING, *words)
     assert (done.code, done.errors) == (0, [])
-    assert "settings: --alpha auto\n" in done.out
+    assert "settings: --alpha auto --interfaces separate\n" in done.out
     rows = [line.split() for line in done.out.splitlines() if line.split()[-1:] and line.split()[0] in ("1", "2")]
     surfaces = json.loads(report.read_text("utf-8"))["surfaces"]
     volume = Volume(np.load(labels_file), np.diag([-0.7, -0.8, 2.5, 1]), kind="label")

@@ -95,10 +95,12 @@ def test_voxels_without_a_value_name_the_remedy(refused, ctmc, tmp_path):
         ("missing/x.stl", "the folder does not exist; make it first"),
         ("file/x.stl", "the folder is a file"),
         ("folder.stl", "a folder has that name"),
+        ("materials.obj", "a folder has that name"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_said_before_the_work(refused, tmp_path, name, words):
     (tmp_path / "folder.stl").mkdir()
+    (tmp_path / "materials.mtl").mkdir()
     (tmp_path / "file").write_text("")
     # INPUT does not exist: had reading begun, the sentence would be about it.
     assert words in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / name)

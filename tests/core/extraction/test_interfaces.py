@@ -10,7 +10,7 @@ from ctmc_addon.core.extraction.case_table import CLASSIC, EDGES, FACES
 from ctmc_addon.core.extraction.grid import make_axes
 from ctmc_addon.core.extraction.interfaces import bands
 from ctmc_addon.core.extraction.interfaces.bands import band_ranges, fill_band, find_band
-from ctmc_addon.core.extraction.interfaces.constants import measured_pairs, next_constants
+from ctmc_addon.core.extraction.interfaces.constants import measured_pairs_steps, next_constants
 from ctmc_addon.core.extraction.interfaces.crossings import Placed, crossings_of
 from ctmc_addon.core.extraction.interfaces.owners import Owners
 from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
@@ -20,6 +20,7 @@ from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
     pattern_numbers,
     pattern_of,
 )
+from ctmc_addon.core.progress import finish
 
 
 def complex_of(numbers):
@@ -37,7 +38,8 @@ def complex_of(numbers):
         filled.append(fill_band(owners, band, starts[at].tolist(), *above))
     crossings = [[crossings_of(owners, band, axis, []) for axis in range(3)] for band in found]
     placed = Placed(crossings, filled, starts, int(ends[-1]))
-    positions = placed.positions(owners, None, np.zeros((int(padded.max()) + 1, 3), np.intp))
+    origins = np.zeros((int(padded.max()) + 1, 3), np.intp)
+    positions = finish(placed.positions_steps(owners, None, origins, 1))
     faces, sides = (np.concatenate([getattr(band, name) for band in filled]) for name in ("faces", "sides"))
     return positions, faces, sides.astype(np.intp)
 
@@ -82,7 +84,7 @@ def test_every_label_of_thousands_of_random_grids_is_closed_and_manifold(seed):
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     assert area.min() > 1e-3
     # The labels fill the space that all of them fill: what one gains at a wall another loses.
-    volume, areas = measured_pairs(positions, faces, sides, (1.0, 1.0, 1.0), int(grid.max()))
+    volume, areas = finish(measured_pairs_steps(positions, faces, sides, (1.0, 1.0, 1.0), int(grid.max())))
     assert abs(volume.sum()) < 1e-6 * volume[1:].sum()
     counts = np.bincount(grid.reshape(-1))
     assert np.allclose(volume[1:], counts[1:], rtol=0.4)

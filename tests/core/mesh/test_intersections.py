@@ -115,14 +115,16 @@ def test_two_balls_cross_along_a_ring_and_one_inside_the_other_nowhere():
     assert not len(self_intersections(inside.vertices, inside.faces))
 
 
-def test_only_pairs_of_the_selected_are_given():
+@pytest.mark.parametrize("share", [0.3, 0.08, 0.0])
+def test_only_pairs_of_the_selected_are_given(share):
     random = np.random.default_rng(7)
-    vertices = random.random((60, 3)).astype(np.float32)
-    faces = np.arange(60, dtype=np.int32).reshape(20, 3)
+    vertices = (random.random((150, 3)) * [1, 2, 9]).astype(np.float32)
+    faces = np.arange(150, dtype=np.int32).reshape(50, 3)
     found = self_intersections(vertices, faces)
-    selected = random.random(20) < 0.3
+    selected = random.random(50) < share
     expected = found[selected[found].any(axis=1)]
-    assert 0 < len(expected) < len(found)
+    assert (len(expected) > 0) == (share > 0)
+    assert len(expected) < len(found)
     assert self_intersections(vertices, faces, selected).tolist() == expected.tolist()
 
 

@@ -11,7 +11,9 @@ from meshes import icosphere
 from ctmc_addon.core import Budget, distances, finish, simplify
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
+from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.simplification import whole
 from ctmc_addon.core.simplification.complexes.shares import Shares
 from ctmc_addon.core.simplification.complexes.simplify import (
     label_distances_steps,
@@ -144,7 +146,7 @@ def test_a_label_within_another_stays_there():
     inner = nested.sides[:, 1] == 2
     nested.sides[inner] = nested.sides[inner][:, ::-1]  # outward
     small = finish(simplify_complex_steps(nested, target_faces=300))
-    assert small.removed.count == 1  # the smallest, of the same label
+    assert small.collapsed.count == 1  # the smallest, of the same label
     assert small.mesh.labels == (1, 2)
     assert small.mesh.of_label(2).volume == pytest.approx(4 / 3 * np.pi, rel=0.1)
     assert small.mesh.of_label(1).volume == pytest.approx(4 / 3 * np.pi * 26, rel=0.1)
@@ -159,9 +161,25 @@ def test_small_components_of_labels_that_touch_go_as_a_whole():
         np.concatenate([mesh.sides, island.sides]),
     )
     result = finish(simplify_complex_steps(both, reduction=0.98))
-    assert result.removed.count == 1
-    assert result.removed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
+    assert result.collapsed.count == 1
+    assert result.collapsed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
     assert result.mesh.vertices[:, 0].max() < 16.2
+    assert_labels_sound(result.mesh)
+
+
+def test_no_label_goes_as_a_whole():
+    mesh = pair()
+    inner = complex_of_spheres(
+        ((8.5, 8.5, 8.5), 0.01, 3, 1), ((16.3, 8.5, 8.5), 0.1, 4, 0), ((16.5, 8.5, 8.5), 0.01, 4, 0)
+    )
+    both = ComplexMesh(
+        np.concatenate([mesh.vertices, inner.vertices]),
+        np.concatenate([mesh.faces, inner.faces + np.int32(len(mesh.vertices))]),
+        np.concatenate([mesh.sides, inner.sides]),
+    )
+    result = finish(simplify_complex_steps(both, target_faces=4))
+    assert result.mesh.labels == (1, 2, 3, 4)
+    assert result.faces[3] == result.faces[4] == 4
     assert_labels_sound(result.mesh)
 
 
@@ -240,11 +258,65 @@ def test_bad_vertices_and_too_little_memory_are_refused():
 
 def test_labels_that_lag_behind_get_a_lower_weight():
     labels = np.array([[1, 2, 2], [0, 0, 1]], np.int32)
-    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 50]).astype(np.int32))
+    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 50]).astype(np.int32), 0.5)
     shares.update(np.repeat(np.arange(3), [100, 50, 40]).astype(np.int32))
     first, second, between = shares.weight
     assert first < between < second
     assert between == pytest.approx(np.sqrt(first * second), rel=0.1)
+    assert not shares.closed.any()
+
+
+def test_a_label_gives_at_most_a_quarter_beyond_its_share():
+    labels = np.array([[1, 2, 3], [0, 0, 1]], np.int32)
+    shares = Shares(labels, np.repeat(np.arange(3), [100, 100, 100]).astype(np.int32), 0.5)
+    shares.update(np.repeat(np.arange(3), [50, 38, 36]).astype(np.int32))
+    assert shares.closed.tolist() == [False, False, False]  # label 1 may give more, on its interface with 3 too
+    shares.update(np.repeat(np.arange(3), [50, 37, 60]).astype(np.int32))
+    assert shares.closed.tolist() == [False, True, False]
+    shares.update(np.repeat(np.arange(3), [38, 50, 36]).astype(np.int32))
+    assert shares.closed.tolist() == [True, False, True]
+
+
+def test_neither_a_label_nor_two_come_to_cross(monkeypatch):
+    mesh = noisy_shell()
+    assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
+    result = finish(simplify_complex_steps(mesh, reduction=0.95))
+    assert result.self_intersections == 0
+    assert len(self_intersections(result.mesh.vertices, result.mesh.faces)) == 0
+    assert_labels_sound(result.mesh)
+    monkeypatch.setattr(whole, "uncross_steps", nothing_steps)
+    unchecked = simplify_complex(mesh, reduction=0.95)
+    assert len(self_intersections(unchecked.vertices, unchecked.faces)) > 0
+
+
+def nothing_steps(mesh, hold):
+    return False
+    yield
+
+
+@cache
+def noisy_shell():
+    """A ball in two halves within a thin shell, all with rough surfaces."""
+    size = 20
+    points = np.stack(np.meshgrid(*[np.arange(size) - (size - 1) / 2] * 3, indexing="ij"), axis=-1)
+    noise = np.random.default_rng(3).normal(size=(size,) * 3)
+    radius = np.sqrt((points**2).sum(axis=-1)) + 0.7 * noise
+    labels = np.where(radius < 5.5, np.where(points[..., 0] > 0, 1, 2), np.where(radius < 7.5, 3, 0))
+    return complex_of(labels, rounds=1)
+
+
+def test_labels_that_do_not_touch_and_would_cross_are_simplified_together():
+    near = complex_of_spheres(((0, 0, 0), 1.0, 1, 0), ((2.004, 0, 0), 1.0, 2, 0), ((0, 2.003, 0), 1.0, 3, 0))
+    alone = [simplify(near.of_label(label), reduction=0.9) for label in near.labels]
+    vertices = np.concatenate([each.vertices for each in alone])
+    starts = np.cumsum([0] + [len(each.vertices) for each in alone])
+    faces = np.concatenate([each.faces + start for each, start in zip(alone, starts, strict=False)])
+    crossing = len(self_intersections(vertices, faces))
+    result = finish(simplify_complex_steps(near, reduction=0.9))
+    assert result.self_intersections == 0
+    assert len(self_intersections(result.mesh.vertices, result.mesh.faces)) == 0
+    assert crossing > 0
+    assert_labels_sound(result.mesh)
 
 
 def test_a_complex_that_is_simplified_is_near_it():

@@ -16,7 +16,7 @@ from meshes import (
 )
 
 from ctmc_addon.core import distances, finish, simplify
-from ctmc_addon.core.simplification.component_removal import RemovedComponents
+from ctmc_addon.core.simplification.component_removal import CollapsedComponents
 from ctmc_addon.core.simplification.simplify import simplification_steps
 
 TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
@@ -45,7 +45,7 @@ def test_a_large_sphere_with_500_small_components_has_exactly_the_triangles_aske
     assert asked - 1 <= len(found.mesh.faces) <= asked
     assert found.mesh.closed
     assert_sound(found.mesh)
-    assert found.removed.count == 501 - found.mesh.components
+    assert found.collapsed.count == 501 - found.mesh.components
     assert message.startswith(f"{len(found.mesh.faces)} triangles")
 
 
@@ -70,14 +70,14 @@ def test_a_component_far_away_stays_longer_than_one_of_its_size_nearby():
 def test_the_largest_removed_volume_is_in_the_unit_of_the_mesh():
     small = small_components(300)
     found, message = simplification(joined(icosphere(4, 10.0), small), target_faces=400)
-    assert found.removed.count > 250
-    assert found.removed.largest == pytest.approx(icosphere(0, 0.1).volume, rel=1e-3)
-    assert f"{found.removed.count} small components were removed" in message
+    assert found.collapsed.count > 250
+    assert found.collapsed.largest == pytest.approx(icosphere(0, 0.1).volume, rel=1e-3)
+    assert f"{found.collapsed.count} small components were collapsed" in message
 
 
 def test_without_small_components_the_message_has_the_count_alone():
     found, message = simplification(icosphere(4), reduction=0.9)
-    assert found.removed.count == 0
+    assert found.collapsed.count == 0
     assert message == "512 triangles"
 
 
@@ -85,7 +85,8 @@ def test_without_small_components_the_message_has_the_count_alone():
     ("largest", "below"), [(3.93, "4"), (0.0123, "0.013"), (9.99, "10"), (123.4, "130"), (0.0, "1")]
 )
 def test_the_volume_in_the_sentence_is_above_all_that_went(largest, below):
-    assert RemovedComponents(12, largest).sentence("mm3") == f"12 components below {below} mm3 were removed"
+    sentence = CollapsedComponents(12, largest, 12345.6).sentence("mm3")
+    assert sentence == f"12 components below {below} mm3 were collapsed, 12300 mm3 together"
 
 
 # What never goes
@@ -153,8 +154,8 @@ def test_within_a_maximum_error_only_what_is_near_the_rest_goes():
     near, far = small_components(60, gap=0.2, radius=0.05), small_components(40, gap=2.0, radius=0.05, seed=1)
     mesh = joined(icosphere(4, 10.0), near, far)
     found, _ = simplification(mesh, max_error=0.5)
-    assert 50 <= found.removed.count <= 60  # the others are near too, but the sphere has moved away from them
-    assert found.mesh.components == 101 - found.removed.count
+    assert 50 <= found.collapsed.count <= 60  # the others are near too, but the sphere has moved away from them
+    assert found.mesh.components == 101 - found.collapsed.count
     ends = np.unique(component_of_face(found.mesh), return_index=True)[1]
     assert (np.linalg.norm(found.mesh.vertices[found.mesh.faces[ends, 0]], axis=1) > 11.5).sum() == 40
     assert found.mesh.closed
@@ -185,4 +186,4 @@ def test_the_unit_of_the_mesh_does_not_matter():
     one, _ = simplification(mesh, reduction=0.9)
     other, _ = simplification(as_mesh(np.ldexp(mesh.vertices, -30), mesh.faces), reduction=0.9)
     assert np.array_equal(other.mesh.faces, one.mesh.faces)
-    assert other.removed.largest == np.ldexp(one.removed.largest, -90)
+    assert other.collapsed.largest == np.ldexp(one.collapsed.largest, -90)

@@ -68,7 +68,8 @@ gluteus_medius: gluteus_minimus, skin
 autochthon: rib, gluteus_maximus, iliopsoas, gluteus_medius, fat
 brain: skull, tumor, cerebrospinal fluid, cerebellum, brainstem, edema, eye, bleeding
 cerebellum: brainstem, skull
-gray matter: white matter, csf
+gray matter: white matter, csf, thalamus
+thalamus: white matter, csf
 spinal_cord: brainstem, csf
 skull: mandible, teeth, skin, eye, muscle
 mandible: teeth, tongue, parotid gland
@@ -130,16 +131,21 @@ def test_every_row_is_a_color_an_opacity_and_names_that_are_found():
 
 
 SAME = {
+    "aorta": "aorta arota A_Aorta Bauchaorta Brustaorta",
+    "mandible": "Bone_Mandible Unterkiefer",
+    "nerve": "N.opticus OpticNerve_R Sehnerv_links",
     "liver": "Liver LIVER Leber hepar liver_segment_4 Liver-1 LiverSegmentation liver_mask",
     "tumor": "livertumor1 livertumor01 livertumors liver_tumor Lebertumor Tumour kidney_tumor lung_cancer lesion "
-    "pancreatic-tumor colon_cancer_primaries Metastasen Lebermetastase GTV-1 NierenzellKarzinom lungtumor2",
+    "pancreatic-tumor colon_cancer_primaries Metastasen Lebermetastase GTV-1 GTVp "
+    "GTVn_2 non-enhancing_tumor NierenzellKarzinom lungtumor2",
     "cyst": "kidney_cyst_left livercyst liverkyst Nierenzyste Leberzysten cysts kidney_cyst_right",
     "kidney": "leftkidney rightkidney kidneys Left_Kidney kidney_left Niere Nieren Niere_links linkeniere LeftKidney "
     "Ren_dexter kidney-l",
-    "inferior vena cava": "venacava vena_cava_inferior IVC postcava inferior_vena_cava",
+    "inferior vena cava": "V.cava_inferior venacava vena_cava_inferior IVC postcava inferior_vena_cava",
     "vein": "venoussystem hepatic_veins Lebervenen renal_vein Nierenvene vena_renalis veins",
     "portal vein": "portalvein portalvein1 portal_vein_and_splenic_vein Pfortader Vena_portae portal-vein",
-    "artery": "arteries hepatic_artery Leberarterie arteria_hepatica iliac_artery_left renal_arteries artery2",
+    "artery": "A._hepatica arteries hepatic_artery "
+    "Leberarterie arteria_hepatica iliac_artery_left renal_arteries artery2",
     "gallbladder": "Gallenblase gall_bladder gallbladder Gall_Bladder",
     "adrenal gland": "leftsurrenalgland rightsurrenalgland adrenal_gland_right Nebenniere Nebennieren left_adrenal",
     "small bowel": "smallintestin small_intestine Dünndarm Duenndarm",
@@ -149,7 +155,7 @@ SAME = {
     "rib": "rib_left_7 Rippe Rippen ribs costae",
     "muscle": "psoas_minor_muscle Brustmuskel musculus_rectus_abdominis muscles thigh_muscles",
     "skin": "Haut skin",
-    "vertebra": "vertebrae Wirbel Lendenwirbel vertebrae_C7 vertebra_T2",
+    "vertebra": "vertebrae Wirbel Lendenwirbel Lendenwirbelkörper vertebrae_C7 vertebra_T2",
     "spinal cord": "Rückenmark Rueckenmark spinal_cord nervus_opticus",
     "lung upper lobe": "lung_upper_lobe_left left_upper_lobe Oberlappen",
     "esophagus": "oesophagus Ösophagus Oesophagus Speiseröhre esophagus",
@@ -162,7 +168,23 @@ def test_one_structure_has_one_color_under_all_its_names(name, other):
 
 
 @pytest.mark.parametrize(
-    "name", ["", "7", "structure 7", "Segment_1", "label 3", "ROI-2", "liver without tumor", "a", "foo", "background"]
+    "name",
+    [
+        "",
+        "7",
+        "structure 7",
+        "Segment_1",
+        "label 3",
+        "ROI-2",
+        "liver without tumor",
+        "a",
+        "a structure",
+        "v 2",
+        "PTV",
+        "thoracic_cavity",
+        "foo",
+        "background",
+    ],
 )
 def test_other_names_have_no_color(name):
     assert anatomy_of(name) is None
@@ -170,7 +192,8 @@ def test_other_names_have_no_color(name):
 
 def test_the_first_of_two_structures_counts():
     assert anatomy_of("liver with tumor") == anatomy_of("liver (incl. tumor)") == anatomy_of("liver")
-    assert anatomy_of("prostate/uterus") is not None
+    assert anatomy_of("prostate/uterus") == anatomy_of("prostate_or_uterus") is not None
+    assert anatomy_of("liver_with_tumor") == anatomy_of("liver")
 
 
 def test_vertebrae_in_a_row_alternate():

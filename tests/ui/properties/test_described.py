@@ -58,7 +58,7 @@ def test_each_page_has_the_limits_of_the_field_and_its_own_default(scene, kind):
 def test_the_dialogs_properties_are_the_reading_options_and_its_files():
     known = set(bpy.ops.ctmc.load.get_rna_type().properties.keys()) - {"rna_type"}
     assert known == OF_THE_DIALOG | {*reading.SHOWN, "flip_axes"}
-    assert set(descriptions(ReadingOptions)) == {*reading.SHOWN, "allow_outside", "level", "name"}
+    assert set(descriptions(ReadingOptions)) == {*reading.SHOWN, "allow_outside", "anatomy_colors", "level", "name"}
 
 
 @pytest.mark.parametrize("name", reading.SHOWN)

@@ -38,7 +38,7 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
             if row.components is not None and row.components > max(MOST_COMPONENTS, TIMES_MEDIAN * components):
                 reasons.append(f"{row.components} components, the median is {components:g}")
             if row.self_intersections:
-                reasons.append(f"{row.self_intersections} triangles cross others")
+                reasons.append(f"{row.self_intersections} self-intersections")
             if row.volume_mm3 is not None and deviation and abs(row.volume_mm3 - center) > DEVIATIONS * deviation:
                 off = (row.volume_mm3 - center) / deviation
                 reasons.append(f"volume {abs(off):.1f} deviations {'above' if off > 0 else 'below'} the median")

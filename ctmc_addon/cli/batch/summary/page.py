@@ -86,7 +86,7 @@ def cell_text(cell: Cell, column: tuple[str, bool]) -> str:
 
 def cells_of(row: SummaryRow) -> list[Cell]:
     """Return the cells of a case, in the order of the columns."""
-    triangles, volume, seconds = numbers(row)
+    triangles, volume, crossings, seconds = numbers(row)
     spacing = [side for side in (row.spacing_x_mm, row.spacing_y_mm, row.spacing_z_mm) if side is not None]
     return [
         Cell(picture(row), ""),
@@ -97,7 +97,7 @@ def cells_of(row: SummaryRow) -> list[Cell]:
         Cell("" if row.area_mm2 is None else f"{row.area_mm2 / 100:.1f}", row.area_mm2),
         Cell(text_of(row.components)),
         Cell({True: "yes", False: "no", None: ""}[row.closed]),
-        Cell(text_of(row.self_intersections)),
+        Cell(crossings),
         Cell("" if row.mean_hu is None else f"{row.mean_hu:.1f}"),
         Cell(" ".join(f"{side:.4g}" for side in spacing), max(spacing, default=None)),
         Cell(seconds),

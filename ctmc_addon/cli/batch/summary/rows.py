@@ -38,6 +38,9 @@ class SummaryRow:
     spacing_y_mm: float | None = None
     spacing_z_mm: float | None = None
     self_intersections: int | None = None
+    removed_components: int | None = None
+    collapsed_components: int | None = None
+    collapsed_mm3: float | None = None
     mean_hu: float | None = None
     sd_hu: float | None = None
     memory_bytes: int | None = None
@@ -62,6 +65,12 @@ class SummaryRow:
         self.components = total(surfaces or [record], "components")
         self.area_mm2 = total(surfaces or [record], "area_mm2")
         self.self_intersections = total(surfaces or [record], "self_intersections")
+        made = [each for each in surfaces or [record] if "collapsed_components" in each]
+        if made:
+            collapsed = [each["collapsed_components"] for each in made]
+            self.removed_components = sum(each["removed_components"] for each in made)
+            self.collapsed_components = sum(each["count"] for each in collapsed)
+            self.collapsed_mm3 = sum(each["mm3"] for each in collapsed)
         shapes = [surface.get("closed") for surface in surfaces or [record]]
         self.closed = None if None in shapes else all(shapes)
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = of_all.get("spacing_mm") or (None, None, None)
@@ -102,10 +111,11 @@ def counts(rows: Sequence[SummaryRow]) -> str:
 
 
 def numbers(row: SummaryRow) -> list[str]:
-    """Triangles, milliliters and seconds for a person; an open surface has no volume."""
+    """Triangles, milliliters, self-intersections and seconds for a person; an open surface has no volume."""
     return [
         "" if row.faces is None else f"{row.faces}",
         milliliters(row.volume_mm3) if row.volume_mm3 is not None else "-" if row.faces else "",
+        "" if row.self_intersections is None else f"{row.self_intersections}",
         "" if row.seconds is None else f"{row.seconds:.1f}",
     ]
 

@@ -15,6 +15,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ...parallel import map_steps
+from ...progress import Steps
 from ..case_table import NEAREST
 from .bands import Band, BandFaces
 from .label_samples import LabelSamples
@@ -159,9 +161,9 @@ class Placed:
         out[points] = out[~out[points]]
         return out
 
-    def positions(
-        self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp]
-    ) -> Floats:
+    def positions_steps(
+        self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp], threads: int
+    ) -> Steps[Floats]:
         """Return all positions, (V, 3) float32.
 
         Parameters
@@ -170,29 +172,33 @@ class Placed:
             Where on its edge each vertex lies; None for half-way.
         origins : (labels + 1, 3) intp
             The sample position from which those of each label's vertices are counted, x, y, z.
+        threads : int
         """
         out = np.empty((self.count, 3), np.float32)
         axes = (owners.x, owners.y, owners.z)
-        for band, (crossings, starts) in enumerate(zip(self.crossings, self.starts.tolist(), strict=True)):
-            for each, start in zip(crossings, starts, strict=False):
-                origin = origins[each.ends.max(axis=1)]  # (n, 3)
-                rows = out[start : start + len(each.ends)]
-                for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
-                    position = axis.position.take(sample) - origin[:, column].astype(np.float32)
-                    if column == each.axis:
-                        side = np.diff(axis.position).take(sample)
-                        share = 0.5 if shares is None else shares[band][each.axis]
-                        position = position + share * side
-                    rows[:, column] = position
-        self._place_points(out)
-        return out
+        starts = self.starts.tolist()
+        sides = [np.diff(axis.position) for axis in axes]
 
-    def _place_points(self, out: Floats) -> None:
-        """Put every point inside a face or a voxel at the mean of its vertices on edges."""
-        for faces, starts in zip(self.faces, self.starts.tolist(), strict=True):
+        def place_edges(band: int) -> None:
+            for each, start in zip(self.crossings[band], starts[band], strict=False):
+                label = each.ends.max(axis=1)
+                rows = out[start : start + len(label)]
+                for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
+                    position = axis.position.take(sample)
+                    position -= origins[:, column].astype(np.float32).take(label)
+                    if column == each.axis:
+                        share = 0.5 if shares is None else shares[band][each.axis]
+                        position = position + share * sides[column].take(sample)
+                    rows[:, column] = position
+
+        def place_points(band: int) -> None:
+            faces, start = self.faces[band], starts[band][3]
             count = np.diff(faces.point_first)
-            if not len(count):
-                continue
-            corners = out.take(faces.point_edges, axis=0).astype(np.float64)
-            sums = np.add.reduceat(corners, faces.point_first[:-1], axis=0)
-            out[starts[3] : starts[3] + len(count)] = sums / count[:, None]
+            if len(count):
+                corners = out.take(faces.point_edges, axis=0).astype(np.float64)
+                sums = np.add.reduceat(corners, faces.point_first[:-1], axis=0)
+                out[start : start + len(count)] = sums / count[:, None]
+
+        for place in (place_edges, place_points):
+            yield from map_steps(place, range(len(starts)), threads)
+        return out

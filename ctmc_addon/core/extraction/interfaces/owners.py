@@ -10,7 +10,7 @@ Labels are counted from 1 here, in the order of their values; 0 is no label.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +64,7 @@ def owners_steps(
     fields: Sequence[LabelSamples],
     walls: Mapping[tuple[int, int], LabelSamples],
     indicators: bool,
+    filled: Callable[[int], NDArray[np.bool_] | None],
     threads: int,
 ) -> Steps[Owners]:
     """Return the owners of all samples of a grid.
@@ -78,6 +79,9 @@ def owners_steps(
         The field between two labels, above 0 in the first: decides between them where theirs are the largest two.
     indicators : bool
         Whether fields are smoothed indicators, which add up to 1 with what is no label.
+    filled : function
+        Takes a position along z; returns which samples there, (rows, columns) without the outermost, have a label
+        before and another behind, so that they cannot be nobody's; None where none have.
     threads : int
     """
     x, y, z = axes
@@ -119,7 +123,12 @@ def owners_steps(
             is_between = ((mine == first) & (other == second)) | ((mine == second) & (other == first))
             np.copyto(mine, owner.dtype.type(first), where=is_between & (values > 0))
             np.copyto(mine, owner.dtype.type(second), where=is_between & (values <= 0))
-        owner[best < 0 if total is None else 1 - total[inner] > best] = 0
+        nobodys = best < 0 if total is None else 1 - total[inner] > best
+        for layer, slice_ in zip(nobodys, slices.tolist(), strict=True):
+            between = filled(slice_)
+            if between is not None:
+                layer &= ~between
+        owner[nobodys] = 0
 
     step = max(1, SAMPLES_AT_ONCE // (shape[1] * shape[2]))
     ranges = [(low, min(low + step, shape[0] - 1)) for low in range(1, shape[0] - 1, step)]

@@ -110,7 +110,7 @@ def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, mos
     >>> midpoints = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], np.float32)
     >>> surface = Surface(midpoints, linear, np.array([[0, 1, 2]], np.int32))
     >>> choice = finish(chosen_alpha_steps(lambda: replayed_steps([surface]), 5.0))
-    >>> choice.alpha, round(choice.smallest_angle_deg, 2), choice.largest_mm
+    >>> choice.alpha, round(choice.smallest_angle_deg, 2), round(choice.largest_mm, 6)
     (0.973, 5.02, 0.050625)
     """
     search, moved = _Search(min_angle_deg, most), _Moved()

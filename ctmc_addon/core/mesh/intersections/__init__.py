@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which triangles of a mesh cross each other, decided exactly."""
 
-from .self_intersections import self_intersections, self_intersections_steps
+from .meeting_pairs import self_intersections, self_intersections_steps
 
 __all__ = ["self_intersections", "self_intersections_steps"]

@@ -21,13 +21,13 @@ WHOLE = 2.0**149  # times any float32 is a whole number, which float64 holds
 
 
 def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:
-    """Sign of the volume of every tetrahedron abcd, (n,): 1 where abc runs counter-clockwise seen from behind d.
+    """Sign of the volume of every tetrahedron abcd, (n,): 1 where abc runs counter-clockwise as d sees it.
 
     Examples
     --------
-    >>> corners = np.eye(3)[:, :, None] + np.float64(2.0**-24)
-    >>> sides(*corners, np.zeros((3, 1))), sides(*corners, corners.mean(axis=0))
-    (array([-1], dtype=int8), array([0], dtype=int8))
+    >>> corners = np.eye(3)[:, :, None]
+    >>> sides(*corners, np.ones((3, 1))), sides(*corners, np.array([[2.0], [-1.0], [0.0]]))
+    (array([1], dtype=int8), array([0], dtype=int8))
     """
     ux, uy, uz = a - d
     vx, vy, vz = b - d

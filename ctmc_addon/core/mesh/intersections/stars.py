@@ -11,49 +11,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import PAUSE, Steps
-from ..vectors import cross, dot
+from ..vectors import dot
 
+Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int32]
 
 LEAST = 1e-6  # sine between a triangle and the direction, at least: far above what rounding does
+STEEP = 0.9
 
 
-def flat_stars_steps(columns: Doubles, faces: Ints, normals: Doubles, errors: Doubles) -> Steps[Flags]:
+def flat_stars_steps(
+    corners: list[Floats], faces: Ints, vertex_count: int, normals: Doubles, errors: Doubles
+) -> Steps[Flags]:
     """Which vertices are proved so, (V,) bool.
 
     Parameters
     ----------
-    columns : (3, V) float64
+    corners : three of (3, F) float32
+        Positions.
     faces : (3, F) int32
+    vertex_count : int
     normals : (3, F) float64
         As long as twice the area of each triangle.
     errors : (F,) float64
         By how much their products with a unit vector may be wrong.
     """
-    vertex_count = columns.shape[1]
     least = LEAST * np.sqrt(dot(normals, normals)) + errors
     direction = np.zeros((3, vertex_count))
     for total, along in zip(direction, normals, strict=True):
         for corner in faces:
             total += np.bincount(corner, along, vertex_count)
-    yield PAUSE
+        yield PAUSE
     size = np.sqrt(dot(direction, direction))
     proved = size > 0
-    direction /= np.where(proved, size, 1.0)
-    # Any direction across it: the cross product with the axis that it is farthest from.
-    across = cross(direction, np.eye(3)[:, np.argmin(np.abs(direction), axis=0)])
-    yield PAUSE
+    rounded = (direction / np.where(proved, size, 1.0)).astype(np.float32)
     rounds = np.zeros(vertex_count, np.int64)  # how often the triangles pass one ray
     for start in range(3):
-        vertex, after, before = faces[start], faces[start - 2], faces[start - 1]
-        seen = dot(np.take(direction, vertex, axis=1), normals)
-        bad = seen <= least
-        proved[vertex[bad]] = False
-        ray, place = np.take(across, vertex, axis=1), np.take(columns, vertex, axis=1)
-        height = [dot(ray, np.take(columns, end, axis=1) - place) for end in (after, before)]
-        rounds += np.bincount(vertex[(height[0] <= 0) & (height[1] > 0)], minlength=vertex_count)
+        vertex = faces[start]
+        x, y, z = np.take(rounded, vertex, axis=1).astype(np.float64)
+        seen = x * normals[0] + y * normals[1] + z * normals[2]
+        proved[vertex[seen <= least]] = False
+        # The ray is across the direction without rounding: (-y, x, 0), or (z, 0, -x) where that would be short.
+        steep = np.abs(z) > STEEP
+        yield PAUSE
+        ray = np.where(steep, z, -y), np.where(steep, 0.0, x), np.where(steep, -x, 0.0)
+        place = corners[start].astype(np.float64)
+        after, before = (
+            ray[0] * (end[0] - place[0]) + ray[1] * (end[1] - place[1]) + ray[2] * (end[2] - place[2])
+            for end in (corners[start - 2], corners[start - 1])
+        )
+        rounds += np.bincount(vertex[(after <= 0) & (before > 0)], minlength=vertex_count)
         yield PAUSE
     proved[(yield from _open_ends_steps(faces, vertex_count))] = False
     return proved & (rounds == 1)

@@ -34,15 +34,15 @@ class CollapsingComplex(CollapsingMesh):
     turned : (F,) bool, whether the face of the complex given points the other way
     """
 
-    def __init__(self, mesh: ComplexMesh, max_error: float | None = None, safety_factor: float = 1.0) -> None:
+    def __init__(self, mesh: ComplexMesh, target: int) -> None:
         behind, front = mesh.sides.T
         turned = behind < front
         faces = mesh.faces.copy()
         faces[turned] = faces[turned][:, ::-1]
-        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), max_error, safety_factor)
+        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals))
         self.turned = turned
         self.labels, self.interface = interfaces_of(mesh.sides)
-        self.shares = Shares(self.labels, self.interface)
+        self.shares = Shares(self.labels, self.interface, target / len(mesh.faces))
         self.logged: tuple[NDArray[Any], ...] = ()
         self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
 
@@ -70,10 +70,24 @@ class CollapsingComplex(CollapsingMesh):
         joined = np.zeros(components.count, bool)
         joined[self.component[staying]] = True
         size = np.abs(components.volume)
+        # The largest of every label stays.
+        for side in self.labels:
+            labelled = np.flatnonzero(side[self.interface] != 0)
+            label = np.searchsorted(self.shares.labels, side)[self.interface[labelled]]
+            component = self.component[self.faces[0, labelled]]
+            largest = np.zeros(len(self.shares.labels))
+            np.maximum.at(largest, label, size[component])
+            components.removable[component[size[component] == largest[label]]] = False
         components.volume = np.where(joined, size, np.where(within, -size, components.volume))
         if self.limit is None:
             # What is around a component that stays must stay too.
             components.removable[components.nearest[joined]] = False
+
+    def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
+        """Remove components that cost less than collapses; none at any cost, where lines let no edge go."""
+        if stuck:
+            return False
+        return (yield from super().remove_components_steps(excess))
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which edges connect two corners, or two junctions and not along their line."""
@@ -99,17 +113,22 @@ class CollapsingComplex(CollapsingMesh):
         """The cost of these edges, or of all, times the weight of their interface; of lines a share."""
         junctions = self.junctions
         if edges is None:
-            weight = np.take(self.shares.weight, junctions.interface)
-            weight[junctions.edges] *= LINE_SHARE
-            return self.cost * weight
-        weight = self.shares.weight[junctions.interface[edges]]
-        weight[junctions.edges[edges]] *= LINE_SHARE
-        return self.cost[edges] * weight
+            interface, line, cost = junctions.interface, junctions.edges, self.cost
+        else:
+            interface, line, cost = junctions.interface[edges], junctions.edges[edges], self.cost[edges]
+        weight = np.take(self.shares.weight, interface)
+        weight[line] *= LINE_SHARE
+        weight *= cost
+        if self.shares.closed.any():
+            weight[np.take(self.shares.closed, interface)] = np.inf
+        return weight
 
-    def collapse_round_steps(self, budget: int) -> Steps[None]:
-        """One round, with the weights that the labels' shares ask for."""
+    def can_collapse_steps(self) -> Steps[bool]:
+        """Whether it is worth trying, with the weights that the labels' shares ask for."""
         self.shares.update(self.interface[self.faces[0] != self.dummy])
-        yield from super().collapse_round_steps(budget)
+        if not (yield from super().can_collapse_steps()):
+            return False
+        return not self.shares.closed.any() or bool(np.isfinite(self.priority()).any())
 
     def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
         """The cheapest of the collapses that remove no more than twice `budget` faces: some remove three or more."""
@@ -159,12 +178,12 @@ class CollapsingComplex(CollapsingMesh):
         own = rank[collapses.kept] > rank[collapses.dropped]
         return np.where(own, np.float32(0.0), super().normals_added(collapses))
 
-    def begin_log(self) -> None:
+    def begin_log(self, crossing: Ints | None = None) -> None:
         """Begin a log, and keep what belongs to the faces, edges and vertices that it numbers."""
-        super().begin_log()
+        super().begin_log(crossing)
         self.logged = self.interface, self.turned, self.junctions.interface, self.junctions.rank
 
-    def brought_back(self, faces: Indices, edges: Ints, vertices: Indices) -> None:
+    def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices, by their numbers in the log, follow those of the complex."""
         interface, turned, edge_interface, rank = self.logged
         self.interface = np.append(self.interface, interface[faces])

@@ -5,6 +5,9 @@ By cost alone the smooth labels of a complex would give nearly all triangles, an
 multiplied by a weight for each interface, which falls where a label lags behind and rises where it runs ahead: a
 controller with a proportional and an integral part, in octaves. Between two labels it is the mean of both, of which
 each then has the triangles where it needs them most, on whichever interface.
+
+Lines and borders need triangles at any rate. Where labels with many of them cannot give their share, the others give
+more, but not without end: a label that is down to `LEAST` of its share gives no more.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 
 PROPORTIONAL, INTEGRAL = 6.0, 0.5  # octaves of cost for each octave of a label's share, at once and for every round
 MOST = 40.0  # octaves
+LEAST = 0.75  # of the share that is asked for
 
 Ints = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -29,15 +33,19 @@ class Shares:
         The two labels of each interface; 0 has no share.
     interface : (F,) int32
         Number of the interface that each triangle is in.
+    asked : float
+        Share of the triangles that shall be left.
     """
 
-    def __init__(self, labels: Ints, interface: Ints) -> None:
+    def __init__(self, labels: Ints, interface: Ints, asked: float) -> None:
         self.labels = np.unique(labels[labels != 0])
         self.member = np.stack([(labels == label).any(axis=0) for label in self.labels]).astype(np.float64)
         self.counts = self.member @ np.bincount(interface, minlength=labels.shape[1])
         self.total = len(interface)
         self.sum = np.zeros(len(self.labels))
         self.weight = np.ones(labels.shape[1], np.float32)
+        self.closed = np.zeros(labels.shape[1], bool)  # interfaces that give no more
+        self.least = LEAST * asked
 
     def update(self, interface: Ints) -> None:
         """Weigh the interfaces anew for the triangles there are now, (f,) numbers of interfaces."""
@@ -49,6 +57,7 @@ class Shares:
         self.sum = np.clip(self.sum + INTEGRAL * lag, -MOST, MOST)
         offset = np.clip(PROPORTIONAL * lag + self.sum, -MOST, MOST)
         mean = (offset @ self.member) / self.member.sum(axis=0)
+        self.closed = (self.member[shares >= self.least] == 0).all(axis=0)
         self.weight = power_of_two(-mean).astype(np.float32)
 
 

@@ -6,14 +6,16 @@ promised for one surface (see `simplify`) holds for each. Lines where three labe
 themselves only, and points where such lines end or branch stay where they are.
 
 Labels that touch, and those within each other, are simplified together, so that each keeps the same share of its
-triangles. A label that touches none is simplified as if it were alone, to the same bytes.
+triangles. A label that touches none is simplified as if it were alone, to the same bytes, unless it would then cross
+another.
 Garland and Heckbert 1997, doi:10.1145/258734.258849; Vivodtzev, Bonneau and Hahmann 2010, doi:10.1109/TVCG.2009.79.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +23,19 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...errors import SettingsError
 from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ...mesh.intersections import self_intersections_steps
 from ...mesh.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
-from ..component_removal import RemovedComponents
+from ..component_removal import CollapsedComponents, Staying
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
 from .junctions import interfaces_of
 
-FACE_BYTES = 240  # of memory for each triangle at the start
+FACE_BYTES = 320  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
+STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -44,16 +48,19 @@ class ComplexSimplification:
     mesh : ComplexMesh
     full_faces, faces : mapping of int to int
         Triangles that border each label, before and after; one between two labels counts for both.
-    removed : RemovedComponents
+    collapsed : CollapsedComponents
         Small components that went as a whole.
     handles_cut : int
+    self_intersections : int or None
+        Pairs of triangles that cross each other, of one label or two; None where that was not tested.
     """
 
     mesh: ComplexMesh
     full_faces: Mapping[int, int]
     faces: Mapping[int, int]
-    removed: RemovedComponents
+    collapsed: CollapsedComponents
     handles_cut: int = 0
+    self_intersections: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +97,7 @@ def simplify_complex(
     -------
     ComplexMesh
         Label by label, or group by group of those that touch. As many triangles as asked, or one fewer; more only
-        where collapsing more edges would break what is promised.
+        where collapsing more edges would break what is promised, or take more than its share from a label.
 
     Raises
     ------
@@ -110,53 +117,69 @@ def simplify_complex_steps(
     target_faces: int | None = None,
     max_error: float | None = None,
     budget: Budget | None = None,
+    largest_component: float = math.inf,
 ) -> Steps[ComplexSimplification]:
-    """`simplify_complex` as steps, which also says how many triangles each label has, and what was removed."""
+    """Do what `simplify_complex` does, as steps; also return how many triangles each label has, and what went.
+
+    No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
+    """
     budget = WHOLE_MACHINE if budget is None else budget
-    goal = Goal(reduction, target_faces, max_error)
+    goal = Goal(reduction, target_faces, max_error, largest_component)
     full = len(mesh.faces)
     target = goal.target(full)
     require_finite(TriangleMesh(mesh.vertices, mesh.faces))
     before = faces_of_labels(mesh)
     if target >= full:
-        return ComplexSimplification(mesh, before, before, RemovedComponents())
+        return ComplexSimplification(mesh, before, before, CollapsedComponents())
     parts = _parts(mesh)
     if max_error is not None and not all(part.alone for part in parts):
         raise SettingsError(
             "max_error is not possible where labels touch; give reduction or target_faces, or interfaces separate"
         )
+    stages = Stages(STAGES)
+    together, again = STAGES
+    simplified, results = yield from stages.run(together, _parts_steps(mesh, parts, goal, target, budget))
+    crossing = sum(each.self_intersections or 0 for each in results)
+    if len(parts) > 1 and max_error is None:
+        pairs = yield from stages.run(again, self_intersections_steps(simplified.vertices, simplified.faces))
+        if len(pairs) > crossing:
+            # Labels that do not touch have come to cross: simplified together they do not.
+            parts = [_Part(np.arange(full), alone=False)]
+            steps = _parts_steps(mesh, parts, goal, target, budget)
+            simplified, results = yield from stages.run(again, steps)
+            crossing = sum(each.self_intersections or 0 for each in results)
+    collapsed = sum((each.collapsed for each in results), CollapsedComponents())
+    cut = sum(each.handles_cut for each in results)
+    tested = None if max_error is not None and len(parts) > 1 else crossing
+    whole = TriangleMesh(simplified.vertices, simplified.faces)
+    yield Step(1.0, Simplification(whole, collapsed, cut, tested).message(target))
+    return ComplexSimplification(simplified, before, faces_of_labels(simplified), collapsed, cut, tested)
+
+
+def _parts_steps(
+    mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget
+) -> Steps[tuple[ComplexMesh, list[Simplification]]]:
+    """Simplify each part; the largest comes last, and makes good what others could not remove."""
+    touching = max((len(part.faces) for part in parts if not part.alone), default=0)
+    what = f"simplifying {touching} triangles of labels that touch"
+    budget.require(FACE_BYTES * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
-    if not parts[largest].alone:
-        what = f"simplifying {len(parts[largest].faces)} triangles of labels that touch"
-        budget.require(FACE_BYTES * len(parts[largest].faces), what, "use a larger stride, fewer labels or a region")
-    # The largest comes last: it makes good what others could not remove.
     order = [number for number in range(len(parts)) if number != largest] + [largest]
     made: dict[int, tuple[ComplexMesh, Simplification]] = {}
-    left = 0
-    names = {number: f"Simplifying labels, group {turn + 1} of {len(order)}" for turn, number in enumerate(order)}
-    stages = Stages({names[number]: len(parts[number].faces) for number in order})
+    left = done = 0
     for number in order:
-        count = len(parts[number].faces)
-        if max_error is not None:
-            own = goal
-        elif number == largest:
-            own = Goal(target_faces=max(1, target - left))
-        elif reduction is not None:
-            own = goal
-        else:
-            own = Goal(target_faces=max(1, round(count * target / full)))
-        part = _extracted(mesh, parts[number].faces)
-        made[number] = yield from stages.run(names[number], _part_steps(part, parts[number].alone, own, budget))
-        left += len(made[number][0].faces)
-    simplified = _joined([made[number][0] for number in range(len(parts))])
-    results = [made[number][1] for number in range(len(parts))]
-    removed = RemovedComponents(
-        sum(each.removed.count for each in results), max(each.removed.largest for each in results)
-    )
-    cut = sum(each.handles_cut for each in results)
-    message = Simplification(TriangleMesh(simplified.vertices, simplified.faces), removed, cut).message(target)
-    yield Step(1.0, message)
-    return ComplexSimplification(simplified, before, faces_of_labels(simplified), removed, cut)
+        part = parts[number]
+        own = goal
+        if goal.max_error is None and number == largest:
+            own = replace(goal, reduction=None, target_faces=max(1, target - left))
+        elif goal.target_faces is not None:
+            own = replace(goal, target_faces=max(1, round(len(part.faces) * target / len(mesh.faces))))
+        steps = _part_steps(_extracted(mesh, part.faces), part.alone, own, budget)
+        name = f"Simplifying labels, group {len(made) + 1} of {len(order)}"
+        stages = Stages({"": done, name: len(part.faces), " ": len(mesh.faces) - done - len(part.faces)})
+        made[number] = yield from stages.run(name, steps)
+        left, done = left + len(made[number][0].faces), done + len(part.faces)
+    return _joined([made[number][0] for number in range(len(parts))]), [made[number][1] for number in range(len(parts))]
 
 
 def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
@@ -193,15 +216,17 @@ def _part_steps(
     if not alone:
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
-            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), RemovedComponents())
-        collapsing = CollapsingComplex(mesh)
+            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents())
+        collapsing = CollapsingComplex(mesh, target)
+        collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
-        return made, Simplification(whole, collapsing.removed, collapsing.handles_cut)
+        crossing = collapsing.crossing_count
+        return made, Simplification(whole, collapsing.collapsed_components, collapsing.handles_cut, crossing)
     label = mesh.labels[0]
     result = yield from simplification_steps(
-        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget
+        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget, goal.largest_component
     )
     sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
     return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import WIDTH, near_surface, number_bricks, packed
+from .bricks import WIDTH, Floats, near_surface, number_bricks, packed
 from .local_volume import keep_local_volume_steps
 from .relaxation import relax_steps
 
-REACH = (4, 4, 4)  # samples beside a wall that are smoothed
-ROUNDS = 60
+REACH = (2, 2, 2)  # samples beside a wall that are smoothed
+# By the steps from slice to slice, 1, 2 or more: every how many pixels first, and how often pixels are smoothed.
+SKIPPED: tuple[tuple[int, ...], ...] = ((), (2,), (8, 4, 2))
+ROUNDS = (30, 45, 40)
 
 
 def between_labels_steps(
@@ -51,30 +53,63 @@ def between_labels_steps(
     workers = budget.thread_count
     pool = ThreadPoolExecutor(workers) if workers > 1 else None
     try:
-        yield PAUSE
-        slices, rows, columns = field.shape
-        pads = ((0, 0), (0, 0), (0, -columns % WIDTH))
-        padded = np.pad(field, pads, mode="edge")
-        near = near_surface(packed(padded > 0), REACH)
-        bricks = number_bricks(near, near)
-        values = np.zeros((len(bricks), WIDTH), np.float32)
-        values[:-2] = padded.reshape(-1, WIDTH).take(bricks.place, axis=0)
-        yield PAUSE
-        known = np.zeros((slices, rows, columns), np.int8)
-        known[::slice_steps] = sign
-        for step in range(1, slice_steps):
-            known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
-        known = np.pad(known, pads).reshape(-1, WIDTH).take(bricks.place[: bricks.active], axis=0)
-        least = np.float32(NEAREST_ZERO * min(spacing_mm))
-        low = np.where(known > 0, least, np.float32(-np.inf))
-        high = np.where(known < 0, -least, np.float32(np.inf))
-        yield PAUSE
-        x, y, z = spacing_mm
-        yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), ROUNDS, pool)
-        padded.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = values[: bricks.active]
-        smooth = padded[..., :columns]
-        yield from keep_local_volume_steps(smooth, sign, spacing_mm, slice_steps)
-        return smooth
+        for skip in SKIPPED[min(slice_steps, 3) - 1]:
+            coarse = field[:, ::skip, ::skip]
+            sides = (spacing_mm[0] * skip, spacing_mm[1] * skip, spacing_mm[2])
+            smooth = yield from _relaxed_steps(coarse, sign[:, ::skip, ::skip], sides, slice_steps, pool)
+            change = smooth - coarse
+            for axis in (1, 2):
+                change = _between(change, skip, axis, field.shape[axis])
+            field = field + change
+        field = yield from _relaxed_steps(field, sign, spacing_mm, slice_steps, pool)
+        yield from keep_local_volume_steps(field, sign, spacing_mm, slice_steps)
+        return field
     finally:
         if pool:
             pool.shutdown(cancel_futures=True)
+
+
+def _relaxed_steps(
+    field: Floats,
+    sign: NDArray[np.int8],
+    spacing_mm: tuple[float, float, float],
+    slice_steps: int,
+    pool: ThreadPoolExecutor | None,
+) -> Steps[Floats]:
+    """The field, of less curvature near where it is 0."""
+    yield PAUSE
+    above = field > 0
+    if above.all() or not above.any():
+        return field
+    columns = field.shape[2]
+    pads = ((0, 0), (0, 0), (0, -columns % WIDTH))
+    padded = np.pad(field, pads, mode="edge")
+    near = near_surface(packed(padded > 0), REACH)
+    bricks = number_bricks(near, near)
+    values = np.zeros((len(bricks), WIDTH), np.float32)
+    values[:-2] = padded.reshape(-1, WIDTH).take(bricks.place, axis=0)
+    yield PAUSE
+    known = np.zeros(field.shape, np.int8)
+    known[::slice_steps] = sign
+    for step in range(1, slice_steps):
+        known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
+    known = np.pad(known, pads).reshape(-1, WIDTH).take(bricks.place[: bricks.active], axis=0)
+    least = np.float32(NEAREST_ZERO * min(spacing_mm))
+    low = np.where(known > 0, least, np.float32(-np.inf))
+    high = np.where(known < 0, -least, np.float32(np.inf))
+    yield PAUSE
+    x, y, z = spacing_mm
+    yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), ROUNDS[min(slice_steps, 3) - 1], pool)
+    padded.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = values[: bricks.active]
+    return padded[..., :columns]
+
+
+def _between(values: Floats, skip: int, axis: int, count: int) -> Floats:
+    """Values at every `skip`-th of `count` samples along an axis, linear between these."""
+    place = np.arange(count)
+    low = place // skip
+    high = np.minimum(low + 1, values.shape[axis] - 1)
+    share = ((place - low * skip) / np.float32(skip)).astype(np.float32)
+    share = share.reshape([-1 if each == axis else 1 for each in range(3)])
+    first = values.take(low, axis=axis)
+    return first + (values.take(high, axis=axis) - first) * share

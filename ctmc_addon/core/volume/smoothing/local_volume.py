@@ -17,9 +17,9 @@ from .bricks import Floats
 
 # Half the width of the area where the wall stands across the slices, and where it lies along them.
 NARROW_GAPS, NARROW_PIXELS = 1.0, 5.0
-WIDE_GAPS = 3.0
+WIDE_GAPS = (3.0, 3.0, 2.0)  # by the steps from slice to slice, 1, 2 or more
 BLOCKS = 2  # of samples in half the width, whose sums are averaged
-ROUNDS = 2
+ROUNDS = (2, 2, 3)
 
 
 def keep_local_volume_steps(
@@ -38,7 +38,11 @@ def keep_local_volume_steps(
     """
     x, y, z = spacing_mm
     sides = (z / slice_steps, y, x)
-    near_mm, far_mm = max(NARROW_GAPS * z, NARROW_PIXELS * max(x, y)), max(WIDE_GAPS * z, NARROW_PIXELS * max(x, y))
+    refined = min(slice_steps, 3) - 1
+    near_mm, far_mm = (
+        max(NARROW_GAPS * z, NARROW_PIXELS * max(x, y)),
+        max(WIDE_GAPS[refined] * z, NARROW_PIXELS * max(x, y)),
+    )
     reaches = [[max(1, round(width / side)) for side in sides] for width in (near_mm, far_mm)]
     samples = _refined(sign, slice_steps)
     known = samples != 0
@@ -46,7 +50,7 @@ def keep_local_volume_steps(
     bound[::slice_steps] = sign
     least = np.float32(NEAREST_ZERO * min(spacing_mm))
     half = np.float32(max(sides))
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS[refined]):
         share = np.clip(field / half, -1, 1)
         missing = np.where(known, samples - share, np.float32(0))
         area = (known & (np.abs(share) < 1)) / half

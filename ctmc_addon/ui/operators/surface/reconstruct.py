@@ -187,7 +187,7 @@ def surface_steps(
         assert volume is not None, "the caller has one of the two"
         making = result_and_full_steps(volume, request.settings, budget)
     result, full = yield from stages.run(reconstructing, making)
-    measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh)
+    measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh, result.self_intersections)
     measurement = yield from stages.run(measuring, measuring_steps)
     return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from meshes import component_of_face
 
 from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
@@ -167,7 +168,7 @@ def test_an_island_at_the_border_keeps_the_volume_of_its_samples():
         assert mesh.closed
         assert mesh.components == 4
         assert field.volume_mm3 == pytest.approx(field.label_mm3, rel=2e-4)
-        number = mesh.component_of_face
+        number = component_of_face(mesh)
         steps = field.slice_steps
         volumes = np.sort(finish(component_volumes_steps(mesh.vertices.astype(float), mesh.faces, number))) / steps
         ends = (steps + 1) / 2 / steps  # of a voxel in the first or the last slice, cut half a refined slice outside

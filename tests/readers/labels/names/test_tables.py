@@ -111,3 +111,10 @@ def test_total_segmentators_names_are_used_where_the_file_is_called_so(tmp_path)
     assert {label: volume.label_names[label] for label in places} == places
     assert any("TotalSegmentator" in note for note in volume.notes)
     assert read_volume(save(tmp_path, "seg.nii.gz", 118)).label_names == {}
+
+
+def test_colors_of_anatomical_names_come_before_those_of_the_file_where_they_are_asked_for(tmp_path):
+    path = save(tmp_path)
+    (tmp_path / "seg.ctbl").write_text("1 liver 0 255 255 255\n2 structure 1 2 3 255\n", "utf-8")
+    assert read_volume(path).label_colors == {1: (0, 255, 255), 2: (1, 2, 3)}
+    assert read_volume(path, anatomy_colors=True).label_colors == {2: (1, 2, 3)}

@@ -22,6 +22,7 @@ from ...progress import PAUSE, Steps, finish
 from ..distance.triangle_tree import CODE_BITS, morton_codes
 from ..vectors import cross, dot
 from .box_pairs import BoxTree
+from .near import near_boxes
 from .orientation import EPSILON
 from .stars import flat_stars_steps
 from .triangle_pairs import have_no_area, triangles_at_edge_meet, triangles_at_vertex_meet, triangles_meet
@@ -32,6 +33,7 @@ Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
+FEW = 10  # times as many triangles as selected ones, from which on those far away are left out first
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
 
@@ -66,10 +68,16 @@ def self_intersections_steps(
     (n, 2) int64
         Numbers of two triangles, the lower first, in rising order; twice the same for a triangle without area.
     """
-    if not len(faces):
+    if not len(faces) or (selected is not None and not selected.any()):
         return np.zeros((0, 2), np.int64)
+    near = None
+    if selected is not None and FEW * selected.sum() < len(selected):
+        near = np.flatnonzero((yield from _near_steps(vertices, faces, selected)))
+        faces, selected = faces[near], selected[near]
     mesh = _Ordered()
     yield from mesh.prepare_steps(vertices, faces, selected)
+    if near is not None:
+        mesh.order = near[mesh.order]
     found = [np.stack([mesh.flat, mesh.flat])]
     doubtful: list[list[Indices]] = []
     blocks = mesh.tree.pairs()
@@ -84,30 +92,43 @@ def self_intersections_steps(
     return np.ascontiguousarray(pairs[:, np.lexsort(pairs[::-1])].T)
 
 
+def _near_steps(vertices: NDArray[Any], faces: NDArray[Any], selected: Flags) -> Steps[Flags]:
+    """Which triangles may meet one of a few selected ones."""
+    columns, rows = np.ascontiguousarray(vertices.T, np.float32), np.ascontiguousarray(faces.T)
+    low, high = np.empty((2, 3, len(faces)), np.float32)
+    yield PAUSE
+    for axis, along in enumerate(columns):
+        a, b, c = (np.take(along, corner) for corner in rows)
+        low[axis], high[axis] = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    yield PAUSE
+    return near_boxes(low, high, selected)
+
+
 class _Ordered:
     """The triangles of a mesh in an order that keeps neighbors together, in columns, and what is known of each."""
 
     def prepare_steps(self, vertices: NDArray[Any], faces: NDArray[Any], selected: Flags | None) -> Steps[None]:
         """Take in a mesh."""
-        columns = np.ascontiguousarray(vertices.T, np.float32)
-        self.order = yield from _order_steps(columns, np.ascontiguousarray(faces.T))
-        self.faces = np.take(np.ascontiguousarray(faces.T, np.int32), self.order, axis=1)
-        self.columns = columns.astype(np.float64)
+        columns, rows = np.ascontiguousarray(vertices.T, np.float32), np.ascontiguousarray(faces.T, np.int32)
+        self.order = yield from _order_steps(columns, rows)
+        self.faces, self.columns = np.take(rows, self.order, axis=1), columns
         yield PAUSE
-        self.corners = [np.take(self.columns, corner, axis=1) for corner in self.faces]
+        self.corners = [np.take(columns, corner, axis=1) for corner in self.faces]
         yield PAUSE
         a, b, c = self.corners
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        self.normals = cross(b - a, c - a)
-        size = (high - low).max(axis=0)
+        size = (high.astype(np.float64) - low).max(axis=0)
         self.error = PLANE_ERROR * size * size  # of a normal's product with an offset, for every unit of that
+        yield PAUSE
+        start = a.astype(np.float64)
+        self.normals = cross(b - start, c - start)
         yield PAUSE
         thin = np.flatnonzero(np.abs(self.normals).max(axis=0) <= self.error)
         twice = (self.faces == self.faces[[1, 2, 0]]).any(axis=0)
-        self.flat = thin[have_no_area([corner[:, thin] for corner in self.corners]) | twice[thin]]
-        stars = yield from flat_stars_steps(self.columns, self.faces, self.normals, self.error)
-        self.proved = sum((stars[corner].astype(np.uint8) << row for row, corner in enumerate(self.faces)), np.uint8(0))
-        low, high = low.astype(np.float32), high.astype(np.float32)
+        self.flat = thin[have_no_area(_doubles(self.corners, thin)) | twice[thin]]
+        stars = yield from flat_stars_steps(self.corners, self.faces, columns.shape[1], self.normals, self.error)
+        proved = [np.take(stars, corner).view(np.uint8) << np.uint8(row) for row, corner in enumerate(self.faces)]
+        self.proved = proved[0] | proved[1] | proved[2]
         low[:, self.flat], high[:, self.flat] = np.inf, -np.inf
         chosen = None if selected is None else selected[self.order]
         if chosen is not None:
@@ -137,11 +158,11 @@ class _Ordered:
         return [pairs[:, test(*pairs)] for test, pairs in zip(tests, doubtful[:3], strict=True)] + doubtful[3:]
 
     def _corners(self, triangles: Ints) -> list[Doubles]:
-        return [np.take(corner, triangles, axis=1) for corner in self.corners]
+        return _doubles(self.corners, triangles)
 
     def _one_side(self, planes: Ints, points: list[Doubles]) -> Flags:
         """Whether points are surely on one side of the planes of triangles, none on it."""
-        normal, place = np.take(self.normals, planes, axis=1), np.take(self.corners[0], planes, axis=1)
+        normal, place = np.take(self.normals, planes, axis=1), _doubles(self.corners[:1], planes)[0]
         least, most = np.full(len(planes), np.inf), np.full(len(planes), -np.inf)
         reach = np.zeros(len(planes))
         for point in points:
@@ -166,7 +187,7 @@ class _Ordered:
         for numbers, corner in ((ours, same.any(axis=1).argmax(axis=0)), (theirs, same.any(axis=0).argmax(axis=0))):
             column = np.arange(len(corner))
             turned.append([numbers[(corner + turn) % 3, column] for turn in range(3)])
-        sides = [[np.take(self.columns, corner, axis=1) for corner in triangle] for triangle in turned]
+        sides = [[_doubles([self.columns], corner)[0] for corner in triangle] for triangle in turned]
         at = np.flatnonzero(~self._one_side(first, sides[1][1:]))
         at = at[~self._one_side(second[at], [corner[:, at] for corner in sides[0][1:]])]
         out = np.zeros(len(first), bool)
@@ -181,7 +202,11 @@ class _Ordered:
         alone = same.any(axis=1).argmin(axis=0)
         points = [ours[(alone + turn) % 3, column] for turn in (1, 2, 0)]
         points.append(theirs[same.any(axis=0).argmin(axis=0), column])
-        return triangles_at_edge_meet(*(np.take(self.columns, point, axis=1) for point in points))
+        return triangles_at_edge_meet(*(_doubles([self.columns], point)[0] for point in points))
+
+
+def _doubles(points: list[NDArray[np.float32]], at: NDArray[Any]) -> list[Doubles]:
+    return [np.take(point, at, axis=1).astype(np.float64) for point in points]
 
 
 def _joined(blocks: list[list[Indices]]) -> list[Indices]:

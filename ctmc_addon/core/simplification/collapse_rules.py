@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What may collapse in a surface, in which order, and how many at once.
+
+A complex of several labels has other rules: see `complexes/collapsing.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..progress import Steps
+from .collapses import Collapses, violates_link_condition_steps
+from .handles import Cuts, handle_cuts_steps
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+
+class CollapseRules:
+    """The rules of `CollapsingMesh`, whose arrays these are."""
+
+    positions: Floats
+    normals: Floats | None
+    faces: Ints
+    edges: Ints
+    cost: Floats
+    quadrics: Floats
+    face_cost: float
+    locked: Flags
+
+    def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
+        """Which of these edges may never collapse: both ends are locked."""
+        return self.locked[first] & self.locked[second]
+
+    def second_stays(self, first: Ints, second: Ints) -> Flags:
+        """Of which edges the second end stays and the first goes."""
+        return self.locked[second]
+
+    def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
+        """Which collapses would change how the surface is connected, (n,) bool."""
+        return violates_link_condition_steps(collapses, self.edges, self.locked)
+
+    def priority(self, edges: Indices | None = None) -> Floats:
+        """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""
+        return self.cost if edges is None else self.cost[edges]
+
+    def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
+        """The cheapest of the collapses, of which `budget` remove no more than the faces that may go."""
+        left = len(collapses.edges)
+        if left <= budget:
+            return collapses
+        cheapest = np.zeros(left, bool)
+        cheapest[np.argsort(self.priority(collapses.edges), kind="stable")[:budget]] = True
+        return collapses.select(cheapest)
+
+    def edges_joined(self, lost: Indices, stays: Indices) -> None:
+        """Edges that are gone became one with those that stay."""
+
+    def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
+        """Cuts of handles at loops whose edges are no longer than `longest`."""
+        return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, self.locked, longest))
+
+    def handles_were_cut(self, loops: Ints) -> None:
+        """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
+
+    def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
+        """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
+
+    def was_undone(self) -> None:
+        """Changes were undone: faces and edges are as before, costs not yet."""
+
+    def normals_added(self, collapses: Collapses) -> Floats:
+        """What is added to the normals of the vertices that stay, (3, n)."""
+        assert self.normals is not None
+        return self.normals[:, collapses.dropped]
+
+    def cheapest(self, count: int) -> Indices:
+        """The `count` cheapest edges and those that cost the same as the last of them."""
+        priority = self.priority()
+        limit = np.partition(priority, count)[count]
+        if np.isfinite(limit):
+            return np.flatnonzero(priority <= limit)
+        return np.flatnonzero(np.isfinite(priority))
+
+    def _update_face_cost(self, collapses: Collapses) -> None:
+        """Raise `face_cost` to that of a round: a quadric is an area times a squared distance, its trace the area."""
+        middle = len(collapses.edges) // 2
+        traces = [self.quadrics[row, end] for end in (collapses.kept, collapses.dropped) for row in (0, 3, 5)]
+        area = np.partition(sum(traces[1:], traces[0]), middle)[middle]
+        cost = np.partition(self.cost[collapses.edges], middle)[middle]
+        self.face_cost = max(self.face_cost, 0.5 * float(np.sqrt(cost * area)))

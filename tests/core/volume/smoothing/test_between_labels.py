@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The field between two labels: signs kept where they are known, a bulge kept where smoothing would flatten it."""
+
+import numpy as np
+import pytest
+
+from ctmc_addon.core import Budget
+from ctmc_addon.core.progress import finish
+from ctmc_addon.core.volume.smoothing import between_labels_steps
+from ctmc_addon.core.volume.smoothing.local_volume import keep_local_volume_steps
+
+
+def bulge(slices=9, rows=40, columns=48, steps=1):
+    """A wall across x that bulges by three pixels; its field in pixels, and the signs at the samples."""
+    _, y, x = np.meshgrid(
+        *(np.arange(n, dtype=np.float64) for n in ((slices - 1) * steps + 1, rows, columns)), indexing="ij"
+    )
+    field = (x - columns / 2 - 3 * np.cos(2 * np.pi * y / rows)).astype(np.float32)
+    return field, np.sign(field[::steps]).astype(np.int8)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 4])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_known_signs_are_kept_and_threads_change_nothing(steps, threads):
+    field, sign = bulge(steps=steps)
+    noise = np.random.default_rng(1).normal(0, 0.8, field.shape).astype(np.float32)
+    sign[:, :8] = 0
+    smooth = finish(between_labels_steps(field + noise, sign, (1.0, 1.0, 2.0), steps, Budget(threads=threads)))
+    assert smooth.shape == field.shape
+    assert (smooth[::steps] * sign)[sign != 0].min() > 0
+    # The wall moves back towards where it was before the noise.
+    near = np.abs(field) < 1.5
+    assert np.abs(smooth - field)[near].mean() < 0.6 * np.abs(noise)[near].mean()
+    again = finish(between_labels_steps(field + noise, sign, (1.0, 1.0, 2.0), steps, Budget(threads=1)))
+    assert smooth.tobytes() == again.tobytes()
+
+
+def test_the_volume_is_given_back_where_it_was_lost():
+    field, sign = bulge()
+    flat = field + np.float32(0.45) * np.cos(2 * np.pi * np.arange(40, dtype=np.float32) / 40)[:, None]
+    kept = flat.copy()
+    finish(keep_local_volume_steps(kept, sign, (1.0, 1.0, 1.0), 1))
+    near = np.abs(field) < 0.5
+    assert np.abs(flat - field)[near].mean() > 0.25
+    assert np.abs(kept - field)[near].mean() < 0.15
+
+
+def test_a_field_without_a_wall_is_left_as_it_is():
+    field = np.full((3, 6, 9), 2.0, np.float32)
+    smooth = finish(between_labels_steps(field, np.ones(field.shape, np.int8), (1.0, 1.0, 1.0), 1, Budget(threads=1)))
+    assert np.array_equal(smooth, field)
