@@ -40,6 +40,7 @@ from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
+    asked_bytes,
     asks_for_memory,
     case_bytes,
     case_process_is_large,
@@ -119,6 +120,7 @@ __all__ = [
     "address_space_available",
     "advised_steps",
     "amount",
+    "asked_bytes",
     "asks_for_memory",
     "available_bytes",
     "case_bytes",

@@ -43,6 +43,7 @@ PROCESS_BYTES, BLENDER_PROCESS_BYTES = 130 << 20, 420 << 20
 # The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
 CASE_VOXEL_BYTES = 32
 READING_COPIES = 2  # of the values, while they are read
+ASKED_FACTOR = 1.4  # of what smoothing is predicted to take: a label of noise took 1.3, for its triangles
 KEPT_BYTES = 256 << 20  # beyond those of the process: one that keeps more between two cases is replaced
 CASES_SHARE = 0.85  # of the memory that is there
 READ_SHARE = 0.25  # of the memory, that values which are read at once may take beside the surface
@@ -336,6 +337,11 @@ def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = T
 def asks_for_memory(settings: ReconstructionSettings, several: bool) -> bool:
     """Return whether a case says what it needs before it takes it: one label, smoothed as a whole in its box."""
     return settings.label is not None and not several and not smoothing_of(settings).by_slabs
+
+
+def asked_bytes(has_bytes: int, needed_bytes: int) -> int:
+    """Return what a case asks for that has so many bytes and needs so many more for its next work."""
+    return has_bytes + int(ASKED_FACTOR * needed_bytes)
 
 
 def case_process_is_large(resident_bytes: int | None) -> bool:

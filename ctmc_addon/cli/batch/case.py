@@ -20,6 +20,7 @@ from ...core import (
     SharedSurfaces,
     Stage,
     Volume,
+    asked_bytes,
     finish,
     peak_bytes,
     resident_bytes,
@@ -100,7 +101,7 @@ def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
         nonlocal reserved
         with lock:
             has = resident_bytes()
-            total = needed_bytes + (first if has is None else has)
+            total = asked_bytes(first if has is None else has, needed_bytes)
             if total > reserved:
                 ask(total)
                 reserved = total
