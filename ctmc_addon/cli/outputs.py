@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from ..core import (
     Budget,
     OutputError,
+    Reconstruction,
     Stage,
     Step,
     Steps,
@@ -24,9 +26,13 @@ from ..core import (
 from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from ..core.files.file_names import file_names
+from ..core.mesh import coarse_mesh
 from .blender_host import blender_at_work, objects_of
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
+
+THUMBNAIL_FACES = 100_000  # of a picture of 160 x 120 pixels
+FEWEST_FACES = 200  # of each of many surfaces in it
 
 
 @dataclass(frozen=True)
@@ -107,8 +113,12 @@ class Outputs:
 
     def triangle_bytes(self, simplifier: str) -> int:
         """Bytes that writing takes for each triangle beside the surface; 0 for an STL or PLY without Blender."""
-        needs_blender = bool(self.blender_needed_for(simplifier))
-        return triangle_bytes(self.suffixes, needs_blender, self.figure is not None)
+        objects = self.needs_objects(simplifier)  # a thumbnail is of few triangles, whatever the surface has
+        return triangle_bytes(self.suffixes, objects, self.figure is not None and self.thumbnail is None)
+
+    def needs_objects(self, simplifier: str) -> bool:
+        """Return whether the surfaces become objects with all of their triangles, as for a thumbnail they do not."""
+        return bool((replace(self, figure=None) if self.thumbnail else self).blender_needed_for(simplifier))
 
     def require_memory(self, surfaces: Surfaces) -> None:
         """Raise `MemoryLimitError` where writing would find no memory, which Blender does not survive."""
@@ -190,9 +200,14 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
     yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
     stages: list[Stage] = []
     start = time.perf_counter()
-    # A .blend has a scene "CTMC", a name that only one can have.
-    with objects_of(surfaces.results, "CTMC objects", surfaces.names) as (scene, objects, shown):
-        stages.append(Stage("Building the object", time.perf_counter() - start))
+    shown: Sequence[Reconstruction] = surfaces.results
+    with ExitStack() as stack:
+        objects: list[Any] = []
+        if outputs.needs_objects(surfaces.results[0].settings.simplifier):
+            # A .blend has a scene "CTMC", a name that only one can have.
+            made = objects_of(surfaces.results, "CTMC objects", surfaces.names)
+            scene, objects, shown = stack.enter_context(made)
+            stages.append(Stage("Building the object", time.perf_counter() - start))
         for path, numbers in outputs.surfaces_in(surfaces).items():
             if path.suffix.lower() in mesh_files.BLENDER_SUFFIXES:
                 yield Step(0.2, f"Writing {path.name}")
@@ -202,10 +217,29 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
                     export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
             yield Step(0.4, f"Rendering {outputs.figure.name}")
-            with timed(stages, "Rendering the figure"), blender_at_work():
-                small: dict[str, Any] = {"size": outputs.thumbnail, "edges": False} if outputs.thumbnail else {}
-                render_figure(objects, scene, temporaries[outputs.figure], **small)
+            with timed(stages, "Rendering the figure"):
+                small: dict[str, Any] = {}
+                if outputs.thumbnail:
+                    small = {"size": outputs.thumbnail, "edges": False}
+                    made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names)
+                    scene, objects, _ = stack.enter_context(made)
+                with blender_at_work():
+                    render_figure(objects, scene, temporaries[outputs.figure], **small)
     return with_stages(replace(surfaces, results=tuple(shown)), stages)
+
+
+def coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
+    """Return the surfaces as a thumbnail shows them, of `THUMBNAIL_FACES` triangles together at most, or a few more."""
+    total = max(1, sum(len(result.mesh.faces) for result in results))
+    coarse = []
+    for result in results:
+        share = THUMBNAIL_FACES * len(result.mesh.faces) / total
+        mesh = coarse_mesh(result.mesh, max(FEWEST_FACES, math.floor(share)))
+        # The few triangles are all there is of these: no alpha is left to choose, and no modifier to apply.
+        settings = replace(result.settings, reduction=None, target_faces=None)
+        shown = replace(result, mesh=mesh, surface=None, beyond=None, measured=result.measures, settings=settings)
+        coarse.append(shown)
+    return coarse
 
 
 def with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:

@@ -25,7 +25,7 @@ COMMANDS = {
     "experiment": ".experiment.command",
     "figure": ".figure.command",
     "settings": ".commands.settings",
-    "batch-case": ".batch.case",
+    "batch-case": ".batch.worker",
 }
 
 

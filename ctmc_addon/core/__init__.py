@@ -22,7 +22,16 @@ from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
 from .files.structures import STRUCTURE_SUFFIXES, Structure, files_of, write_structures, write_structures_steps
 from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
-from .memory import NO_THREAD, address_space_available, amount, available_bytes, give_back
+from .memory import (
+    NO_THREAD,
+    address_space_available,
+    amount,
+    available_bytes,
+    give_back,
+    peak_bytes,
+    reset_peak_bytes,
+    resident_bytes,
+)
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
@@ -31,11 +40,15 @@ from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
+    asked_bytes,
+    asks_for_memory,
     case_bytes,
+    case_process_is_large,
     cases_at_once,
     cases_bytes,
     fits_in_memory,
     plan_steps,
+    processors,
     reads_at_once,
     shown_stride,
     triangle_bytes,
@@ -107,8 +120,11 @@ __all__ = [
     "address_space_available",
     "advised_steps",
     "amount",
+    "asked_bytes",
+    "asks_for_memory",
     "available_bytes",
     "case_bytes",
+    "case_process_is_large",
     "cases_at_once",
     "cases_bytes",
     "checked",
@@ -128,7 +144,9 @@ __all__ = [
     "marching_cubes",
     "memory_refusal",
     "one_line",
+    "peak_bytes",
     "plan_steps",
+    "processors",
     "reads_at_once",
     "reconstruct",
     "reconstruct_labels",
@@ -136,6 +154,8 @@ __all__ = [
     "reconstruct_steps",
     "replayed_steps",
     "require_memory",
+    "reset_peak_bytes",
+    "resident_bytes",
     "result_and_full_steps",
     "save_structures",
     "setting",

@@ -90,6 +90,28 @@ def give_back() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
+def resident_bytes() -> int | None:
+    """Return the bytes of memory that this process has now; None where the system does not tell (not Linux)."""
+    words = "".join(_lines(Path("/proc/self/statm"))).split()
+    if len(words) < 2 or not words[1].isdigit():
+        return None
+    return int(words[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def peak_bytes() -> int | None:
+    """Return the most bytes of memory that this process had since `reset_peak_bytes`; None where it is not known."""
+    for line in _lines(Path("/proc/self/status")):
+        if line.startswith("VmHWM:"):
+            return None if (kilobytes := _second_number(line)) is None else kilobytes * 1024
+    return None
+
+
+def reset_peak_bytes() -> None:
+    """Let `peak_bytes` begin anew, where the system can."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", "ascii")
+
+
 def _asked(error: Exception) -> int:
     """Bytes of the array that NumPy had no memory for; 0 for another error."""
     if len(error.args) != 2 or not isinstance(error.args[0], tuple):

@@ -1,22 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One case of a batch in a process of its own: `ctmc batch` starts it and hands it a task on standard input.
-
-Standard input stays open while the batch lives. Its end means that the batch is gone, killed perhaps: then this process
-removes what it has not finished and goes too.
-"""
+"""One case of a batch: its volume is read once; every output is put in its place with a JSON, as is an error."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import shutil
-import signal
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +20,15 @@ from ...core import (
     SharedSurfaces,
     Stage,
     Volume,
+    asked_bytes,
     finish,
+    peak_bytes,
+    resident_bytes,
     shared_surfaces_steps,
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
-from ...core.volume import chosen_labels_steps, label_extents_steps, region_box
+from ...core.volume import chosen_labels_steps, inside_values_steps, label_extents_steps, region_box
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -47,7 +40,6 @@ from .files import (
     identity,
     input_key,
     options_of,
-    own_unfinished_folder,
     put_output,
     record_path,
     settings_of,
@@ -55,61 +47,17 @@ from .files import (
     without_folders,
 )
 
-COMMAND = "batch-case"
 THUMBNAIL = (160, 120)
-PATIENCE = 5.0  # seconds for removing what is not finished
 # Held while folders are made and outputs put in their places, so that the end of the batch leaves neither halfway.
 CHANGING_FOLDERS = threading.Lock()
 NO_MEMORY = "there is not enough memory; choose a region, a larger stride or fewer jobs"
 
-
-def add_parser(commands: Any) -> None:
-    """Add the command to `ctmc`; it is not for people, and has no help."""
-    commands.add_parser(COMMAND).set_defaults(run=run)
+Ask = Callable[[int], None]
 
 
-def run(_args: argparse.Namespace) -> None:
-    """Take the task from standard input, and do it."""
-    line = first_line()
-    if not line:
-        raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
-    task = json.loads(line)
-    unfinished = own_unfinished_folder(task)
-    threading.Thread(target=leave_with_the_batch, args=(unfinished,), daemon=True).start()
-    try:
-        do_case(task, unfinished)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def first_line() -> bytes:
-    """One line of standard input, read without a buffer that would hold a lock at exit."""
-    line = b""
-    while not line.endswith(b"\n"):
-        piece = os.read(0, 1 << 16)
-        if not piece:
-            return b""
-        line += piece
-    return line
-
-
-def leave_with_the_batch(unfinished: Path) -> None:
-    """Wait for the end of standard input, then go as soon as no output is being put in its place."""
-    while os.read(0, 1 << 16):
-        pass
-    with CHANGING_FOLDERS:  # never released: no folder comes again
-        end = time.monotonic() + PATIENCE
-        while unfinished.exists() and time.monotonic() < end:  # a file may come while the others are removed
-            shutil.rmtree(unfinished, ignore_errors=True)
-        with suppress(OSError):  # not empty while other cases of the run work there
-            unfinished.parent.rmdir()
-        os._exit(1)
-
-
-def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
+def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
     """Make every output of a case; a JSON says what came of each."""
-    case = Case(task, unfinished)
+    case = Case(task, unfinished, ask)
     for output in task["outputs"]:
         start = time.perf_counter()
         try:
@@ -126,6 +74,41 @@ def do_case(task: Mapping[str, Any], unfinished: Path) -> None:
                 write_json(record_path(Path(task["folder"]), output["name"]), record)
 
 
+@dataclass(frozen=True)
+class AnnouncedBudget(Budget):
+    """A budget of a case that says what a work will need, and waits until the batch has room for it.
+
+    Parameters
+    ----------
+    announce : callable
+        Takes the bytes that the work needs beside what the process has.
+    """
+
+    announce: Callable[[int], None] = lambda _: None
+
+    def require(self, needed_bytes: int, what: str, remedy: str | Callable[[int], str]) -> None:
+        """Announce the need; raise `MemoryLimitError` if it is more than is available then."""
+        self.announce(needed_bytes)
+        super().require(needed_bytes, what, remedy)
+
+
+def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
+    """Return the budget of a task that has `reserved` bytes and asks for more."""
+    lock = threading.Lock()
+    first = reserved = int(task["reserved"])
+
+    def announce(needed_bytes: int) -> None:
+        nonlocal reserved
+        with lock:
+            has = resident_bytes()
+            total = asked_bytes(first if has is None else has, needed_bytes)
+            if total > reserved:
+                ask(total)
+                reserved = total
+
+    return AnnouncedBudget(task["threads"], announce=announce)
+
+
 def since(start: float) -> float:
     """Seconds since `start`, to a millisecond."""
     return round(time.perf_counter() - start, 3)
@@ -134,13 +117,15 @@ def since(start: float) -> float:
 class Case:
     """One case on its way: its volume is read once for all outputs of the same file."""
 
-    def __init__(self, task: Mapping[str, Any], unfinished: Path) -> None:
+    def __init__(self, task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
         self.task = task
+        self.budget = Budget(task["threads"]) if ask is None else announced_budget(task, ask)
         self.unfinished = unfinished
         self.source: Path | None = None
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
         self.together: SharedSurfaces | None = None
+        self.ct: Volume | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
         """Make one output, and put it in the place of an older one."""
@@ -155,8 +140,8 @@ class Case:
         with outputs.writer(settings.simplifier) as writer:
             surfaces = self.shared(volume, settings, output["beside"])
             if surfaces is None:
-                budget = Budget(task["threads"])
-                surfaces = finish(surfaces_steps(volume, settings, choices, budget, writer, written_bytes))
+                making = surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes)
+                surfaces = finish(making)
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = outputs.surface_files(surfaces)
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -173,6 +158,8 @@ class Case:
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
             "seconds": since(start),
+            **self.hu_inside(settings, volume, bool(output["labels"])),
+            "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
         }
@@ -185,7 +172,7 @@ class Case:
         All are made with the first, and kept for the outputs to come.
         """
         if labels and self.together is None:
-            budget = Budget(self.task["threads"])
+            budget = self.budget
             extents = finish(label_extents_steps(volume, region_box(volume, settings), budget.threads))
             existing = [label for label in labels if label in extents]
             if len(existing) > 1:
@@ -197,6 +184,18 @@ class Case:
             raise self.together.errors[label]
         result = self.together.results.get(label)
         return None if result is None else Surfaces(volume.name, (result,))
+
+    def hu_inside(self, settings: ReconstructionSettings, labels: Volume, several: bool) -> dict[str, Any]:
+        """Return mean and deviation of the CT inside the label that lies beside it, where that is asked for."""
+        path = Path(self.task["input"])
+        if not self.task.get("hu") or several or settings.label is None or self.source == path:
+            return {}
+        if self.ct is None:
+            options = options_of(self.task)
+            opened = finish(readers.open_volume_steps(path, options.allow_outside))
+            self.ct = finish(needed_steps(opened, path, options, ReconstructionSettings(), True, budget=self.budget))
+        values = finish(inside_values_steps(self.ct, labels, settings.label))
+        return {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
         """Record that the case does not have the label of an output; what an older run made of it goes."""
@@ -222,7 +221,7 @@ class Case:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(source, options.allow_outside))
             self.input_key = input_key(opened, self.task["verify"])
-            volume = finish(needed_steps(opened, path, options, settings, several, budget=Budget(self.task["threads"])))
+            volume = finish(needed_steps(opened, path, options, settings, several, budget=self.budget))
             self.volume = replace(volume, name=self.task["case"])  # which a manifest may have given
             self.source = source
         return self.volume

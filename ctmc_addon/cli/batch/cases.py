@@ -7,6 +7,7 @@ Only names and first bytes are looked at; nothing is read yet.
 from __future__ import annotations
 
 import glob
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from ..commands.reconstruct import source_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # folders within folders that are searched for cases
+LARGEST_VALUE = 8  # bytes
 TAKEN = ("summary", "labels")
 
 
@@ -190,12 +192,18 @@ def short(case: Case) -> str:
     return "/".join(case.path.parts[-2:])
 
 
-def voxels_of(case: Case) -> int:
-    """Voxels in the file that will be read; 0 where that is unknown, as of broken headers, which fail at once."""
+def values_of(case: Case) -> tuple[int, int]:
+    """Return the voxels in the file that will be read, and the bytes of one, or the most that any has.
+
+    There are none where that is unknown, as of broken headers, which fail at once.
+    """
     path = source_of(case.path, case.outputs[0].settings.label)
     try:
-        return readers.estimate_voxels(path)
+        if path.is_dir():
+            return readers.estimate_voxels(path), LARGEST_VALUE
+        series = readers.open_volume(path).series
     except OutputError:  # it would replace a file of this input
         raise
     except (CtmcError, OSError):
-        return 0
+        return 0, LARGEST_VALUE
+    return max(((math.prod(one.shape), one.voxel_bytes) for one in series), default=(0, LARGEST_VALUE))

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc batch INPUTS... -o DIR`: a surface for each of many cases, one process a case, with a table of them all."""
+"""`ctmc batch INPUTS... -o DIR`: a surface for each of many cases, several side by side, with a table of them all."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import uuid
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,19 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core import VERSION, Budget, CtmcError, Step, Steps, case_bytes, cases_at_once, cases_bytes, files_of
+from ...core import (
+    VERSION,
+    Budget,
+    CtmcError,
+    Step,
+    Steps,
+    asks_for_memory,
+    case_bytes,
+    cases_at_once,
+    cases_bytes,
+    files_of,
+    processors,
+)
 from ...core.files.atomic_write import made_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
@@ -21,7 +32,7 @@ from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import source_of
 from ..outputs import Outputs
 from ..terminal import Progress, listing, require_empty, table
-from .cases import Case, collect, voxels_of
+from .cases import Case, collect, values_of
 from .files import (
     ABSENT,
     DONE,
@@ -52,7 +63,6 @@ if TYPE_CHECKING:
     from .cluster import Cluster
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
-GIB = 1 << 30
 MOST_ABSENT = 3  # named in the table
 
 
@@ -61,7 +71,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "batch",
         help="make surfaces from many volumes",
-        description="Make a surface for each of many cases, one process a case, and a summary of them all. "
+        description="Make a surface for each of many cases, several side by side, and a summary of them all. "
         "Of LiTS, volume-N is a case and segmentation-N beside it has its labels. A case that does not have a label is "
         "absent, which is a failure with --strict alone.",
     )
@@ -81,6 +91,9 @@ def add_parser(commands: Any) -> None:
     )
     group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
     group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
+    group.add_argument(
+        "--hu", action="store_true", help="mean HU inside each label; reads the CT beside the labels (LiTS) too"
+    )
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
     again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
@@ -206,6 +219,7 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
         "format": f".{args.output_format}",
         "space": args.space,
         "html": args.html,
+        "hu": args.hu,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
         "threads": args.threads,
@@ -229,7 +243,7 @@ def remaining_steps(
                 if source not in keys:
                     keys[source] = key_or_empty(source, task["verify"], options_of(task).allow_outside)
                 if is_same_input(record, keys[source]):
-                    rows[output["name"]].fill(record)
+                    rows[output["name"]].fill(record, folder)
                     continue
             remaining.append(output)
         if remaining:
@@ -256,17 +270,25 @@ def started(
         events = run_here([], 1, [], None)  # nothing to be done, and nothing to be said of how
     else:
         by_name = {case.name: case for case in cases}
-        needs = [case_bytes(voxels_of(by_name[task["case"]])) for task in tasks]
+        thumbnails = not args.no_thumbnails and has_blender()
+        needs = [need_of(task, by_name[task["case"]], thumbnails) for task in tasks]
         limit = cases_bytes(Budget())
-        jobs = cases_at_once(args.jobs, needs, Budget())
+        jobs, reason = cases_at_once(args.jobs, needs, Budget())
         for task in tasks:
-            task["threads"] = task["threads"] or max(1, (os.cpu_count() or 1) // jobs)
-        memory = f"; a case needs up to {max(needs, default=0) / GIB:.1f} GiB of memory"
-        memory += "" if limit is None else f", and {limit / GIB:.1f} GiB may be used"
-        facts.append(("at once", f"{jobs}{memory}"))
+            task["threads"] = task["threads"] or max(1, processors() // jobs)
+        facts.append(("at once", f"{jobs}, {reason}"))
         events = run_here(tasks, jobs, needs, limit)
     print(listing(facts), flush=True)
     return events
+
+
+def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
+    """Return the memory that a case begins with, bytes, and let it ask for more where it can tell."""
+    first = case.outputs[0]
+    several = bool(first.labels or first.beside)
+    task["asks"] = asks_for_memory(first.settings, several)
+    voxels, value_bytes = values_of(case)
+    return case_bytes(voxels, value_bytes if task["asks"] else None, thumbnails or task["format"] == ".blend")
 
 
 def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
@@ -282,8 +304,8 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
-        if event.status == "running":
-            rows[name].status = "running"
+        if event.status != "ended":
+            rows[name].status = event.status
         else:
             vars(rows[name]).update(vars(row_of(folder, name)))
 

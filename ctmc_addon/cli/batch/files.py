@@ -160,7 +160,8 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "reading": {name: getattr(reading, name) for name, about in descriptions(ReadingOptions).items() if about.kept},
         "format": task["format"],
         "space": task["space"],
-        **({"html": True} if task.get("html") else {}),  # a page more than is asked for does no harm
+        # A page or a measure more than is asked for does no harm.
+        **{name: True for name in ("html", "hu") if task.get(name)},
     }
 
 

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Start one process for each case, look after it, and say what ended it.
+"""Processes that make the cases of a batch, several one after the other: started, looked after, and what ended them.
 
-A process that crashes, or is killed for its memory, takes nothing with it but its own case.
+A process that crashes, or is killed for its memory, takes nothing with it but the case that it was making.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import queue
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import deque
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -20,18 +23,19 @@ from typing import IO, Any, NamedTuple
 
 from ...core import CtmcError, OutputError
 from ...core.files.atomic_write import write_json
-from .case import COMMAND
 from .files import failed_record, read_record, record_path, without_folders
+from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
 TICK = 0.05  # seconds between two looks at the processes
 PATIENCE = 5.0  # seconds that a process gets to leave by itself
+KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
 
 Task = Mapping[str, Any]
 
 
 class Event(NamedTuple):
-    """A change in the state of a task: 'running', or 'ended' with its records written."""
+    """A change in the state of a task: 'running', 'waiting' again, or 'ended' with its records written."""
 
     task: Task
     status: str
@@ -41,44 +45,68 @@ Events = Generator[Event | None, None, None]  # yields events, and None while no
 
 
 class CaseProcess:
-    """The process of one case."""
+    """A process that makes cases, one at a time.
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
-        self.start = time.perf_counter()
+    Parameters
+    ----------
+    messages : queue
+        Gets this process and what it says; None where it has ended.
+    """
+
+    def __init__(self, messages: queue.Queue[tuple[CaseProcess, str | None]]) -> None:
+        self.task: Task | None = None
+        self.start = 0.0
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
-        # Blender's own chatter goes nowhere; standard error is kept for a crash.
+        self.errors_before = 0  # bytes of earlier cases
+        # Blender's own chatter is passed over; standard error is kept for a crash.
         try:
             self.process = subprocess.Popen(
-                command(), stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self.errors, env=environment()
+                command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, env=environment()
             )
         except OSError as error:
             self.errors.close()
             raise CtmcError(
-                f"no process could be started for {task['case']} ({error.strerror}); try fewer jobs, with --resume"
+                f"no process could be started for a case ({error.strerror}); try fewer jobs, with --resume"
             ) from error
+        self.messages = messages
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self) -> None:
+        """Hand on what the process says, until it ends."""
+        assert self.process.stdout is not None
+        with self.process.stdout as stream:
+            for line in stream:
+                # Blender may print without an end of line before it.
+                _, mark, words = line.decode("utf-8", "replace").rpartition(MARK)
+                if mark:
+                    self.messages.put((self, words.strip()))
+        self.messages.put((self, None))
+
+    def begin(self, task: Task) -> None:
+        """Let the process make a case."""
+        self.task = task
+        self.start = time.perf_counter()
+        self.errors_before = os.fstat(self.errors.fileno()).st_size
+        self.say({**task, "more": True})
+
+    def say(self, content: Any) -> None:
+        """Send a line of JSON."""
         assert self.process.stdin is not None
-        try:
-            self.process.stdin.write(json.dumps(task).encode("ascii") + b"\n")
+        with suppress(OSError):  # it has ended already, and its status will say why
+            self.process.stdin.write(json.dumps(content).encode("ascii") + b"\n")
             self.process.stdin.flush()
-        except OSError:
-            pass  # it has ended already, and its status will say why
 
-    def ended(self) -> bool:
-        """Return whether the process has ended; if so, every output has its record."""
-        status = self.process.poll()
-        if status is None:
-            return False
-        self.errors.seek(0)
-        printed = self.errors.read().decode("utf-8", "replace")
-        settle(self.task, death(status, printed), time.perf_counter() - self.start, printed)
-        self.close()
-        return True
-
-    def wait(self) -> None:
-        """Wait until the process has ended."""
-        self.process.wait()
-        self.ended()
+    def settle(self, ended: bool) -> None:
+        """Give every output of the case its record, now that the case is over or the process has ended."""
+        assert self.task is not None
+        error, printed = "the case left no record", ""
+        if ended:
+            status = self.process.wait()
+            self.errors.seek(self.errors_before)
+            printed = self.errors.read().decode("utf-8", "replace")
+            error = death(status, printed)
+        settle(self.task, error, time.perf_counter() - self.start, printed)
+        self.task = None
 
     def stop(self) -> None:
         """End the process; what it had not finished goes with it."""
@@ -88,19 +116,17 @@ class CaseProcess:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        self.errors.close()
 
     def close(self) -> None:
-        """Close the pipe, at whose end the process leaves, and the file."""
+        """Close the pipe, at whose end the process leaves."""
         assert self.process.stdin is not None
-        try:
+        with suppress(OSError):
             self.process.stdin.close()
-        except OSError:
-            pass
-        self.errors.close()
 
 
 def command() -> list[str]:
-    """Return how a process for one case is started: Blender's own binary inside Blender, else this Python."""
+    """Return how a process for cases is started: Blender's own binary inside Blender, else this Python."""
     bpy = sys.modules.get("bpy")
     binary = bpy.app.binary_path if bpy is not None else ""
     if binary:
@@ -146,49 +172,139 @@ def settle(task: Task, error: str, seconds: float | None = None, printed: str = 
                     path.unlink(missing_ok=True)
 
 
+_idle: list[CaseProcess] = []  # of a cluster's worker
+_lock = threading.Lock()
+
+
 def run_task(task: Task) -> None:
-    """Do one task from start to end, as a cluster's worker does."""
-    process = CaseProcess(task)
+    """Do one task from start to end, as a cluster's worker does, which keeps the process for a while for the next."""
+    with _lock:
+        process = _idle.pop() if _idle else None
+    process = process or CaseProcess(queue.Queue())
+    kept = False
     try:
-        process.wait()
+        process.begin(task)
+        words = process.messages.get()[1]
+        process.settle(ended=words is None)
+        kept = words == OVER
     finally:
-        process.stop()
+        if not kept:
+            process.stop()
+    if not kept:
+        return
+    with _lock:
+        _idle.append(process)
+    timer = threading.Timer(KEPT_SECONDS, _stop_if_idle, [process, process.start])
+    timer.daemon = True
+    timer.start()
+
+
+def _stop_if_idle(process: CaseProcess, start: float) -> None:
+    """Stop a process that has had no other case since the one that began at `start`."""
+    with _lock:
+        if process not in _idle or process.start != start:
+            return
+        _idle.remove(process)
+    process.stop()
+
+
+class Running(NamedTuple):
+    """A process that makes a case, with its memory: what is reserved, and what it asks for and waits to get."""
+
+    process: CaseProcess
+    reserved_bytes: int
+    asked_bytes: int | None = None
 
 
 def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None) -> Events:
     """Do the tasks on this machine, some at once.
+
+    A process makes one case after the other. A case may ask for more memory when it knows what it needs, and waits
+    until it is there; where all of them wait, the last one to begin is put back, to begin with what it asks for.
 
     Parameters
     ----------
     jobs : int
         Processes at once, at most.
     needs : sequence of int
-        Memory that each task needs, bytes.
+        Memory that each task needs to begin, bytes.
     limit : int or None
         Memory that they may need together; a task that needs more runs alone.
     """
-    waiting = list(zip(tasks, needs, strict=True))
-    running: list[tuple[CaseProcess, int]] = []
+    waiting = deque(zip(tasks, needs, strict=True))
+    messages: queue.Queue[tuple[CaseProcess, str | None]] = queue.Queue()
+    running: list[Running] = []
+    processes: list[CaseProcess] = []
+    idle: list[CaseProcess] = []
     try:
         while waiting or running:
-            used = sum(need for _, need in running)
+            while granted := first_to_grant(running, limit):
+                running[running.index(granted)] = Running(granted.process, granted.asked_bytes or 0)
+                granted.process.say(GO)
+            if running and all(one.asked_bytes is not None for one in running):
+                last = running.pop()
+                assert last.process.task is not None
+                assert last.asked_bytes is not None
+                waiting.appendleft((last.process.task, last.asked_bytes))
+                yield Event(last.process.task, "waiting")
+                processes.remove(last.process)
+                last.process.stop()
+                continue
             while waiting and len(running) < jobs:
                 task, need = waiting[0]
-                if running and limit is not None and used + need > limit:
+                if not fits(running, need, limit):
                     break
-                del waiting[0]
-                used += need
-                running.append((CaseProcess(task), need))
+                waiting.popleft()
+                if not idle:
+                    idle.append(CaseProcess(messages))
+                    processes.append(idle[-1])
+                process = idle.pop()
+                process.begin({**task, "reserved": need})
+                running.append(Running(process, need))
                 yield Event(task, "running")
-            ended = [(process, need) for process, need in running if process.ended()]
-            running = [pair for pair in running if pair not in ended]
-            for process, _ in ended:
-                yield Event(process.task, "ended")
-            if not ended:
+            for process in idle:  # what it keeps is for those that run
+                process.close()
+            idle = []
+            try:
+                process, words = messages.get(timeout=TICK)
+            except queue.Empty:
                 yield None
-                time.sleep(TICK)
+                continue
+            at = next((at for at, one in enumerate(running) if one.process is process), None)
+            if at is None:  # it was put back, or leaves
+                if words is None and process in processes:
+                    processes.remove(process)
+                    process.stop()
+                continue
+            if words is not None and words.startswith(NEEDS):
+                running[at] = running[at]._replace(asked_bytes=int(words.removeprefix(NEEDS)))
+                continue
+            del running[at]
+            done_task = process.task
+            assert done_task is not None
+            process.settle(ended=words is None)
+            if words == OVER:
+                idle.append(process)
+            elif words is None:
+                processes.remove(process)
+                process.stop()
+            yield Event(done_task, "ended")
     finally:
-        for process, _ in running:
+        for process in processes:
             process.close()
-        for process, _ in running:
+        for process in processes:
             process.stop()
+
+
+def fits(running: Sequence[Running], need: int, limit: int | None) -> bool:
+    """Return whether so many bytes fit beside what is reserved for others; alone everything does."""
+    return not running or limit is None or sum(one.reserved_bytes for one in running) + need <= limit
+
+
+def first_to_grant(running: Sequence[Running], limit: int | None) -> Running | None:
+    """Return the first case whose memory there is room for now, of those that ask."""
+    for one in running:
+        others = [other for other in running if other is not one]
+        if one.asked_bytes is not None and fits(others, one.asked_bytes, limit):
+            return one
+    return None

@@ -2,6 +2,7 @@
 """The triangles of a surface, and what can be measured on them."""
 
 from .angles.triangle_angles import TriangleQuality
+from .coarse import coarse_mesh
 from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
 from .distance.surface_distance import (
     ReferenceSurface,
@@ -29,6 +30,7 @@ __all__ = [
     "TriangleQuality",
     "angle_at",
     "blend",
+    "coarse_mesh",
     "distance_between",
     "edges_steps",
     "keep_components_steps",

@@ -15,6 +15,7 @@ from .histogram import (
     shown_range,
     tissue_bands,
 )
+from .inside import InsideValues, inside_values_steps
 from .labels import (
     ALL,
     LabelExtent,
@@ -81,6 +82,7 @@ __all__ = [
     "Band",
     "Bars",
     "Box",
+    "InsideValues",
     "LabelExtent",
     "Limits",
     "Placed",
@@ -103,6 +105,7 @@ __all__ = [
     "histogram_bars",
     "histogram_picture",
     "in_label_colors",
+    "inside_values_steps",
     "label_extents_steps",
     "label_rgb",
     "labels_region",

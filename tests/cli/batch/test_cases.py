@@ -5,8 +5,17 @@ import numpy as np
 import pytest
 
 from ctmc_addon.cli.arguments import with_flags
-from ctmc_addon.cli.batch.cases import collect
+from ctmc_addon.cli.batch.cases import collect, values_of
+from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import CtmcError
+from ctmc_addon.core.plan import (
+    BLENDER_PROCESS_BYTES,
+    CASE_VOXEL_BYTES,
+    PROCESS_BYTES,
+    READING_COPIES,
+    asks_for_memory,
+    case_bytes,
+)
 from ctmc_addon.readers import ReadingOptions
 
 READING = ReadingOptions()
@@ -177,9 +186,6 @@ def test_missing_paths_and_patterns_without_a_file_are_refused(tmp_path):
 
 
 def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
-    from ctmc_addon.cli.batch.cases import voxels_of
-    from ctmc_addon.core.plan import CASE_VOXEL_BYTES, PROCESS_BYTES, case_bytes
-
     np.save(tmp_path / "a.npy", np.zeros((4, 50, 60), np.int16))
     header = bytearray(348)
     header[0:4] = (348).to_bytes(4, "little")
@@ -189,5 +195,17 @@ def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
     header[344:348] = b"n+1\0"
     (tmp_path / "b.nii.gz").write_bytes(gzip.compress(bytes(header) + bytes(4)))
     touch(tmp_path, "broken.nii")
-    needs = [case_bytes(voxels_of(case)) for case in collect([str(tmp_path)], {}, READING)]
-    assert needs == [PROCESS_BYTES + CASE_VOXEL_BYTES * voxels for voxels in (4 * 50 * 60, 70 * 80 * 9, 0)]
+    values = [values_of(case) for case in collect([str(tmp_path)], {}, READING)]
+    assert values == [(4 * 50 * 60, 2), (70 * 80 * 9, 2), (0, 8)]
+    voxels = 4 * 50 * 60
+    assert case_bytes(voxels) == BLENDER_PROCESS_BYTES + CASE_VOXEL_BYTES * voxels
+    assert case_bytes(voxels, thumbnails=False) == PROCESS_BYTES + CASE_VOXEL_BYTES * voxels
+    assert case_bytes(voxels, 2, thumbnails=False) == PROCESS_BYTES + READING_COPIES * 2 * voxels
+
+
+def test_one_smoothed_label_asks_for_memory_and_all_else_is_counted_by_voxels():
+    label = ReconstructionSettings(label=2)
+    assert asks_for_memory(label, several=False)
+    assert not asks_for_memory(label, several=True)
+    assert not asks_for_memory(ReconstructionSettings(label=2, smoothing="none"), several=False)
+    assert not asks_for_memory(ReconstructionSettings(threshold=200), several=False)

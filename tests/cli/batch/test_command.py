@@ -20,6 +20,7 @@ from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
 from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.cli.batch.process import run_here
+from ctmc_addon.cli.batch.summary.rows import COLUMNS
 from ctmc_addon.core.files.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -36,8 +37,7 @@ def write_and_wait(folder, rows, *rest):
 command.write_summary = write_and_wait
 sys.exit(main(sys.argv[1:]))
 """
-COLUMNS = ["case", "status", "faces", "volume_mm3", "self_intersections", "seconds", "error",
-           "removed_components", "collapsed_components", "collapsed_mm3"]  # fmt: skip
+FIRST_COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]  # which scripts read
 FLAGS = ["--threshold", "50", "--spacing", "0.5"]
 
 
@@ -95,7 +95,8 @@ def done(scene, cases, tmp_path_factory):
 @pytest.mark.once
 def test_the_summary_has_a_row_for_every_case(done):
     rows = summary(done)
-    assert [list(row) for row in rows] == [COLUMNS] * 3
+    assert [list(row) for row in rows] == [list(COLUMNS)] * 3
+    assert list(COLUMNS[:6]) == FIRST_COLUMNS
     assert [(row["case"], row["status"]) for row in rows] == [
         ("broken", "failed"),
         ("large", "done"),
@@ -110,7 +111,7 @@ def test_the_summary_has_a_row_for_every_case(done):
     assert [row["removed_components"] for row in rows] == [row["collapsed_components"] for row in rows] == [None, 0, 0]
     with (done / "summary.csv").open(encoding="utf-8", newline="") as stream:
         table = list(csv.reader(stream))
-    assert table == [COLUMNS, *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]
+    assert table == [list(COLUMNS), *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]
 
 
 def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_folder, tmp_path):
@@ -165,11 +166,12 @@ def test_no_output_names_a_folder_of_this_machine(done, cases):
 
 def test_the_page_shows_a_thumbnail_of_every_surface_and_every_error(done):
     page = (done / "summary.html").read_text("utf-8")
-    assert page.count("data:image/png;base64,") == 2
+    assert re.findall(r'loading="lazy".*?src="(.*?)"', page) == ["thumbnails/large.png", "thumbnails/small.png"]
     assert "3 cases: 2 done, 1 failed" in page
     assert "broken.npy" in page
     assert "http-equiv" not in page  # it is over, and needs no looking again
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert not re.search(r'(src|href)="(?!thumbnails/)', page)
+    assert "://" not in page  # no network
 
 
 def test_a_thumbnail_shows_the_form_and_no_triangles(done):
@@ -236,7 +238,9 @@ def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_pa
     record = json.loads((out / "open.json").read_text("utf-8"))
     assert (record["closed"], record["volume_mm3"]) == (False, None)
     assert f"open,done,{row['faces']},," in (out / "summary.csv").read_text("utf-8")
-    assert f"<td>{row['faces']}</td><td>-</td>" in (out / "summary.html").read_text("utf-8")
+    page = (out / "summary.html").read_text("utf-8")
+    assert f'<td class="number">{row["faces"]}</td><td class="number">-</td>' in page
+    assert (row["closed"], row["outlier"]) == (False, "open")
 
 
 @pytest.mark.once
@@ -329,11 +333,12 @@ def test_stopping_ends_every_process(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, scene, tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
+    def interrupted(running, _limit):
+        if running:
+            raise KeyboardInterrupt
 
     in_place_of_a_case(monkeypatch, "import sys; sys.stdin.read()")
-    monkeypatch.setattr(batch_process.CaseProcess, "ended", interrupted)
+    monkeypatch.setattr(batch_process, "first_to_grant", interrupted)
     outcome = ctmc("batch", cases, "-o", tmp_path, *FLAGS)
     assert (outcome.code, outcome.errors) == (130, ["ctmc: interrupted"])
     assert set(states(tmp_path).values()) == {"waiting"}

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctmc_addon.cli.batch import process, summary
+from ctmc_addon.cli.batch import process
+from ctmc_addon.cli.batch.summary import write as summary
 from ctmc_addon.core import OutputError
 
 ROOT = Path(__file__).resolve().parents[3]

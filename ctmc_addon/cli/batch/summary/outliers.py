@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which cases of a batch differ from the others, and why; those of each label are looked at by themselves."""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+
+from .rows import NOTES_BETWEEN, SummaryRow
+
+FEWEST = 5  # cases, below which nothing is unusual
+DEVIATIONS = 3.0
+NORMAL_MAD = 1.4826  # standard deviations of a normal distribution, in median absolute deviations
+NORMAL_MEAN = 1.2533  # in mean absolute deviations
+MOST_COMPONENTS = 10  # that are never many
+TIMES_MEDIAN = 3.0  # components, beyond which they are many
+RARE = 0.1  # of the cases, at most, have a note that is unusual
+
+
+def mark_outliers(rows: Sequence[SummaryRow]) -> None:
+    """Give every row that is done the reasons why it should be looked at; empty where there is none."""
+    groups: dict[str, list[SummaryRow]] = {}
+    for row in rows:
+        row.outlier = ""
+        if row.status == "done":
+            groups.setdefault(str(row.label), []).append(row)
+    for group in groups.values():
+        center, deviation = center_and_deviation([row.volume_mm3 for row in group if row.volume_mm3 is not None])
+        components = statistics.median([row.components for row in group if row.components is not None] or [0])
+        often = Counter(pattern for row in group for pattern in {pattern_of(note) for note in notes_of(row)})
+        most = max(1, int(RARE * len(group))) if len(group) >= FEWEST else 0
+        for row in group:
+            reasons = []
+            if row.closed is False:
+                reasons.append("open")
+            if row.components is not None and row.components > max(MOST_COMPONENTS, TIMES_MEDIAN * components):
+                reasons.append(f"{row.components} components, the median is {components:g}")
+            if row.self_intersections:
+                reasons.append(f"{row.self_intersections} self-intersections")
+            if row.volume_mm3 is not None and deviation and abs(row.volume_mm3 - center) > DEVIATIONS * deviation:
+                off = (row.volume_mm3 - center) / deviation
+                reasons.append(f"volume {abs(off):.1f} deviations {'above' if off > 0 else 'below'} the median")
+            # What says that a surface is open is said already.
+            rare = [note for note in notes_of(row) if row.closed is not False and often[pattern_of(note)] <= most]
+            row.outlier = "; ".join([*reasons, *rare])
+
+
+def center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
+    """Return the median, and how far others lie from it as a standard deviation; 0 where they are few or all the same.
+
+    The median absolute deviation, which a few outliers do not move; the mean where more than half are the same.
+
+    Examples
+    --------
+    >>> center, deviation = center_and_deviation([9.0, 10.0, 11.0, 10.0, 12.0, 8.0, 1000.0])
+    >>> center, round(deviation, 4)
+    (10.0, 1.4826)
+    >>> center_and_deviation([1.0, 2.0])
+    (1.5, 0.0)
+    """
+    if not values:
+        return 0.0, 0.0
+    center = statistics.median(values)
+    if len(values) < FEWEST:
+        return center, 0.0
+    distances = [abs(value - center) for value in values]
+    return center, NORMAL_MAD * statistics.median(distances) or NORMAL_MEAN * statistics.fmean(distances)
+
+
+def notes_of(row: SummaryRow) -> list[str]:
+    """Return the notes of a row, one by one."""
+    return row.notes.split(NOTES_BETWEEN) if row.notes else []
+
+
+def pattern_of(note: str) -> str:
+    """Return a note without its numbers and names of files, so that those of different cases are the same.
+
+    Examples
+    --------
+    >>> pattern_of("volume-7.nii.gz has 3 gaps of 2.5 mm")
+    '# has # gaps of # mm'
+    """
+    return re.sub(r"\S*\d\S*", "#", note)

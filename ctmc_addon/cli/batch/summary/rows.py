@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a summary knows of each output: a row with a column for each field, units in the names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from ....core.files.mesh_files import PAGE
+from ..files import read_record, thumbnail_path
+
+# Of each of several surfaces.
+MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed", "self_intersections")
+NOTES_BETWEEN = " | "
+HIDDEN = ("surfaces", "page", "thumbnail")  # no columns
+
+
+@dataclass
+class SummaryRow:
+    """One output; `status` is waiting, running, done, absent or failed, and what is not known is None.
+
+    Columns are only added, at the end: scripts read them.
+    """
+
+    case: str
+    status: str = "waiting"
+    faces: int | None = None
+    volume_mm3: float | None = None
+    seconds: float | None = None
+    error: str | None = None
+    label: int | None = None
+    components: int | None = None
+    closed: bool | None = None
+    area_mm2: float | None = None
+    spacing_x_mm: float | None = None
+    spacing_y_mm: float | None = None
+    spacing_z_mm: float | None = None
+    self_intersections: int | None = None
+    removed_components: int | None = None
+    collapsed_components: int | None = None
+    collapsed_mm3: float | None = None
+    mean_hu: float | None = None
+    sd_hu: float | None = None
+    memory_bytes: int | None = None
+    notes: str = ""
+    outlier: str = ""
+    surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
+    page: bool = False  # whether there is a page of the case
+    thumbnail: bool = False
+
+    def fill(self, record: Mapping[str, Any] | None, folder: Path | None = None) -> None:
+        """Fill the row from an output's JSON, and say whether its page and thumbnail lie in the folder."""
+        if record is None:
+            self.status, self.error = "failed", "the case left no JSON; is the disk full?"
+            return
+        self.status = record["status"]
+        self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
+        self.seconds, self.error = record["seconds"], record["error"]
+        self.label = record.get("settings", {}).get("label")
+        surfaces = record.get("surfaces", ())
+        self.surfaces = [{name: surface.get(name) for name in MEASURES} for surface in surfaces]
+        of_all = surfaces[0] if surfaces else record
+        self.components = total(surfaces or [record], "components")
+        self.area_mm2 = total(surfaces or [record], "area_mm2")
+        self.self_intersections = total(surfaces or [record], "self_intersections")
+        made = [each for each in surfaces or [record] if "collapsed_components" in each]
+        if made:
+            collapsed = [each["collapsed_components"] for each in made]
+            self.removed_components = sum(each["removed_components"] for each in made)
+            self.collapsed_components = sum(each["count"] for each in collapsed)
+            self.collapsed_mm3 = sum(each["mm3"] for each in collapsed)
+        shapes = [surface.get("closed") for surface in surfaces or [record]]
+        self.closed = None if None in shapes else all(shapes)
+        self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = of_all.get("spacing_mm") or (None, None, None)
+        self.mean_hu, self.sd_hu = record.get("mean_hu"), record.get("sd_hu")
+        self.memory_bytes = record.get("memory_bytes")
+        self.notes = NOTES_BETWEEN.join(record.get("notes", ()))
+        self.page = f"{self.case}{PAGE}" in (record.get("files") or ())
+        self.thumbnail = folder is not None and self.status == "done" and thumbnail_path(folder, self.case).is_file()
+
+    def columns(self) -> dict[str, Any]:
+        """Return what stands in the CSV and the JSON."""
+        return {name: value for name, value in asdict(self).items() if name not in HIDDEN}
+
+
+COLUMNS = tuple(each.name for each in fields(SummaryRow) if each.name not in HIDDEN)
+
+
+def total(surfaces: Sequence[Mapping[str, Any]], name: str) -> Any:
+    """Return the sum over surfaces of what a report calls so; None where one does not say."""
+    values = [surface.get(name) for surface in surfaces]
+    known = [value for value in values if value is not None]
+    return sum(known) if known and len(known) == len(values) else None
+
+
+def row_of(folder: Path, name: str) -> SummaryRow:
+    """Return the row of an output that is over."""
+    row = SummaryRow(name)
+    row.fill(read_record(folder, name), folder)
+    return row
+
+
+def counts(rows: Sequence[SummaryRow]) -> str:
+    """Return how many are in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
+    states = [row.status for row in rows]
+    order = ("done", "absent", "failed", "running", "waiting")
+    texts = [f"{states.count(state)} {state}" for state in order if state in states]
+    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
+
+
+def numbers(row: SummaryRow) -> list[str]:
+    """Triangles, milliliters, self-intersections and seconds for a person; an open surface has no volume."""
+    return [
+        "" if row.faces is None else f"{row.faces}",
+        milliliters(row.volume_mm3) if row.volume_mm3 is not None else "-" if row.faces else "",
+        "" if row.self_intersections is None else f"{row.self_intersections}",
+        "" if row.seconds is None else f"{row.seconds:.1f}",
+    ]
+
+
+def milliliters(volume_mm3: float | None) -> str:
+    """Return a volume for a person."""
+    return "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f}"

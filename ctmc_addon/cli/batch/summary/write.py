@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of a batch as CSV, JSON and HTML, each written whole whenever a case is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ....core import OutputError
+from ....core.files.atomic_write import write_csv, write_json, write_text
+from .outliers import mark_outliers
+from .page import html_text
+from .rows import COLUMNS, MEASURES, SummaryRow
+
+SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
+LABELS_FILE = "labels.csv"  # written where a case has several labels
+
+
+def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
+    """Write summary.csv, summary.json and summary.html.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    rows : sequence of SummaryRow
+        Which of them are outliers is found here.
+    over : bool
+        Whether the batch is; while it runs, a file that cannot be replaced is left until the next case is over,
+        as a spreadsheet that has summary.csv open keeps others from it on Windows.
+    """
+    mark_outliers(rows)
+    cases = [row.columns() for row in rows]
+    plain = [case | ({"surfaces": row.surfaces} if row.surfaces else {}) for case, row in zip(cases, rows, strict=True)]
+    labels = [{"case": row.case, **surface} for row in rows for surface in row.surfaces]
+    files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
+        (write_json, AS_JSON, (plain,)),
+        (write_csv, AS_CSV, (cases, COLUMNS)),
+        (write_text, AS_PAGE, (html_text(rows, over),)),
+    ]
+    if labels:
+        files.append((write_csv, LABELS_FILE, (labels, ["case", *MEASURES])))
+    for write, name, content in files:
+        try:
+            write(folder / name, *content)
+        except OutputError:
+            if over:
+                raise
+
+
+def write_summary_if_possible(folder: Path, rows: Sequence[SummaryRow]) -> None:
+    """Write the last summary of a batch that is interrupted; on a full disk the older one stays."""
+    try:
+        write_summary(folder, rows, True)
+    except OutputError:
+        pass

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A process that makes the cases of a batch, one after the other: `ctmc batch` starts it and hands it tasks.
+
+A task is a line of JSON on standard input; when its case is over, a line on standard output says so. Standard input
+stays open while the batch lives. Its end means that there is nothing more to do, or that the batch is gone, killed
+perhaps: then this process removes what it has not finished and goes too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import queue
+import shutil
+import signal
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ...core import CtmcError, case_process_is_large, give_back, reset_peak_bytes, resident_bytes
+from ...core.files.input_files import own_input_files
+from .case import CHANGING_FOLDERS, do_case
+from .files import own_unfinished_folder
+
+COMMAND = "batch-case"
+MARK = "ctmc-batch-case "  # begins what is said on standard output: Blender prints there too
+OVER, LEAVING, NEEDS = "over", "leaving", "needs"
+GO = "go"
+PATIENCE = 5.0  # seconds for removing what is not finished
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`; it is not for people, and has no help."""
+    commands.add_parser(COMMAND).set_defaults(run=run)
+
+
+def run(_args: argparse.Namespace) -> None:
+    """Take tasks from standard input, and do them, until it ends or this process has grown."""
+    lines = Lines()
+    first = lines.next()
+    if not first:
+        raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
+    batch = Batch(lines, own_output())
+    batch.take(json.loads(first))
+    threading.Thread(target=batch.listen, daemon=True).start()
+    while (task := batch.tasks.get()) is not None:
+        unfinished = own_unfinished_folder(task)
+        reset_peak_bytes()
+        try:
+            with own_input_files():
+                do_case(task, unfinished, batch.ask if task.get("asks") else None)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        gc.collect()  # what refers to itself holds volumes, too
+        give_back()
+        # A batch of another installation may wait for the end of this process.
+        leaving = case_process_is_large(resident_bytes()) or not task.get("more")
+        batch.end_task(LEAVING if leaving else OVER)
+        if leaving:
+            return
+
+
+class Lines:
+    """The lines of standard input, read without a buffer that would hold a lock at exit."""
+
+    def __init__(self) -> None:
+        self.rest = b""
+
+    def next(self) -> bytes:
+        """Return the next line; empty at the end."""
+        while b"\n" not in self.rest:
+            piece = os.read(0, 1 << 16)
+            if not piece:
+                return b""
+            self.rest += piece
+        line, _, self.rest = self.rest.partition(b"\n")
+        return line + b"\n"
+
+
+class Batch:
+    """The batch at the other end of standard input and output."""
+
+    def __init__(self, lines: Lines, output: int) -> None:
+        self.lines = lines
+        self.output = output
+        self.tasks: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self.unfinished: Path | None = None  # of the task that is under way
+        self.granted = threading.Event()
+
+    def take(self, task: dict[str, Any]) -> None:
+        """Let a task be the next."""
+        self.unfinished = own_unfinished_folder(task)
+        self.tasks.put(task)
+
+    def listen(self) -> None:
+        """Take what comes on standard input; at its end leave, as soon as no output is being put in its place."""
+        while line := self.lines.next():
+            word = json.loads(line)
+            if word == GO:
+                self.granted.set()
+            else:
+                self.take(word)
+        unfinished = self.unfinished
+        if unfinished is None:
+            self.tasks.put(None)
+            return
+        with CHANGING_FOLDERS:  # never released: no folder comes again
+            end = time.monotonic() + PATIENCE
+            while unfinished.exists() and time.monotonic() < end:  # a file may come while the others are removed
+                shutil.rmtree(unfinished, ignore_errors=True)
+            with suppress(OSError):  # not empty while other cases of the run work there
+                unfinished.parent.rmdir()
+            os._exit(1)
+
+    def end_task(self, word: str) -> None:
+        """Say that the case is over, and whether this process takes another."""
+        self.unfinished = None
+        self.say(word)
+
+    def ask(self, needed_bytes: int) -> None:
+        """Say that this process will need so many bytes in all, and wait until the batch has room for them."""
+        self.granted.clear()
+        self.say(f"{NEEDS} {needed_bytes}")
+        self.granted.wait()
+
+    def say(self, words: str) -> None:
+        """Write a line for the batch."""
+        with suppress(OSError):  # it is gone, which standard input says too
+            os.write(self.output, f"{MARK}{words}\n".encode("ascii"))
+
+
+def own_output() -> int:
+    """Return standard output for the batch alone, and lead what others print there nowhere."""
+    output = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+    return output

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A few triangles that look like many: for a small picture, where nobody sees more, and for nothing that is measured.
+
+Vertices in the same cube of a grid become one: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29. What comes
+out may touch itself.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .triangle_mesh import TriangleMesh
+from .vectors import cross, dot
+
+GROWTH = 1.1  # of a cube's side, at least, from one try to the next
+MOST_SIDE = 1 << 20  # cubes along an axis: three numbers of so many are one of 64 bits
+
+
+def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
+    """Return a mesh of at most `most_faces` triangles that looks the same from afar; the mesh itself if it has no more.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    most_faces : int
+        1 or more. Fewer than a dozen may leave none; the mesh is returned then.
+
+    Examples
+    --------
+    >>> axis = np.arange(11, dtype=np.float32)
+    >>> x, y = (side.ravel() for side in np.meshgrid(axis, axis))
+    >>> first = (np.arange(10) + 11 * np.arange(10)[:, None]).reshape(-1, 1)
+    >>> faces = np.concatenate([first + [0, 1, 12], first + [0, 12, 11]]).astype(np.int32)
+    >>> plane = TriangleMesh(np.stack([x, y, 0 * x], 1), faces)
+    >>> len(plane.faces), len(coarse_mesh(plane, 60).faces) <= 60
+    (200, True)
+    """
+    if len(mesh.faces) <= most_faces:
+        return mesh
+    columns = np.ascontiguousarray(mesh.vertices.T, np.float64)  # (3, v)
+    start = columns.min(axis=1)
+    extent = float((columns.max(axis=1) - start).max())
+    side = max(math.sqrt(2.0 * _area(columns, mesh.faces) / most_faces), extent / MOST_SIDE)
+    while extent > 0 and side <= extent:
+        cube = np.floor((columns - start[:, None]) / side).astype(np.int64)  # (3, v)
+        key = (cube[0] * MOST_SIDE + cube[1]) * MOST_SIDE + cube[2]
+        number, count = _numbered(key)
+        faces = np.take(number, mesh.faces)  # (f, 3)
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]
+        if len(faces) <= most_faces:
+            break
+        side *= max(GROWTH, math.sqrt(len(faces) / most_faces))
+    else:
+        return mesh
+    if not len(faces):
+        return mesh
+    weight = np.bincount(number, minlength=count)
+    vertices = np.stack([np.bincount(number, row, count) / weight for row in columns], axis=1)
+    normals = None if mesh.normals is None else _mean_normals(mesh.normals, number, count)
+    return TriangleMesh(vertices.astype(np.float32), faces.astype(np.int32), normals)
+
+
+def _numbered(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Return the number of every key among the different ones, and how many those are."""
+    order = np.argsort(key, kind="stable")
+    ordered = key[order]
+    first = np.ones(len(key), bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
+    number = np.empty(len(key), np.int64)
+    number[order] = np.cumsum(first) - 1
+    return number, int(np.count_nonzero(first))
+
+
+def _area(columns: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
+    """Return the area of all triangles."""
+    a, b, c = (columns[:, corner] for corner in faces.T)  # (3, f) each
+    twice = cross(b - a, c - a)
+    return float(np.sqrt(dot(twice, twice)).sum()) / 2
+
+
+def _mean_normals(normals: NDArray[np.float32], number: NDArray[np.int64], count: int) -> NDArray[np.float32]:
+    """Return the unit normal of every cube."""
+    sums = np.stack([np.bincount(number, row, count) for row in normals.T.astype(np.float64)])  # (3, n)
+    length = np.sqrt(dot(sums, sums))
+    return np.ascontiguousarray((sums / np.where(length > 0, length, 1.0)).T.astype(np.float32))

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The gray values of a CT inside a label: how many samples, their mean and their deviation."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import LabelError
+from ..progress import Step, Steps
+from .labels import label_extent_steps
+from .volume import Volume
+
+SLAB_SLICES = 16  # looked at in one go
+SAME_PLACE = 1e-2  # voxels by which the corners of two volumes may differ
+
+
+class InsideValues(NamedTuple):
+    """The values of the samples that have a label.
+
+    Parameters
+    ----------
+    samples : int
+    mean : float
+    deviation : float
+        Standard deviation over the samples.
+    """
+
+    samples: int
+    mean: float
+    deviation: float
+
+
+def inside_values_steps(ct: Volume, labels: Volume, label: int) -> Steps[InsideValues | None]:
+    """Return the values of a CT at the samples of a label; None where the label is empty.
+
+    Parameters
+    ----------
+    ct : Volume
+    labels : Volume
+        As large as the CT and in the same place.
+    label : int
+
+    Raises
+    ------
+    LabelError
+        If the volumes differ in size or place.
+
+    Examples
+    --------
+    >>> from ctmc_addon.core.progress import finish
+    >>> values = np.arange(8, dtype=np.int16).reshape(2, 2, 2)
+    >>> labels = Volume((values > 5).astype(np.uint8), np.eye(4), kind="label")
+    >>> finish(inside_values_steps(Volume(values, np.eye(4)), labels, 1))
+    InsideValues(samples=2, mean=6.5, deviation=0.5)
+    """
+    require_same_place(ct, labels)
+    whole = tuple((0, size) for size in labels.size)
+    extent = yield from label_extent_steps(labels, label, (whole[0], whole[1], whole[2]))
+    if extent is None:
+        return None
+    columns, rows, slices = (range(low, high) for low, high in extent.box)
+    count, mean, squares = 0, 0.0, 0.0
+    for start in range(slices.start, slices.stop, SLAB_SLICES):
+        slab = range(start, min(start + SLAB_SLICES, slices.stop))
+        mask = np.zeros((len(slab), len(rows), len(columns)), bool)
+        for layer in labels.each_layer:
+            mask |= layer.samples(slab, rows, columns) == label
+        values = ct.samples(slab, rows, columns)[mask].astype(np.float64)
+        if len(values):
+            # Means and squares of two sets are put together without a difference of large sums.
+            own = float(values.sum()) / len(values)
+            more = float(np.square(values - own).sum())
+            squares += more + (own - mean) ** 2 * count * len(values) / (count + len(values))
+            mean += (own - mean) * len(values) / (count + len(values))
+            count += len(values)
+        yield Step((slab.stop - slices.start) / len(slices), "Looking inside the label")
+    return InsideValues(count, mean, math.sqrt(squares / count)) if count else None
+
+
+def require_same_place(ct: Volume, labels: Volume) -> None:
+    """Raise `LabelError` where a CT and labels differ in size or place."""
+    if ct.size != labels.size:
+        sizes = [" x ".join(map(str, volume.size)) for volume in (ct, labels)]
+        raise LabelError(f"{ct.name} has {sizes[0]} voxels and its labels have {sizes[1]}; they must be as large")
+    corners = np.array([(x, y, z, 1) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) * (*ct.size, 1)
+    off = float(np.abs(corners @ (ct.affine - labels.affine).T).max())
+    if off > SAME_PLACE * min(ct.spacing):
+        raise LabelError(f"{ct.name} and its labels lie {off:.3g} mm apart; they must lie in the same place")

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Processes that make several cases: one start for all, a crash costs one case, memory is asked for and given back."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+import nibabel
+import numpy as np
+import pytest
+from shapes import distance_mm
+
+from ctmc_addon.cli.batch import process as batch_process
+from ctmc_addon.cli.batch.case import Case, announced_budget
+from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here
+from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
+from ctmc_addon.core import MemoryLimitError
+from ctmc_addon.core.memory import peak_bytes, reset_peak_bytes, resident_bytes
+from ctmc_addon.core.plan import PROCESS_BYTES
+
+# Says that it is over after every task; ends at a task called "bad", and asks for memory where a task says how much.
+SCRIPT = f"""
+import json, os, sys
+for line in sys.stdin:
+    task = json.loads(line)
+    if task["case"] == "bad":
+        os.abort()
+    if task.get("bytes", 0) > task["reserved"]:
+        print(f"chatter{MARK}{NEEDS} {{task['bytes']}}", flush=True)
+        sys.stdin.readline()
+    print("{MARK}{OVER}", flush=True)
+"""
+
+
+def task_of(folder, name, **more):
+    return {
+        "case": name, "input": str(folder / "in.npy"), "folder": str(folder), "version": "0", "threads": 1,
+        "outputs": [{"name": name, "settings": {}, "labels": [], "beside": []}], "reading": {}, "format": ".stl",
+        "space": "ras", "thumbnails": False, "run": "1", **more,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """A list with an entry for every process that is started."""
+    started = []
+
+    def command():
+        started.append(None)
+        return [sys.executable, "-c", SCRIPT]
+
+    monkeypatch.setattr(batch_process, "command", command)
+    return started
+
+
+def events_of(tasks, jobs, needs, limit):
+    return [(event.task["case"], event.status) for event in run_here(tasks, jobs, needs, limit) if event]
+
+
+def test_a_process_makes_one_case_after_the_other(started, tmp_path):
+    events = events_of([task_of(tmp_path, name) for name in "abcd"], 1, [0] * 4, None)
+    assert events == [(name, status) for name in "abcd" for status in ("running", "ended")]
+    assert len(started) == 1
+
+
+def test_a_crash_takes_one_case_and_a_new_process_the_others(started, tmp_path):
+    names = ["a", "bad", "c", "d"]
+    events = events_of([task_of(tmp_path, name) for name in names], 1, [0] * 4, None)
+    assert events == [(name, status) for name in names for status in ("running", "ended")]
+    assert len(started) == 2
+    errors = {name: json.loads((tmp_path / f"{name}.json").read_text("utf-8"))["error"] for name in names}
+    assert errors.pop("bad").startswith("the case's process was ended by signal 6")
+    assert set(errors.values()) == {"the case left no record"}  # of a script that makes nothing
+
+
+def test_where_all_wait_for_memory_the_last_is_put_back_and_begins_with_what_it_asked_for(started, tmp_path):
+    tasks = [task_of(tmp_path, name, bytes=18) for name in ("a", "b")]
+    assert events_of(tasks, 2, [5, 5], 20) == [
+        ("a", "running"),
+        ("b", "running"),
+        ("b", "waiting"),
+        ("a", "ended"),
+        ("b", "running"),
+        ("b", "ended"),
+    ]
+    assert len(started) == 2  # the one that was put back is done by the other's process
+
+
+def test_memory_is_granted_in_order_where_there_is_room():
+    first, second = object(), object()
+    running = [Running(first, 5, 12), Running(second, 5, 10)]
+    assert first_to_grant(running, 17) is running[0]
+    assert first_to_grant(running, 16) is running[1]
+    assert first_to_grant(running, 14) is None
+    assert first_to_grant([running[0]], 1) is running[0]  # alone
+    assert fits(running, 5, 15)
+    assert not fits(running, 6, 15)
+    assert fits(running, 1 << 60, None)
+
+
+def test_a_budget_asks_once_for_more_than_it_has():
+    asked = []
+    budget = announced_budget({"threads": 1, "reserved": 1 << 40}, asked.append)
+    budget.require(1, "this", "do that")
+    assert asked == []
+    has = resident_bytes()
+    if has is None:
+        pytest.skip("the system does not say what a process has")
+    budget = announced_budget({"threads": 1, "reserved": 0}, asked.append)
+    with pytest.raises(MemoryLimitError):
+        budget.require(1 << 50, "this", "do that")
+    budget.require(1 << 20, "less", "do that")
+    assert len(asked) == 1
+    assert 1.4 * (1 << 50) < asked[0] < 1.4 * (1 << 50) + 2 * has + (1 << 30)
+
+
+def test_the_peak_of_a_process_begins_anew():
+    reset_peak_bytes()
+    before = peak_bytes()
+    if before is None:
+        pytest.skip("the system does not say what a process had")
+    taken = np.ones(64 << 20, np.uint8)
+    assert peak_bytes() >= before + len(taken) - (8 << 20)
+    del taken
+    reset_peak_bytes()
+    assert peak_bytes() < before + (48 << 20)
+
+
+def test_cases_of_one_process_have_the_bytes_of_their_own_and_stay_below_what_was_reserved(ctmc, tmp_path, monkeypatch):
+    for number in (6, 5, 7):
+        ball = (distance_mm((20, 20, 20)) < number).astype(np.uint8)
+        np.save(tmp_path / f"c{number}.npy", ball)
+    processes = []
+    begin = CaseProcess.begin
+
+    def noted(self, task):
+        processes.append(self)
+        begin(self, task)
+
+    monkeypatch.setattr(CaseProcess, "begin", noted)
+    words = ["--label", "1", "--spacing", "1", "--no-thumbnails", "--jobs", "1"]
+    assert ctmc("batch", tmp_path, "-o", tmp_path / "together", *words).code == 0
+    assert len(processes) == 3
+    assert len(set(processes)) == 1
+    assert ctmc("batch", tmp_path / "c7.npy", "-o", tmp_path / "alone", *words).code == 0
+    assert (tmp_path / "alone" / "c7.stl").read_bytes() == (tmp_path / "together" / "c7.stl").read_bytes()
+    for number in (5, 6, 7):
+        record = json.loads((tmp_path / "together" / f"c{number}.json").read_text("utf-8"))
+        assert record["memory_bytes"] is None or 30 << 20 < record["memory_bytes"] < PROCESS_BYTES
+
+
+def test_a_case_without_a_batch_asks_for_nothing(tmp_path):
+    case = Case(task_of(tmp_path, "a"), tmp_path / "unfinished")
+    case.budget.require(1, "this", "do that")
+    assert type(case.budget).__name__ == "Budget"
+
+
+def test_hu_inside_a_label_is_that_of_the_ct_beside_it(ctmc, tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    values = np.random.default_rng(2).integers(-100, 200, (20, 20, 20)).astype(np.int16)
+    labels = (distance_mm((20, 20, 20)) < 6).astype(np.uint8)
+    for name, array in (("volume-1", values), ("segmentation-1", labels)):
+        nibabel.save(nibabel.Nifti1Image(array.T, np.diag([1.0, 1.0, 2.0, 1.0])), folder / f"{name}.nii.gz")
+    words = ["--label", "1", "--no-thumbnails", "--jobs", "1"]
+    assert ctmc("batch", folder, "-o", tmp_path / "out", *words, "--hu").code == 0
+    [row] = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    chosen = values[labels == 1].astype(float)
+    assert row["mean_hu"] == pytest.approx(chosen.mean(), abs=6e-4)
+    assert row["sd_hu"] == pytest.approx(chosen.std(), abs=6e-4)
+    assert (row["spacing_z_mm"], row["components"], row["closed"]) == (2.0, 1, True)
+    assert "1 done before" in ctmc("batch", folder, "-o", tmp_path / "out", *words, "--resume").out
+    assert ctmc("batch", folder, "-o", tmp_path / "without", *words).code == 0
+    [row] = json.loads((tmp_path / "without" / "summary.json").read_text("utf-8"))
+    assert row["mean_hu"] is None
+
+
+def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(started, tmp_path, monkeypatch):
+    monkeypatch.setattr(batch_process, "KEPT_SECONDS", 2.0)
+    for name in ("a", "b", "bad", "c"):
+        batch_process.run_task(task_of(tmp_path, name, reserved=0))
+    assert len(started) == 2  # one for a, b and the one that crashed, one for c
+    assert all((tmp_path / f"{name}.json").exists() for name in ("a", "b", "bad", "c"))
+    [kept] = batch_process._idle
+    kept.process.wait(10)
+    end = time.monotonic() + 10
+    while batch_process._idle and time.monotonic() < end:
+        time.sleep(0.02)
+    assert batch_process._idle == []

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of a batch: columns, outliers, totals, histogram, and the page's script where there is a Chromium."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import pytest
+
+from ctmc_addon.cli.batch.summary import SummaryRow, write_summary
+from ctmc_addon.cli.batch.summary.outliers import mark_outliers
+from ctmc_addon.cli.batch.summary.page import COLUMNS, bins_of, histogram, html_text
+
+OPEN = {"void": ("meta", "input", "img", "br")}
+
+
+class Elements(HTMLParser):
+    """Checks that every element is closed, and collects the texts of the cells of the table of cases."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.stack, self.rows, self.hidden = [], [], None
+        self.feed(page)
+        self.close()
+        assert self.stack == []
+
+    def handle_starttag(self, tag, attributes):
+        if tag in OPEN["void"]:
+            return
+        if tag == "tr" and self.stack.count("table") == 1 and "tbody" in self.stack:
+            self.rows.append((dict(attributes), []))
+        if tag == "td" and self.stack.count("table") == 1 and "tbody" in self.stack:
+            self.rows[-1][1].append("")
+        self.stack.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.stack.pop() == tag
+
+    def handle_data(self, text):
+        if "tbody" in self.stack and "td" in self.stack:
+            self.rows[-1][1][-1] += text
+
+
+def row(case, volume_mm3=1e6, **more):
+    given = {"status": "done", "faces": 1000, "seconds": 1.0, "label": 1, "components": 1, "closed": True}
+    return SummaryRow(case, **{**given, "volume_mm3": volume_mm3, **more})
+
+
+@pytest.fixture
+def cohort():
+    rows = [row(f"c{number}", 1e6 + 1e4 * number) for number in range(9)]
+    rows.append(row("huge", 3e6))
+    rows.append(row("crumbs", components=40))
+    rows.append(row("open", None, closed=False, notes="The surface is open."))
+    rows.append(row("crossed", self_intersections=3))
+    rows.append(row("ragged", notes="Slices 3 to 5 are ragged."))
+    rows.append(row("tumor", 500.0, label=2))
+    rows.append(SummaryRow("none", "absent", error="label 2 is empty here"))
+    rows.append(SummaryRow("broken", "failed", error="it is <broken>"))
+    return rows
+
+
+def test_outliers_are_marked_with_their_reason_and_each_label_by_itself(cohort):
+    mark_outliers(cohort)
+    reasons = {row.case: row.outlier for row in cohort if row.outlier}
+    assert reasons.pop("huge").startswith("volume ")
+    assert reasons == {
+        "crumbs": "40 components, the median is 1",
+        "open": "open",
+        "crossed": "3 self-intersections",
+        "ragged": "Slices 3 to 5 are ragged.",
+    }
+
+
+def test_a_volume_three_deviations_off_is_none_where_the_cohort_varies_as_much():
+    rows = [row(f"c{number}", 1e6 * (1 + number)) for number in range(9)]
+    mark_outliers(rows)
+    assert not any(each.outlier for each in rows)
+    # Median 5.5e6, median absolute deviation 2.5e6: three deviations are 11.1e6.
+    rows.append(row("far", 17e6))
+    mark_outliers(rows)
+    assert [each.case for each in rows if each.outlier] == ["far"]
+
+
+def test_few_cases_have_no_outliers_by_volume_or_notes():
+    rows = [row("a"), row("b", 1e9), row("c", notes="A note.")]
+    mark_outliers(rows)
+    assert [each.outlier for each in rows] == ["", "", ""]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 100, 500])
+def test_every_volume_is_in_a_bin(count):
+    values = [1000.0 + 7.3 * (number**2 % 61) for number in range(count)]
+    start, width, heights = bins_of(values)
+    assert sum(heights) == count
+    assert start <= min(values)
+    assert max(values) < start + width * len(heights) * (1 + 1e-9)
+    assert heights[0]
+    assert heights[-1]
+    assert histogram(values).count("<rect") == (len(heights) if count > 1 else 0)
+
+
+def test_the_page_has_a_row_for_every_case_but_those_that_are_absent(cohort):
+    mark_outliers(cohort)
+    page = html_text(cohort, True)
+    rows = Elements(page).rows
+    assert len(rows) == len(cohort) - 1
+    assert all(len(cells) == len(COLUMNS) for _, cells in rows)
+    assert {attributes["class"] for attributes, _ in rows} == {"done", "done outlier", "failed"}
+    assert rows[1][1][1:5] == ["c1", "done", "1000", "1010.000"]
+    assert rows[-1][1][-1] == "it is <broken>"
+    assert "1 absent: without the label" in page
+    assert "<h2>label 2</h2>" in page
+    # 9 volumes from 1000 to 1080 ml, one of 3000, and three of 1000: the middle one of 13.
+    assert "<th>volume, ml</th><td>13</td><td>15360</td><td>1030</td><td>1000</td><td>3000</td>" in page
+    assert "://" not in page
+    assert "prefers-color-scheme:dark" in page
+
+
+def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
+    write_summary(tmp_path, cohort, True)
+    with (tmp_path / "summary.csv").open(encoding="utf-8", newline="") as stream:
+        table = list(csv.DictReader(stream))
+    assert list(table[0]) == [
+        "case", "status", "faces", "volume_mm3", "seconds", "error", "label", "components", "closed", "area_mm2",
+        "spacing_x_mm", "spacing_y_mm", "spacing_z_mm", "self_intersections", "removed_components",
+        "collapsed_components",
+        "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier",
+    ]  # fmt: skip
+    assert [line["outlier"] for line in table if line["case"] == "crumbs"] == ["40 components, the median is 1"]
+
+
+def test_a_row_of_several_surfaces_sums_them():
+    surface = {"name": "a", "label": 1, "faces": 10, "volume_mm3": 5.0, "area_mm2": 2.5, "components": 2}
+    surface |= {"parts": 2, "closed": True, "spacing_mm": [1.0, 1.0, 2.0]}
+    record = {"status": "done", "faces": 20, "volume_mm3": None, "seconds": 1.0, "error": None}
+    together = SummaryRow("a")
+    together.fill(record | {"surfaces": [surface, surface | {"closed": False}]})
+    assert (together.components, together.area_mm2, together.closed) == (4, 5.0, False)
+    assert (together.spacing_z_mm, together.self_intersections) == (2.0, None)
+
+
+def test_the_script_sorts_filters_and_searches(cohort, tmp_path):
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("there is no Chromium")
+    write_summary(tmp_path, cohort, True)
+
+    command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    address = f"{(tmp_path / 'summary.html').as_uri()}#sort=8-&filter=outlier&search=cr"
+    made = subprocess.run([*command, "--dump-dom", address], capture_output=True, text=True, timeout=60, check=True)
+    body = made.stdout.partition('<table id="cases">')[2]
+    rows = re.findall(r'<tr class="[^"]*" data-text="([^ "]*)[^"]*"( hidden="")?>', body)
+    assert len(rows) == len(cohort) - 1
+    assert [name for name, hidden in rows if not hidden] == ["crossed", "crumbs"]
+    assert "2 of 16" in made.stdout
