@@ -54,7 +54,7 @@ from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, 
 from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
-from .structures import save_structures, structure_names, structures_of
+from .structures import opacities_of, require_opacities, save_structures, structure_names, structures_of
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
@@ -128,6 +128,7 @@ __all__ = [
     "marching_cubes",
     "memory_refusal",
     "one_line",
+    "opacities_of",
     "plan_steps",
     "reads_at_once",
     "reconstruct",
@@ -136,6 +137,7 @@ __all__ = [
     "reconstruct_steps",
     "replayed_steps",
     "require_memory",
+    "require_opacities",
     "result_and_full_steps",
     "save_structures",
     "setting",
