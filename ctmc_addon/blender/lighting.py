@@ -21,7 +21,7 @@ from .materials import use_nodes
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
 NAME = "CTMC Studio"
-BACKGROUND = 0.32  # linear gray: light bone and dark liver both stand out before it
+BACKGROUND = 0.1  # linear gray: light bone and dark liver both stand out before it
 AMBIENT = 0.35
 
 
@@ -48,7 +48,7 @@ class Lamp(NamedTuple):
 
 
 LAMPS = {
-    "CTMC Key": Lamp(-38.0, 32.0, 3.5, 2.0, 0.85, (1.0, 0.96, 0.9)),
+    "CTMC Key": Lamp(-38.0, 32.0, 3.5, 2.0, 0.75, (1.0, 0.96, 0.9)),
     "CTMC Fill Light": Lamp(48.0, 0.0, 4.0, 4.0, 0.22, (0.88, 0.94, 1.0)),
     "CTMC Rim": Lamp(155.0, 35.0, 3.5, 2.0, 1.1, (1.0, 1.0, 1.0)),
 }
