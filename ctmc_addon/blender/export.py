@@ -2,7 +2,7 @@
 """A surface out of Blender, in the patient's millimeters.
 
 STL and PLY are written by `core/files/mesh_files.py` and OBJ, GLB, 3MF and HTML by `core/files/structures`, the same
-bytes as without Blender; a .blend opens with the live object, a camera framed on it and a light. Neither the user's
+bytes as without Blender; a .blend opens with the live object, a camera framed on it and lights. Neither the user's
 scene nor the selection matters, and the object stays as it is.
 """
 
@@ -20,14 +20,16 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import whole_file
 from .colors import srgb
 from .datablocks import remove_blocks
+from .lighting import set_up_studio
 from .materials import material_color, material_opacity
 from .output_files import require_room
-from .studio import prepare_scene
+from .studio import SIZE, set_render
 from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 from .timeline import shown_in_turn
 
 MM_PER_M = 1000.0
+RENDER_SAMPLES = 64  # of F12 in a .blend
 
 
 def export(
@@ -129,7 +131,9 @@ def write_blend(
             added = (parent,)
         for obj in objects:
             parent.objects.link(obj)
-        added += prepare_scene(own_scene, objects)
+        set_render(own_scene, SIZE)
+        own_scene.cycles.samples, own_scene.cycles.max_bounces = RENDER_SAMPLES, 4
+        added += set_up_studio(own_scene, objects)
         own_scene.view_layers[0].objects.active = objects[0]
         # About: under and at the key, normals, edges, corners; and what every .blend holds.
         rows = sum(len(obj.data.vertices) + len(obj.data.polygons) for obj in objects)

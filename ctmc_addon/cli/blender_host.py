@@ -73,14 +73,17 @@ def quiet_steps(steps: Steps[T]) -> Steps[T]:
 
 @contextmanager
 def objects_of(
-    results: Sequence[Reconstruction], scene_name: str = "CTMC", names: Sequence[str] = ()
+    results: Sequence[Reconstruction],
+    scene_name: str = "CTMC",
+    names: Sequence[str] = (),
+    opacities: Sequence[float | None] = (),
 ) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
-    """A scene of its own with an object for every surface, by these names if any; the surfaces as they show them."""
+    """A scene of its own with an object for every surface, by names and opacities if any; surfaces as they show."""
     from ..blender.surface import evaluated_triangles, temporary_surfaces
 
     with ExitStack() as stack:
         with blender_at_work():
-            scene, objects = stack.enter_context(temporary_surfaces(results, scene_name, names))
+            scene, objects = stack.enter_context(temporary_surfaces(results, scene_name, names, opacities))
             # Files and reports are of the surface that a live Decimate modifier leaves.
             shown = [
                 replace(result, mesh=evaluated_triangles(obj, scene))

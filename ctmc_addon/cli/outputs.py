@@ -19,6 +19,7 @@ from ..core import (
     Step,
     Steps,
     files_of,
+    opacities_of,
     structures_of,
     triangle_bytes,
     write_structures_steps,
@@ -51,6 +52,8 @@ class Outputs:
         With a file for each surface.
     suffix : str
         Of the files in the folder, such as ".stl".
+    opacity : tuple of (label number, name or 'all', float)
+        Chosen for structures.
     """
 
     surfaces: tuple[Path, ...] = ()
@@ -60,6 +63,7 @@ class Outputs:
     thumbnail: tuple[int, int] | None = None
     folder: Path | None = None
     suffix: str = ""
+    opacity: tuple[tuple[int | str, float], ...] = ()
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
         """Return every file with surfaces, and the numbers of those in it."""
@@ -182,7 +186,8 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
             elif path.suffix.lower() in mesh_files.STRUCTURE_SUFFIXES:
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     chosen = [surfaces.results[number] for number in numbers]
-                    structures = structures_of(chosen, [surfaces.titles[number] for number in numbers])
+                    shares = opacities_of(chosen, outputs.opacity)
+                    structures = structures_of(chosen, [surfaces.titles[number] for number in numbers], shares)
                     for step in write_structures_steps(temporaries[path], structures, outputs.space):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
         surfaces = with_stages(surfaces, stages)
@@ -205,7 +210,8 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
         objects: list[Any] = []
         if outputs.needs_objects(surfaces.results[0].settings.simplifier):
             # A .blend has a scene "CTMC", a name that only one can have.
-            made = objects_of(surfaces.results, "CTMC objects", surfaces.names)
+            opacities = opacities_of(surfaces.results, outputs.opacity)
+            made = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
             scene, objects, shown = stack.enter_context(made)
             stages.append(Stage("Building the object", time.perf_counter() - start))
         for path, numbers in outputs.surfaces_in(surfaces).items():

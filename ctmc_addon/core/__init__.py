@@ -67,7 +67,7 @@ from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, 
 from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
-from .structures import save_structures, structure_names, structures_of
+from .structures import opacities_of, require_opacities, save_structures, structure_names, structures_of
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
@@ -144,6 +144,7 @@ __all__ = [
     "marching_cubes",
     "memory_refusal",
     "one_line",
+    "opacities_of",
     "peak_bytes",
     "plan_steps",
     "processors",
@@ -154,6 +155,7 @@ __all__ = [
     "reconstruct_steps",
     "replayed_steps",
     "require_memory",
+    "require_opacities",
     "reset_peak_bytes",
     "resident_bytes",
     "result_and_full_steps",

@@ -5,15 +5,21 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Set
 
+from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
 from .files.structures import Structure, write_structures
 from .reconstruction import Reconstruction
+from .volume.anatomy import anatomy_of
 from .volume.structure_colors import structure_color
 
+ALL = "all"
 
-def structures_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> list[Structure]:
+
+def structures_of(
+    results: Sequence[Reconstruction], names: Sequence[str] = (), opacities: Sequence[float | None] = ()
+) -> list[Structure]:
     """Return a structure of each result.
 
     Colors are those of the file, else of the anatomical name, else of the label's number; one structure alone is
@@ -25,6 +31,8 @@ def structures_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) 
         With their meshes.
     names : sequence of str
         What each is called; by default as its label, or as the volume.
+    opacities : sequence of float or None
+        Of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
 
     Examples
     --------
@@ -40,13 +48,81 @@ def structures_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) 
     [('liver', (122, 28, 40), 0.6), ('tumor', (242, 184, 36), 1.0)]
     """
     out = []
-    for name, result in zip(names or structure_names(results), results, strict=True):
-        color, opacity = structure_color(result.settings.label, result.label_color, result.label_name)
+    called, shares = names or structure_names(results), opacities or opacities_of(results)
+    for name, result, share in zip(called, results, shares, strict=True):
+        color = structure_color(result.settings.label, result.label_color, result.label_name).rgb
         mesh, measures = result.mesh, result.measures
         milliliters = measures.milliliters if measures.closed else None
-        shown = opacity if len(results) > 1 else 1.0
+        shown = 1.0 if share is None else share
         out.append(Structure(name, mesh.vertices, mesh.faces, color, shown, mesh.normals, milliliters))
     return out
+
+
+def opacities_of(
+    results: Sequence[Reconstruction], chosen: Sequence[tuple[int | str, float]] = ()
+) -> tuple[float | None, ...]:
+    """Return the opacity of each result; None for an opaque one for which nobody has chosen another.
+
+    Parameters
+    ----------
+    results : sequence of Reconstruction
+    chosen : sequence of (label number, name or 'all', float)
+        Opacities from 0 to 1; of several that fit the last one counts, and a label's own name or number before one
+        of the same anatomy, and that before 'all'. Others are of the anatomical name, and None for a surface alone.
+    """
+    out: list[float | None] = []
+    names = {_plain(result.label_name) for result in results}
+    for result in results:
+        label = result.settings.label
+        own = structure_color(label, None, result.label_name).opacity if len(results) > 1 else 1.0
+        found = _chosen_opacity(chosen, label, result.label_name, names)
+        out.append(found if found is not None else own if own < 1.0 else None)
+    return tuple(out)
+
+
+def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterable[tuple[int, str]]) -> None:
+    """Raise `AbsentLabelError` for a name that none of these labels, numbers with names, answers to.
+
+    Parameters
+    ----------
+    chosen : sequence of (label number, name or 'all', float)
+    labels : iterable of (int, str)
+    """
+    known = [name for _, name in labels if name]
+    for choice, _ in chosen:
+        if isinstance(choice, str) and choice != ALL and not any(_fit(choice, None, name) for name in known):
+            there = f"; there are {', '.join(known[:8])}" if known else "; the labels here have no names: give a number"
+            raise AbsentLabelError(f"no structure is called {choice!r}, whose opacity is given{there}")
+
+
+def _chosen_opacity(
+    chosen: Sequence[tuple[int | str, float]], label: int | None, name: str, names: Set[str]
+) -> float | None:
+    found, best = None, 0
+    for choice, opacity in chosen:
+        fit = _fit(choice, label, name)
+        # What a structure is called goes to that one alone: of two kidneys the anatomy is the same.
+        if fit == 2 and isinstance(choice, str) and _plain(choice) in names:
+            continue
+        if fit and fit >= best:
+            found, best = opacity, fit
+    return found
+
+
+def _fit(choice: int | str, label: int | None, name: str) -> int:
+    """3 for the label's own number or name, 2 for a name of the same anatomy, 1 for 'all', 0 for none."""
+    if choice == ALL:
+        return 1
+    if not isinstance(choice, str):
+        return 3 if choice == label else 0
+    if _plain(choice) == _plain(name):
+        return 3
+    wanted = anatomy_of(choice)
+    return 2 if wanted is not None and wanted == anatomy_of(name) else 0
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.casefold().replace("_", " ").split())
 
 
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:

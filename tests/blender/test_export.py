@@ -197,8 +197,15 @@ def test_a_blend_opens_with_object_material_and_camera(obj, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "tumour ü.blend"))
     scene = bpy.context.scene
     assert len(bpy.data.scenes) == 1
-    assert sorted(one.name for one in scene.objects) == ["CTMC Camera", "CTMC Fill", "CTMC Light", "leber ü"]
-    assert scene.camera.name == "CTMC Camera"
+    assert sorted(one.name for one in scene.objects) == [
+        "CTMC Fill Light",
+        "CTMC Key",
+        "CTMC Rim",
+        "CTMC Studio Camera",
+        "leber ü",
+    ]
+    assert scene.camera.name == "CTMC Studio Camera"
+    assert [folder.name for folder in scene.collection.children] == ["CTMC Studio"]
     assert not bpy.data.libraries
     # Blender's rulers show the torus's 80 mm.
     meters = scene.objects["leber ü"].dimensions.x * scene.unit_settings.scale_length

@@ -20,6 +20,7 @@ import bpy
 from ...core import OutputError, Step, Steps, finish
 from ...core.files.atomic_write import whole_file
 from ..output_files import require_room
+from ..tissue import chosen_opacity
 from .compose import FigureScene, compose
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface
 from .styles import EDGE_MM, NAME
@@ -83,7 +84,7 @@ def render_figure(
 ) -> None:
     """Render the plain picture that stands beside a reconstruction: red with yellow triangle edges.
 
-    Several surfaces have their own colors and no edges.
+    Several surfaces have their own colors and opacity, and no edges.
 
     Parameters
     ----------
@@ -111,7 +112,15 @@ def render_figure(
         orientation=False,
         samples=PICTURE_SAMPLES,
     )
-    finish(figure_steps([Cell(tuple(ShownSurface(obj) for obj in objects))], path, page, style, scene=scene))
+    alone = len(objects) == 1
+    shown = [ShownSurface(obj, opacity=_opacity_beside_others(obj, alone)) for obj in objects]
+    finish(figure_steps([Cell(tuple(shown))], path, page, style, scene=scene))
+
+
+def _opacity_beside_others(obj: bpy.types.Object, alone: bool) -> float:
+    """The opacity chosen for a surface; a surface alone hides nothing."""
+    chosen = chosen_opacity(obj)
+    return 1.0 if chosen is None or alone else chosen
 
 
 def require_png(path: Path) -> None:

@@ -13,10 +13,10 @@ import bpy
 import numpy as np
 
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Steps, finish
-from ...core.volume import transform_normals
+from ...core.volume import finish_of, transform_normals
 from ..colors import Color, color_of
 from ..ct_box import link_beside_ct
-from ..materials import surface_material
+from ..tissue import tissue_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys
 from .evaluate import evaluated_copy, evaluated_object
@@ -40,6 +40,7 @@ def add_reconstruction(
     mesh: bpy.types.Mesh | None = None,
     structure: str = "",
     fingerprint: str = "",
+    opacity: float | None = None,
 ) -> bpy.types.Object:
     """Return a new object in `scene` for a surface, at its place in the patient.
 
@@ -55,6 +56,8 @@ def add_reconstruction(
         What the surface is of, for the object's name; empty takes what the volume calls the label.
     fingerprint : str
         Of the volume's values.
+    opacity : float, optional
+        From 0 to 1; None for an opaque surface for which nobody has chosen one.
 
     Raises
     ------
@@ -66,7 +69,8 @@ def add_reconstruction(
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
     color = color or color_of(result.settings.label, result.label_color, structure or result.label_name)
-    mesh.materials.append(surface_material(name, color))
+    look = finish_of(result.settings.label, result.label_name or structure)
+    mesh.materials.append(tissue_material(name, color, look, scale, opacity))
     obj = bpy.data.objects.new(name, mesh)
     obj[NAMED] = obj.name
     obj.location = placement.origin
@@ -137,17 +141,21 @@ def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
 
 @contextmanager
 def temporary_surfaces(
-    results: Sequence[Reconstruction], name: str = "CTMC", names: Sequence[str] = ()
+    results: Sequence[Reconstruction],
+    name: str = "CTMC",
+    names: Sequence[str] = (),
+    opacities: Sequence[float | None] = (),
 ) -> Iterator[tuple[bpy.types.Scene, list[bpy.types.Object]]]:
     """A scene of its own with an object for every surface; after the block nothing of them is left.
 
-    The objects may be given `names`, one each.
+    The objects may be given `names` and `opacities`, one each.
     """
     scene = bpy.data.scenes.new(name)
     objects: list[bpy.types.Object] = []
     try:
         for at, result in enumerate(results):
-            objects.append(add_reconstruction(result, scene, structure=names[at] if names else ""))
+            called, opacity = names[at] if names else "", opacities[at] if opacities else None
+            objects.append(add_reconstruction(result, scene, structure=called, opacity=opacity))
         yield scene, objects
     finally:
         blocks = [block for obj in objects for block in (*obj.data.materials, obj.data, obj)]

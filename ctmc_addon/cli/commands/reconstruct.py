@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,11 +23,12 @@ from ...core import (
     Steps,
     Volume,
     reads_at_once,
+    require_opacities,
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
-from ...core.volume import require_labels
+from ...core.volume import ALL, require_labels
 from ...reporting.formatting import count
 from ..arguments import (
     UsageError,
@@ -75,6 +77,16 @@ def add_parser(commands: Any) -> None:
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
+    group.add_argument(
+        "--opacity",
+        nargs="+",
+        action="extend",
+        type=opacity_choice,
+        default=[],
+        metavar="NAME=SHARE",
+        help="of structures, by name, label number or all, from 0 to 1: liver=0.35 bone=0.15 (default: that of the "
+        "anatomical name, and opaque alone)",
+    )
     add_work(group)
     group.add_argument(
         "--scheduler",
@@ -82,6 +94,26 @@ def add_parser(commands: Any) -> None:
         help="have slabs extracted by a dask.distributed cluster that sees INPUT, such as tcp://host:8786",
     )
     parser.set_defaults(run=run)
+
+
+def opacity_choice(text: str) -> tuple[int | str, float]:
+    """Return the label's number or name, and the opacity, of NAME=SHARE.
+
+    Examples
+    --------
+    >>> opacity_choice("liver=0.35"), opacity_choice("7=1"), opacity_choice("kidney left=.5")
+    (('liver', 0.35), (7, 1.0), ('kidney left', 0.5))
+    """
+    name, equals, share = (part.strip() for part in text.rpartition("="))
+    try:
+        opacity = float(share)
+    except ValueError:
+        opacity = math.nan
+    if not equals or not name or not 0.0 <= opacity <= 1.0:
+        raise argparse.ArgumentTypeError(f"write NAME=SHARE with a share from 0 to 1, such as liver=0.35, not {text}")
+    if re.fullmatch(r"[-+]?[0-9]{1,18}", name):
+        return int(name), opacity
+    return (ALL if name.lower() == ALL else name), opacity
 
 
 def run(args: argparse.Namespace) -> None:
@@ -94,6 +126,7 @@ def run(args: argparse.Namespace) -> None:
         report=require_writable(args.report, (".json",)) if args.report else None,
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
+        opacity=tuple(args.opacity),
         **surface_output(
             args.output,
             f".{args.format}",
@@ -101,6 +134,8 @@ def run(args: argparse.Namespace) -> None:
             count_known=len(choices) > 1 or asks_all_times(args),
         ),
     )
+    if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
+        raise UsageError("an STL or PLY has no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     if asks_all_times(args):
@@ -118,6 +153,7 @@ def run(args: argparse.Namespace) -> None:
     ):
         reading = fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler))
         volume = progress.finish(stages.run("Reading", reading))
+        require_opacities(args.opacity, volume.label_names.items())
         budget = Budget(args.threads, workers=workers)
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         room = outputs.require_room_for

@@ -3,6 +3,7 @@
 
 from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
 from .anatomy import Anatomy, anatomy_of
+from .finish import finish_of
 from .histogram import (
     Band,
     Bars,
@@ -100,6 +101,7 @@ __all__ = [
     "converted_region",
     "default_window",
     "ends_of_body",
+    "finish_of",
     "fitting_stride",
     "grabbed_limit",
     "histogram_bars",

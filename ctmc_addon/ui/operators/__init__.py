@@ -8,8 +8,21 @@ def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
     from .ct import histogram, load, region, slice, threshold, view
-    from .scene import pick_point, rulers, slice_object, volume_object
+    from .scene import pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, reconstruct, results, simplify
 
     viewing = (load, view, threshold, histogram, slice, slice_object, pick_point, volume_object, region)
-    return (*viewing, reconstruct, alpha, simplify, components, rotation, results, rulers, export, figure, figure_view)
+    return (
+        *viewing,
+        reconstruct,
+        alpha,
+        simplify,
+        components,
+        rotation,
+        results,
+        rulers,
+        export,
+        figure,
+        figure_view,
+        studio,
+    )

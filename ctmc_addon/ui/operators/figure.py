@@ -36,6 +36,7 @@ from ...blender.materials import material_color
 from ...blender.rulers import is_ruler, points_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
+from ...blender.tissue import chosen_opacity
 from ...core import MeshError, OutputError, Steps
 from ...core.files.file_names import file_name, with_suffix
 from ...reporting.captions import figure_caption
@@ -139,7 +140,7 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: Any) -> tuple[ShownSurface, ...]:
-    """One surface in the color of its style; several each in its own, and the outermost transparent."""
+    """One surface in the color of its style; several in their own, and the outermost transparent unless chosen."""
     if len(objects) == 1:
         return (ShownSurface(objects[0]),)
     return tuple(
@@ -147,10 +148,16 @@ def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: 
             obj,
             obj.name,
             material_color(obj) if panel.style != "print" else None,
-            values_of(panel, Transparency)["opacity"] if holds_others(mesh, meshes) else 1.0,
+            opacity_of(obj, values_of(panel, Transparency)["opacity"] if holds_others(mesh, meshes) else 1.0),
         )
         for obj, mesh in zip(objects, meshes, strict=True)
     )
+
+
+def opacity_of(obj: bpy.types.Object, otherwise: float) -> float:
+    """Return the opacity that was chosen for a surface; where nobody has chosen, the other."""
+    chosen = chosen_opacity(obj)
+    return otherwise if chosen is None else chosen
 
 
 def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:

@@ -41,6 +41,7 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
             draw_job(self.layout, job)
         else:
             self.layout.operator(OPERATORS[panel.kind], icon="RENDER_STILL")
+        self.layout.operator("ctmc.setup_studio", icon="OUTLINER_OB_LIGHT")
 
 
 def draw_subject(layout: Any, panel: Any) -> None:

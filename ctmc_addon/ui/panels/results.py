@@ -37,6 +37,9 @@ class CTMC_PT_results(Step, bpy.types.Panel):
         color = row.row()
         color.active = provenance is not None
         color.prop(context.scene.ctmc, "color", text="")
+        opacity = layout.row()
+        opacity.active = provenance is not None
+        opacity.prop(context.scene.ctmc, "opacity", slider=True)
         measurement = None if provenance is None else measurements.of(obj)
         unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""
         draw_table(layout, facts_of(provenance, measurement, unit), 0.46)

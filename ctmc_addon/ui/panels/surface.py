@@ -96,7 +96,7 @@ def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 class CTMC_UL_labels(bpy.types.UIList):
-    """A label in a line: whether a surface is made of it, its color, value and name."""
+    """A label in a line: whether a surface is made of it, its color, opacity, value and name."""
 
     bl_idname = "CTMC_UL_labels"
 
@@ -119,6 +119,9 @@ class CTMC_UL_labels(bpy.types.UIList):
         color = row.row()
         color.ui_units_x = 1.2
         color.prop(item, "color", text="")
+        opacity = row.row()
+        opacity.ui_units_x = 2.2
+        opacity.prop(item, "opacity", text="", slider=True)
         number = row.row()
         number.ui_units_x = 1.6
         number.alignment = "RIGHT"

@@ -110,6 +110,20 @@ def set_color(properties: Any, color: Any) -> None:
     surfaces.recolor_active(properties.id_data, tuple(color))
 
 
+def get_opacity(properties: Any) -> float:
+    """Return the opacity of the active surface, 1 without one."""
+    from ..state import surfaces
+
+    return surfaces.active_opacity(properties.id_data)
+
+
+def set_opacity(properties: Any, opacity: float) -> None:
+    """Give the active surface another opacity."""
+    from ..state import surfaces
+
+    surfaces.fade_active(properties.id_data, opacity)
+
+
 def get_surface_from(properties: Any) -> int:
     """Return 0 for a surface by threshold, 1 for one by label."""
     return int(properties.use_label)
@@ -189,6 +203,16 @@ def panel_properties() -> dict[str, Any]:
             max=1.0,
             get=get_color,
             set=set_color,
+        ),
+        "opacity": decimal(
+            "Opacity",
+            "How opaque the active surface is, in the viewport, renders, figures and exports; its rim is denser",
+            subtype="FACTOR",
+            min=0.0,
+            max=1.0,
+            precision=2,
+            get=get_opacity,
+            set=set_opacity,
         ),
         "preview": boolean(
             "Live Preview",

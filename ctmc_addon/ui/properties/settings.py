@@ -19,9 +19,10 @@ from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
 from ...core import EXCLUSIVE, SETTINGS, ReconstructionSettings
+from ...core.volume import structure_color
 from ..state.change_events import notify
 from .described import as_typed, property_of, tooltip
-from .kinds import boolean, collection, decimals, integer, text
+from .kinds import boolean, collection, decimal, decimals, integer, text
 from .limits import DEFAULTS, optional, switch
 from .panel import fit_region, panel_properties
 from .reading import scene_properties
@@ -64,6 +65,11 @@ class SettingsMethods:
         """Return the color chosen in the list for a label; None for one that is not in it."""
         return next((tuple(item.color) for item in self.labels if item.value == label), None)
 
+    def opacity_of(self, label: int | None) -> float | None:
+        """Return the opacity of a label that its name or the list has chosen; None where nobody has."""
+        item = next((item for item in self.labels if item.value == label), None)
+        return None if item is None or (item.opacity == 1.0 and not item.opaque) else round(float(item.opacity), 3)
+
     def name_of(self, label: int) -> str:
         """Return what a label's surface is called: its name in the list, else its number."""
         named = next((item.name for item in self.labels if item.value == label), "")
@@ -76,6 +82,7 @@ class SettingsMethods:
         for value, name, color in labels:
             item = self.labels.add()
             item.value, item.name, item.color = value, name, color
+            item.opacity = structure_color(value, None, name).opacity
         _filling.clear()
         tick_only(self, self.label if self.use_label else None)
 
@@ -172,6 +179,16 @@ def on_look(event: str) -> Callable[[Any, Any], None]:
     return update
 
 
+def on_opacity(item: Any, context: Any) -> None:
+    """Give the surfaces of a label its new opacity; one that is opaque now was made so by hand."""
+    if not _filling:
+        item.opaque = item.opacity == 1.0
+    _on_opacity(item, context)
+
+
+_on_opacity = on_look("label_opacity")
+
+
 class CTMCLabel(PropertyGroup):
     """A label of the volume: its value, its name, its color, and whether a surface is made of it."""
 
@@ -189,6 +206,18 @@ class CTMCLabel(PropertyGroup):
         max=1.0,
         update=on_look("label_color"),
     )
+    opacity: decimal(
+        "Opacity",
+        "How opaque the label's surface is, in the viewport, renders, figures and exports; "
+        "made alone, a surface begins opaque",
+        subtype="FACTOR",
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        precision=2,
+        update=on_opacity,
+    )
+    opaque: boolean("Opaque", "Whether an opacity of 1 was chosen in the list", options={"HIDDEN"})
 
 
 def all_properties() -> dict[str, Any]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A name or color that a label is given in the list goes to the surfaces that were made of it."""
+"""A name, color or opacity that a label is given in the list goes to the surfaces that were made of it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Any
 
 from ...blender.materials import recolor
 from ...blender.surface import call, read_provenance
+from ...blender.tissue import set_opacity
 from . import change_events
 
-NAME, COLOR = "label_name", "label_color"
+NAME, COLOR, OPACITY = "label_name", "label_color", "label_opacity"
 
 
 def follow(properties: Any, name: str) -> None:
-    """Bring the surfaces of the scene's CT to the names and colors of the list."""
-    if name not in (NAME, COLOR):
+    """Bring the surfaces of the scene's CT to the names, colors and opacities of the list."""
+    if name not in (NAME, COLOR, OPACITY):
         return
     scene = properties.id_data
     items = {item.value: item for item in properties.labels}
@@ -27,6 +28,8 @@ def follow(properties: Any, name: str) -> None:
             continue
         if name == NAME:
             call(obj, f"{properties.volume_name} {properties.name_of(item.value)}".strip())
+        elif name == OPACITY:
+            set_opacity(obj, round(float(item.opacity), 3))
         else:
             recolor(obj, tuple(item.color))
 

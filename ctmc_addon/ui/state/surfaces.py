@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...blender.colors import BONE, Color
-from ...blender.materials import material_color, recolor
+from ...blender.materials import material_color, material_opacity, recolor
 from ...blender.surface import (
     read_back,
     read_provenance,
@@ -18,6 +18,7 @@ from ...blender.surface import (
     require_updatable,
     settings_of,
 )
+from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
 from ..translations import translate_sentence
 from . import session, volumes
@@ -66,6 +67,19 @@ def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
     obj = of_scene(scene)
     if obj is not None:
         recolor(obj, color)
+
+
+def active_opacity(scene: bpy.types.Scene) -> float:
+    """Return the opacity of the scene's active surface, 1 without one."""
+    obj = of_scene(scene)
+    return 1.0 if obj is None else material_opacity(obj)
+
+
+def fade_active(scene: bpy.types.Scene, opacity: float) -> None:
+    """Give the scene's active surface another opacity."""
+    obj = of_scene(scene)
+    if obj is not None:
+        set_opacity(obj, round(opacity, 3))
 
 
 def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:

@@ -347,7 +347,7 @@ def test_the_panel_shows_what_each_kind_asks_for(surface):
         chosen.kind = kind
         layout = drawn(figure_panel.CTMC_PT_figure)
         assert properties <= set(layout.shown)
-        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind]]
+        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind], "ctmc.setup_studio"]
     assert "transparent" not in layout.shown
 
 

@@ -43,6 +43,8 @@ class SurfaceRequest:
         Of its CT; without a kind, an object that is updated keeps its name.
     prefix : str
         What the CT is called in the panel, before the name of the surface.
+    opacity : float or None
+        Of a new object, from 0 to 1; None for an opaque one.
     """
 
     settings: ReconstructionSettings
@@ -52,6 +54,7 @@ class SurfaceRequest:
     fingerprint: str = ""
     kind: str = ""
     prefix: str = ""
+    opacity: float | None = None
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,9 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
             mesh = blocks.get(new.mesh) if new.target == (None if obj is None else request.target) else None
             if obj is None:
                 color, name, fingerprint = request.color, name_of(request, result), request.fingerprint
-                obj = add_reconstruction(result, scene, machine().scale, color, mesh, name, fingerprint)
+                obj = add_reconstruction(
+                    result, scene, machine().scale, color, mesh, name, fingerprint, request.opacity
+                )
             else:
                 update_reconstruction(obj, result, mesh, request.fingerprint)
                 if request.structure or request.kind:

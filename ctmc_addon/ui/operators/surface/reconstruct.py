@@ -89,6 +89,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         for run in runs:
             if run.label is not None:
                 require_labels(loaded.volume, run.label)
+        beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
             SurfaceRequest(
                 run,
@@ -98,6 +99,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 fingerprint,
                 kind,
                 scene.ctmc.volume_name.strip(),
+                scene.ctmc.opacity_of(run.label) if beside else None,
             )
             for run in runs
         ]

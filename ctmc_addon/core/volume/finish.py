@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the surface of a structure is like to look at: bone, a vessel or an organ, by its anatomical name."""
+
+from __future__ import annotations
+
+from .anatomy import anatomy_of
+
+# One name of every row of the table of anatomy.
+_BONES = (
+    "skull", "mandible", "tooth", "bone", "vertebra", "sacrum", "rib", "sternum", "clavicle", "scapula", "humerus",
+    "ulna", "patella", "phalanx", "hip", "femur", "vertebrae L1", "vertebrae L2", "stone",
+)  # fmt: skip
+_VESSELS = (
+    "aorta", "artery", "brachiocephalic trunk", "subclavian artery", "carotid artery", "coronary artery", "vein",
+    "vena cava", "superior vena cava", "portal vein", "iliac vein", "pulmonary artery", "pulmonary vein", "bile duct",
+    "gallbladder",
+)  # fmt: skip
+_COLORS = {
+    known.rgb: finish
+    for finish, names in (("bone", _BONES), ("vessel", _VESSELS))
+    for known in map(anatomy_of, names)
+    if known is not None
+}
+
+
+def finish_of(label: int | None, name: str = "") -> str:
+    """Return what a structure is like to look at.
+
+    Parameters
+    ----------
+    label : int or None
+        Its number; None for a surface by threshold, which is of bone.
+    name : str
+        What it is called.
+
+    Returns
+    -------
+    {"bone", "vessel", "organ"}
+        The last for names that are not known.
+
+    Examples
+    --------
+    >>> [finish_of(1, name) for name in ("rib_left_7", "Pfortader", "liver", "structure 3")], finish_of(None)
+    (['bone', 'vessel', 'organ', 'organ'], 'bone')
+    """
+    known = anatomy_of(name)
+    if label is None:
+        return "bone"
+    return _COLORS.get(known.rgb, "organ") if known is not None else "organ"
