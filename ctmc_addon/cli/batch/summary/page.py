@@ -231,7 +231,7 @@ def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
     Examples
     --------
     >>> bins_of([1.0, 2.0, 2.5, 9.0])
-    (0.0, 5.0, [3, 1])
+    (0.0, 2.0, [1, 2, 0, 0, 1])
     """
     low, high = min(values), max(values)
     wanted = min(MOST_BINS, 2 * math.isqrt(len(values)))
