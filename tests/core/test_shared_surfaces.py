@@ -16,6 +16,7 @@ from ctmc_addon.core import (
     reconstruct_labels,
     shared_surfaces_steps,
 )
+from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.volume import ValuesInMemory
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
@@ -135,3 +136,14 @@ def test_one_label_alone_is_as_ever():
     alone = reconstruct(volume, ReconstructionSettings(label=2))
     assert only.mesh.vertices.tobytes() == alone.mesh.vertices.tobytes()
     assert only.beyond is None
+
+
+def test_within_a_maximum_error_no_label_moves_farther_and_the_wall_stays_one():
+    full = made(two_halves(), ReconstructionSettings())
+    together = made(two_halves(), ReconstructionSettings(max_error_mm=0.4))
+    for label in (1, 2):
+        small, before = together.results[label].mesh, full.results[label].mesh
+        assert surface_distance(small, before).largest <= 0.4
+        assert len(small.faces) < 0.5 * len(before.faces)
+        assert small.closed
+    assert together.results[1].neighbors[0][1:] == together.results[2].neighbors[0][1:]

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...budget import Budget
-from ...errors import SettingsError
 from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
 from ...mesh.label_complex import ComplexMesh
@@ -33,6 +32,8 @@ from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
 from .junctions import interfaces_of
 
+TRIALS = 6  # shares of the triangles that are tried for a maximum error
+FIRST_SHARE, LEAST_SHARE = 0.1, 0.002
 FACE_BYTES = 320  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
@@ -89,7 +90,8 @@ def simplify_complex(
     target_faces : int, 1 or more
         Triangles to keep at most.
     max_error : float above 0
-        Not yet for labels that touch.
+        Distance that no label's surface moves beyond; of labels that touch as measured at samples and vertices, each
+        way.
     budget : Budget, optional
         By default what the machine has. Threads and memory do not change the result.
 
@@ -132,10 +134,6 @@ def simplify_complex_steps(
     if target >= full:
         return ComplexSimplification(mesh, before, before, CollapsedComponents())
     parts = _parts(mesh)
-    if max_error is not None and not all(part.alone for part in parts):
-        raise SettingsError(
-            "max_error is not possible where labels touch; give reduction or target_faces, or interfaces separate"
-        )
     stages = Stages(STAGES)
     together, again = STAGES
     simplified, results = yield from stages.run(together, _parts_steps(mesh, parts, goal, target, budget))
@@ -213,6 +211,8 @@ def _part_steps(
     mesh: ComplexMesh, alone: bool, goal: Goal, budget: Budget
 ) -> Steps[tuple[ComplexMesh, Simplification]]:
     """Simplify labels that touch, or a label as if there were no other."""
+    if not alone and goal.max_error is not None:
+        return (yield from _bounded_steps(mesh, goal, goal.max_error, budget))
     if not alone:
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
@@ -230,6 +230,32 @@ def _part_steps(
     )
     sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
     return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result
+
+
+def _bounded_steps(
+    mesh: ComplexMesh, goal: Goal, max_error: float, budget: Budget
+) -> Steps[tuple[ComplexMesh, Simplification]]:
+    """Simplify labels that touch as far as no label moves farther than `max_error`, as measured for each.
+
+    Shares of the triangles are tried by halves, on a logarithmic scale: what is kept was measured, each way, at the
+    samples and vertices of both surfaces.
+    """
+    whole = TriangleMesh(mesh.vertices, mesh.faces, mesh.normals)
+    best: tuple[ComplexMesh, Simplification] = (mesh, Simplification(whole, CollapsedComponents()))
+    low, high, full = LEAST_SHARE, 1.0, len(mesh.faces)
+    stages = Stages({str(trial): 1.0 for trial in range(2 * TRIALS)})
+    for trial in range(TRIALS):
+        share = FIRST_SHARE if trial == 0 else math.sqrt(low * high)
+        own = replace(goal, max_error=None, target_faces=max(1, round(full * share)))
+        made = yield from stages.run(str(2 * trial), _part_steps(mesh, False, own, budget))
+        measuring = label_distances_steps(made[0], mesh, budget.threads)
+        distances = yield from stages.run(str(2 * trial + 1), measuring)
+        fits = set(distances) == set(mesh.labels) and all(each.largest <= max_error for each in distances.values())
+        if fits:
+            best, high = made, share
+        else:
+            low = share
+    return best
 
 
 def _parts(mesh: ComplexMesh) -> list[_Part]:
