@@ -5,7 +5,7 @@
 
 A simulated user clicks the most interior voxel of the largest error, in the structure where voxels are missing and in
 its surroundings where there are too many, and again. Cases are phantoms, and patients below CTMC_TEST_CT (by default
-/work/shared/data) where they are. Peers see a box around the truth alone, ours the whole CT; FastMarching stops at the
+shared/data beside the checkout) where they are. Peers see a box around the truth alone, ours the whole CT; FastMarching stops at the
 time that is best for the truth, which no user knows. Slicer's grow-from-seeds is in no package and is not compared.
 """
 
@@ -29,7 +29,7 @@ from ctmc_addon.core.volume import ValueKind, to_index, transform_points
 from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
 
 Mask = NDArray[np.bool_]
-DATA = Path(os.environ.get("CTMC_TEST_CT", "/work/shared/data"))
+DATA = Path(os.environ.get("CTMC_TEST_CT", Path(__file__).resolve().parents[3] / "shared" / "data"))
 ORGANS = {"spleen": 1, "kidney": 2, "gallbladder": 4, "liver": 5, "vertebra": 28, "aorta": 52, "vena cava": 63,
           "portal vein": 64}  # fmt: skip
 ROOM_MM = 30.0  # around the truth, that peers see

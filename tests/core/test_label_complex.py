@@ -19,7 +19,7 @@ from ctmc_addon.core import (
 from ctmc_addon.core.label_complex import complex_steps
 from ctmc_addon.core.progress import finish
 
-REAL = Path("/work/shared/data/ts_nifti")
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
 SPACING = (1.0, 1.0, 3.0)
 

@@ -15,7 +15,7 @@ from ctmc_addon.core.segmentation import Click, compete_steps
 from ctmc_addon.core.segmentation.competition.compete import factors_of
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
-REAL = Path("/work/shared/data/ts_nifti")
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "ts_nifti"
 
 
 def dijkstra(starts: dict[tuple[int, int, int], int], heights: np.ndarray, spacing: tuple[float, float, float]):
@@ -154,7 +154,7 @@ def test_competing_refuses_what_cannot_be():
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], hu_per_mm=0.0))
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="needs /work/shared/data/ts_nifti")
+@pytest.mark.skipif(not REAL.is_dir(), reason="real CT 'ts_nifti' is not beside the checkout")
 @pytest.mark.parametrize(("label", "share"), [(1, 0.7), (2, 0.5), (28, 0.5)], ids=["spleen", "kidney", "vertebra"])
 def test_one_click_in_a_patient(label, share):
     nibabel = pytest.importorskip("nibabel")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from ctmc_addon.core.volume.smoothing.constrained import constrained_steps
 from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
 from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField
 
-CT = Path(os.environ.get("CTMC_TEST_CT", "/work/shared/data"))
+CT = Path(__file__).resolve().parents[5] / "shared" / "data"
 EVEN, THICK = (1.0, 1.0, 1.0), (0.75, 0.75, 5.0)
 SPACINGS = [EVEN, (0.75, 0.75, 1.6), THICK]
 
