@@ -5,8 +5,9 @@
 
 A simulated user clicks the most interior voxel of the largest error, in the structure where voxels are missing and in
 its surroundings where there are too many, and again. Cases are phantoms, and patients below CTMC_TEST_CT (by default
-shared/data beside the checkout) where they are. Peers see a box around the truth alone, ours the whole CT; FastMarching stops at the
-time that is best for the truth, which no user knows. Slicer's grow-from-seeds is in no package and is not compared.
+shared/data beside the checkout) where they are. Peers see a box around the truth alone, ours the whole CT; FastMarching
+stops at the time that is best for the truth, which no user knows. Slicer's grow-from-seeds is in no package and is not
+compared.
 """
 
 from __future__ import annotations
