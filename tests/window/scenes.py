@@ -27,7 +27,10 @@ def begin(desk: Desk, *panels: str, empty: bool = True) -> None:
     for panel in panels:
         desk.ask(f"open_panel('{panel}')")
     if empty:
-        desk.ask("bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])")
+        # A material that goes while its shader is compiled or its preview drawn takes Blender with it.
+        desk.wait("not any(map(bpy.app.is_job_running, ('RENDER_PREVIEW', 'SHADER_COMPILATION')))")
+        for blocks in ("objects", "meshes", "materials"):
+            desk.ask(f"bpy.data.batch_remove(list(bpy.data.{blocks}))")
     desk.ask("viewport().space.show_region_ui = True")
     desk.wait("viewport().sidebar.width > 100")
     desk.wait("bring_tab('CTMC')")
