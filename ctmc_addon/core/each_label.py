@@ -39,10 +39,18 @@ def left_out(volume: Volume, label: int, error: CtmcError) -> str:
     return f"{label_title(volume, label)} is left out: {error}."
 
 
-def no_surface(volume: Volume, errors: Mapping[int, CtmcError]) -> LabelError:
+class NoSurfaceError(LabelError):
+    """None of several labels has a surface; `errors` says why, by label."""
+
+    def __init__(self, message: str, errors: Mapping[int, CtmcError]) -> None:
+        super().__init__(message)
+        self.errors = errors
+
+
+def no_surface(volume: Volume, errors: Mapping[int, CtmcError]) -> NoSurfaceError:
     """Return the error for a volume none of whose labels has a surface, with the first reason."""
     label, error = next(iter(errors.items()))
-    return LabelError(f"no label of {volume.name} has a surface; {left_out(volume, label, error)}")
+    return NoSurfaceError(f"no label of {volume.name} has a surface; {left_out(volume, label, error)}", errors)
 
 
 def each_label_steps(

@@ -30,7 +30,7 @@ from .parallel import map_steps, side_by_side_steps
 from .progress import PAUSE, Stages, Steps, equal_part
 from .settings import ReconstructionSettings
 from .volume.affine import transform_faces, transform_points
-from .volume.field import field_steps, field_window_steps, refinement_of
+from .volume.field import field_steps, field_window_steps, refinement_of, smoothed_note
 from .volume.field_values import fetched_steps
 from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from .volume.region import region_box
@@ -383,6 +383,13 @@ class _Making:
         added = constants if constants.any() else None
         return [[each.shares(added) for each in crossings] for crossings in self.placed.crossings]
 
+    def _notes(self, at: int) -> tuple[str, ...]:
+        """Return the notes on a label; beside others it does not enclose what it would alone."""
+        notes = self.fields[at - 1].notes
+        if self.method == "constrained" and self.touches[at]:
+            return (smoothed_note(self.slice_steps), *notes[1:])
+        return notes
+
     def result_steps(self) -> Steps[LabelComplex]:
         """Move everything to RAS+ mm."""
         return (yield from self.stages.run(MOVING, self._result_steps()))
@@ -428,7 +435,7 @@ class _Making:
             labels=tuple(label for _, label in numbered),
             errors=self.errors,
             thresholds={label: self.fields[at - 1].threshold for at, label in numbered},
-            notes={label: volume.notes + self.fields[at - 1].notes for at, label in numbered},
+            notes={label: volume.notes + self._notes(at) for at, label in numbered},
             wrong_side={label: int(self.wrong_side[at]) for at, label in numbered},
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},

@@ -55,7 +55,7 @@ def reconstruct_labels(
         Of a file that threads cannot share, values are fetched for one label after the other.
     settings : ReconstructionSettings
         Of every surface; their own label does not count. With `interfaces` "shared" neighbors have the same triangles
-        where they touch, and a number of triangles is that of all surfaces.
+        where they touch, and a number of triangles is that of all surfaces of a layer.
     labels : sequence of int, optional
         By default all but 0; then those that have no surface are left out and said.
     budget : Budget, optional

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .budget import Budget
-from .errors import CtmcError, LabelError, MeshError
+from .each_label import NoSurfaceError
+from .errors import CtmcError, LabelError, MeshError, ThresholdError
 from .label_complex import LabelComplex, complex_steps
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
@@ -97,7 +98,7 @@ def shared_surfaces_steps(
             alone = replace(settings, threshold=None, label=own[0])
             try:
                 result, full = yield from stages.run(str(at), result_and_full_steps(layer, alone, budget))
-            except (LabelError, MeshError) as error:
+            except (LabelError, MeshError, ThresholdError) as error:
                 if all_needed:
                     raise
                 made.errors[own[0]] = error
@@ -107,7 +108,13 @@ def shared_surfaces_steps(
                 made.full[own[0]] = full
         else:
             making = _Making(layer, settings, own, budget, all_needed)
-            together = yield from stages.run(str(at), making.result_steps())
+            try:
+                together = yield from stages.run(str(at), making.result_steps())
+            except NoSurfaceError as error:
+                if all_needed:
+                    raise
+                made.errors.update(error.errors)
+                continue
             made.full.update(together.full)
             made.results.update(together.results)
             made.errors.update(together.errors)
@@ -153,6 +160,8 @@ class _Making:
             if dropped and self.all_needed:
                 raise next(iter(dropped.values()))
         labels = [label for label in self.labels if label not in errors]
+        if not labels:
+            return SharedSurfaces({}, {}, errors)
         full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies and settings.simplifier == "builtin" and labels:
             goals = (settings.reduction, settings.target_faces, settings.max_error_mm)

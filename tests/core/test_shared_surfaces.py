@@ -147,3 +147,29 @@ def test_within_a_maximum_error_no_label_moves_farther_and_the_wall_stays_one():
         assert len(small.faces) < 0.5 * len(before.faces)
         assert small.closed
     assert together.results[1].neighbors[0][1:] == together.results[2].neighbors[0][1:]
+
+
+def test_a_layer_of_which_nothing_is_left_takes_no_other_with_it():
+    specks = np.zeros((16, 34, 36), np.uint8)
+    specks[6, 12, 12], specks[9, 20, 20] = 3, 4
+    lone = np.zeros((16, 34, 36), np.uint8)
+    lone[7, 15, 15] = 5
+    layers = (ValuesInMemory(specks), ValuesInMemory(lone))
+    volume = Volume(two_halves(), AFFINE, kind="label", layers=layers)
+    for settings in (
+        ReconstructionSettings(min_part_mm3=200.0),
+        ReconstructionSettings(smoothing="gaussian", smoothing_mm=3.0),
+    ):
+        every = reconstruct_labels(volume, settings, None, Budget(threads=1))
+        assert [result.settings.label for result in every.surfaces] == [1, 2]
+        assert [sentence.partition(" is left out")[0] for sentence in every.left_out] == [
+            "label 3",
+            "label 4",
+            "label 5",
+        ]
+    with pytest.raises(MeshError, match="no component has a volume of 1e"):
+        made(two_halves(), ReconstructionSettings(min_part_mm3=1e9))
+    together = finish(
+        shared_surfaces_steps(volume, ReconstructionSettings(min_part_mm3=1e9), (1, 2), Budget(threads=1), False)
+    )
+    assert (together.results, sorted(together.errors)) == ({}, [1, 2])

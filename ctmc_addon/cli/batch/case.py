@@ -176,7 +176,7 @@ class Case:
             extents = finish(label_extents_steps(volume, region_box(volume, settings), budget.threads))
             existing = [label for label in labels if label in extents]
             if len(existing) > 1:
-                self.together = finish(shared_surfaces_steps(volume, settings, existing, budget))
+                self.together = finish(shared_surfaces_steps(volume, settings, existing, budget, all_needed=False))
         label = settings.label
         if self.together is None or label is None:
             return None

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ... import readers
 from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
@@ -64,7 +66,7 @@ def facts_of(
         "dtype": str(volume.dtype),
         "kind": volume.kind,
         "low": values.low if finite else None,
-        "high": values.high if finite else None,
+        "high": max([values.high, *(label["value"] for label in labels)]) if finite else None,
         "not_finite": values.not_finite,
         # Without the operator's words, which may hold a name: this may become a file.
         "series": [
@@ -86,6 +88,11 @@ def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
     extents = yield from label_extents_steps(volume)
     counts = {value: extent.voxels for value, extent in extents.items()}
     counts[0] = math.prod(volume.size) - sum(counts.values())
+    if volume.layers:  # where labels overlap a voxel is counted more than once
+        counts[0] = 0
+        for number in range(volume.size[2]):
+            planes = [layer.slab(number, number + 1) == 0 for layer in volume.each_layer]
+            counts[0] += int(np.logical_and.reduce(planes).sum())
     return [
         {
             "value": value,

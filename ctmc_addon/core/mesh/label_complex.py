@@ -179,7 +179,7 @@ def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, 
     order = np.argsort(both, kind="stable")
     labels, starts = np.unique(both[order], return_index=True)
     borders = {}
-    for label, start, stop in zip(labels.tolist(), starts, [*starts[1:], len(order)], strict=True):
+    for label, start, stop in zip(labels.tolist(), starts, np.append(starts, len(order))[1:], strict=True):
         if label:
             number, side = np.divmod(order[start:stop], 2)
             own = faces[number]

@@ -241,14 +241,13 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
     what = f"smoothing a label's {columns} x {rows} x {slices} voxels in {slice_steps} steps a slice"
     budget.require(needed, what, remedy)
     smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget)
-    steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
         volumes = (
             f"; the surface encloses {smooth.volume_mm3:.6g} mm3 at alpha 1 and stride 1, "
             f"the samples {smooth.label_mm3:.6g} mm3"
         )
-    notes = [f"The label is smoothed with every sample on its own side{steps}{volumes}."]
+    notes = [smoothed_note(slice_steps, volumes)]
     if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
         notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")
     smoothed = replace(
@@ -260,6 +259,15 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
         first_slice=smooth.first_slice,
     )
     return replace(smoothed, values=HeldValues(smooth.values, _wrong_side(smoothed, smooth.values, mask)))
+
+
+def smoothed_note(slice_steps: int, volumes: str = "") -> str:
+    """Return the note on a label that was smoothed as constrained, in so many steps a slice.
+
+    `volumes` says after a semicolon what it encloses.
+    """
+    steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
+    return f"The label is smoothed with every sample on its own side{steps}{volumes}."
 
 
 def _all_steps(values: FieldValues) -> Steps[NDArray[Any]]:
