@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drop the small components of every label of a complex; what they filled becomes a part of no label.
+"""Drop the small components of every label of a complex.
 
-A neighbor keeps its wall where a component beside it goes: that wall then borders on what has no label.
+A neighbor keeps its wall where a component beside it goes: that wall then borders on what has no label. A component
+that lay within another label becomes that label.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def keep_complex_components_steps(
     alpha : float
         At which to measure.
     largest, min_volume : int and float
-        As of `KeptPieces`. A cavity that is filled by another label is not filled by its owner.
+        As of `KeptPieces`.
 
     Returns
     -------

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..progress import finish
+from .face_normals import face_vectors_steps
 from .triangle_mesh import Surface, TriangleMesh, blend
-
-FACES_AT_ONCE = 1 << 16
 
 
 class Interface(NamedTuple):
@@ -96,13 +96,8 @@ class ComplexMesh:
         number = np.searchsorted(labels, self.sides)
         keys = number[:, 0] * len(labels) + number[:, 1]
         counts = np.bincount(keys, minlength=len(labels) ** 2)
-        double = np.zeros(len(self.faces))
-        for start in range(0, len(self.faces), FACES_AT_ONCE):
-            part = slice(start, start + FACES_AT_ONCE)
-            a, b, c = (self.vertices.take(corner, axis=0).T.astype(np.float64) for corner in self.faces[part].T)
-            (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-            double[part] = np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
-        areas = np.bincount(keys, double, len(labels) ** 2) / 2
+        x, y, z = finish(face_vectors_steps(self.vertices, self.faces)).T
+        areas = np.bincount(keys, np.sqrt(x**2 + y**2 + z**2), len(labels) ** 2) / 2
         return tuple(
             Interface(
                 int(labels[key // len(labels)]), int(labels[key % len(labels)]), int(counts[key]), float(areas[key])

@@ -9,8 +9,6 @@ from ctmc_addon.core import Budget, TriangleMesh, finish, marching_cubes, simpli
 from ctmc_addon.core.mesh import self_intersections
 from ctmc_addon.core.simplification import in_batches, whole
 from ctmc_addon.core.simplification.collapse_log import CollapseLog
-from ctmc_addon.core.simplification.collapses import independent_set_steps, violates_link_condition_steps
-from ctmc_addon.core.simplification.crossing_collapses import crossing_collapses_steps
 from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
 from ctmc_addon.core.simplification.simplify import simplification_steps
 from ctmc_addon.core.simplification.uncrossing import _restored, uncross_steps
@@ -149,20 +147,3 @@ def test_a_mesh_is_the_same_in_any_unit(full):
     one, other = simplify(full, 0.9), simplify(small, 0.9)
     assert one.faces.tobytes() == other.faces.tobytes()
     assert (one.vertices * np.float32(2.0**-10)).tobytes() == other.vertices.tobytes()
-
-
-def test_collapses_that_would_cross_are_named_before_they_are_done(full):
-    mesh = CollapsingMesh(full)
-    finish(mesh.prepare_steps())
-    for _ in range(25):
-        candidates = np.flatnonzero(mesh.cost < np.quantile(mesh.cost[np.isfinite(mesh.cost)], 0.5))
-        edges = finish(independent_set_steps(candidates, mesh.edges, mesh.positions.shape[1]))
-        collapses = mesh.collapses(edges)
-        collapses = collapses.select(~finish(violates_link_condition_steps(collapses, mesh.edges, mesh.locked)))
-        refused = finish(crossing_collapses_steps(collapses, mesh.positions, mesh.faces))
-        if refused.any():
-            break
-        finish(mesh.merge_steps(collapses))
-    assert 0 < refused.sum() < len(refused)
-    finish(mesh.merge_steps(collapses.select(~refused)))
-    assert crossings(mesh.mesh()) == 0
