@@ -21,6 +21,7 @@ COMMANDS = {
     "foam": ".phantom.foam",
     "segment": ".commands.segment",
     "reconstruct": ".commands.reconstruct",
+    "measure": ".commands.measure",
     "batch": ".batch.command",
     "experiment": ".experiment.command",
     "figure": ".figure.command",

@@ -67,6 +67,15 @@ from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, 
 from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
 from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
+from .structure_table import (
+    StructureRow,
+    measure_structures,
+    measure_structures_steps,
+    structure_row_steps,
+    table_cells,
+    table_csv,
+    table_heads,
+)
 from .structures import opacities_of, require_opacities, save_structures, structure_names, structures_of
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
@@ -112,6 +121,7 @@ __all__ = [
     "Step",
     "Steps",
     "Structure",
+    "StructureRow",
     "Surface",
     "ThresholdError",
     "TriangleMesh",
@@ -142,6 +152,8 @@ __all__ = [
     "is_allowed",
     "map_steps",
     "marching_cubes",
+    "measure_structures",
+    "measure_structures_steps",
     "memory_refusal",
     "one_line",
     "opacities_of",
@@ -170,7 +182,11 @@ __all__ = [
     "slab_result_steps",
     "smoothing_of",
     "structure_names",
+    "structure_row_steps",
     "structures_of",
+    "table_cells",
+    "table_csv",
+    "table_heads",
     "timed_steps",
     "triangle_bytes",
     "used_settings",

@@ -194,7 +194,7 @@ class Case:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(path, options.allow_outside))
             self.ct = finish(needed_steps(opened, path, options, ReconstructionSettings(), True, budget=self.budget))
-        values = finish(inside_values_steps(self.ct, labels, settings.label))
+        values = finish(inside_values_steps(self.ct, labels, settings.label, region_box(labels, settings)))
         return {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:

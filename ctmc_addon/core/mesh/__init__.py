@@ -3,6 +3,7 @@
 
 from .angles.triangle_angles import TriangleQuality
 from .coarse import coarse_mesh
+from .diameter import largest_diameter, largest_diameter_steps
 from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
 from .distance.surface_distance import (
     ReferenceSurface,
@@ -34,6 +35,8 @@ __all__ = [
     "distance_between",
     "edges_steps",
     "keep_components_steps",
+    "largest_diameter",
+    "largest_diameter_steps",
     "mean_longest_edge_steps",
     "measures_steps",
     "roughness",

@@ -16,7 +16,7 @@ from .histogram import (
     shown_range,
     tissue_bands,
 )
-from .inside import InsideValues, inside_values_steps
+from .inside import InsideValues, inside_values_steps, range_values_steps
 from .labels import (
     ALL,
     LabelExtent,
@@ -118,6 +118,7 @@ __all__ = [
     "outside_air",
     "position_through",
     "quick_threshold",
+    "range_values_steps",
     "region_axes",
     "region_box",
     "region_corners",

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The gray values of a CT inside a label: how many samples, their mean and their deviation."""
+"""The gray values of a CT inside a label or a range of values: how many samples, their mean and their deviation."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import LabelError
 from ..progress import Step, Steps
 from .labels import label_extent_steps
-from .volume import Volume
+from .volume import Box, Volume
 
 SLAB_SLICES = 16  # looked at in one go
 SAME_PLACE = 1e-2  # voxels by which the corners of two volumes may differ
@@ -33,15 +35,18 @@ class InsideValues(NamedTuple):
     deviation: float
 
 
-def inside_values_steps(ct: Volume, labels: Volume, label: int) -> Steps[InsideValues | None]:
+def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None = None) -> Steps[InsideValues | None]:
     """Return the values of a CT at the samples of a label; None where the label is empty.
 
     Parameters
     ----------
     ct : Volume
+        Values that are not finite do not count.
     labels : Volume
         As large as the CT and in the same place.
     label : int
+    box : ((x, stop), (y, stop), (z, stop)), optional
+        By default the whole volume.
 
     Raises
     ------
@@ -57,18 +62,57 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int) -> Steps[InsideV
     InsideValues(samples=2, mean=6.5, deviation=0.5)
     """
     require_same_place(ct, labels)
-    whole = tuple((0, size) for size in labels.size)
-    extent = yield from label_extent_steps(labels, label, (whole[0], whole[1], whole[2]))
+    extent = yield from label_extent_steps(labels, label, box or whole_box(labels))
     if extent is None:
         return None
-    columns, rows, slices = (range(low, high) for low, high in extent.box)
-    count, mean, squares = 0, 0.0, 0.0
-    for start in range(slices.start, slices.stop, SLAB_SLICES):
-        slab = range(start, min(start + SLAB_SLICES, slices.stop))
+
+    def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
         mask = np.zeros((len(slab), len(rows), len(columns)), bool)
         for layer in labels.each_layer:
             mask |= layer.samples(slab, rows, columns) == label
-        values = ct.samples(slab, rows, columns)[mask].astype(np.float64)
+        return ct.samples(slab, rows, columns)[mask]
+
+    return (yield from _summed_steps(chosen, extent.box, "Looking inside the label"))
+
+
+def range_values_steps(
+    ct: Volume, low: float, high: float | None = None, box: Box | None = None
+) -> Steps[InsideValues | None]:
+    """Return the values of a CT from `low` to `high`, as a threshold and an upper limit take them; None without any.
+
+    Parameters
+    ----------
+    ct : Volume
+    low : float
+    high : float, optional
+        By default there is no upper limit.
+    box : ((x, stop), (y, stop), (z, stop)), optional
+        By default the whole volume.
+    """
+
+    def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
+        values = ct.samples(slab, rows, columns)
+        return values[(values >= low) & (values <= (math.inf if high is None else high))]
+
+    return (yield from _summed_steps(chosen, box or whole_box(ct), "Looking at the values inside"))
+
+
+def whole_box(volume: Volume) -> Box:
+    """Return the box of all samples."""
+    x, y, z = volume.size
+    return (0, x), (0, y), (0, z)
+
+
+def _summed_steps(
+    chosen: Callable[[range, range, range], NDArray[Any]], box: Box, message: str
+) -> Steps[InsideValues | None]:
+    """Return number, mean and deviation of the values that are chosen in a box; None without any."""
+    columns, rows, slices = (range(low, high) for low, high in box)
+    count, mean, squares = 0, 0.0, 0.0
+    for start in range(slices.start, slices.stop, SLAB_SLICES):
+        slab = range(start, min(start + SLAB_SLICES, slices.stop))
+        values = chosen(slab, rows, columns).astype(np.float64)
+        values = values[np.isfinite(values)]
         if len(values):
             # Means and squares of two sets are put together without a difference of large sums.
             own = float(values.sum()) / len(values)
@@ -76,7 +120,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int) -> Steps[InsideV
             squares += more + (own - mean) ** 2 * count * len(values) / (count + len(values))
             mean += (own - mean) * len(values) / (count + len(values))
             count += len(values)
-        yield Step((slab.stop - slices.start) / len(slices), "Looking inside the label")
+        yield Step((slab.stop - slices.start) / len(slices), message)
     return InsideValues(count, mean, math.sqrt(squares / count)) if count else None
 
 

@@ -128,6 +128,7 @@ def test_a_turntable_of_nothing_leaves_no_folder(ctmc, ct, tmp_path, name):
 
 def test_help_names_the_commands(ctmc):
     listed = [line.split()[0] for line in ctmc("--help").out.splitlines() if line[:5].strip() and line[:4] == "    "]
-    assert listed == ["info", "phantom", "foam", "segment", "reconstruct", "batch", "experiment", "figure", "settings"]
+    commands = ["info", "phantom", "foam", "segment", "reconstruct", "measure"]
+    assert listed == [*commands, "batch", "experiment", "figure", "settings"]
     assert "ctmc figure sheet" in ctmc("figure", "--help").out
     assert "--revolutions" in ctmc("figure", "turntable", "--help").out

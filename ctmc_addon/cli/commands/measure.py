@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`ctmc measure INPUT --label all -o table.csv`: surfaces measured, and no surface written."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ... import readers
+from ...core import (
+    Budget,
+    LabelError,
+    ReconstructionSettings,
+    Stages,
+    Steps,
+    Volume,
+    measure_structures_steps,
+    table_cells,
+    table_csv,
+)
+from ...core.files.atomic_write import require_writable, write_text
+from ...core.volume import ValueKind
+from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels
+from ..surfaces import may_be_several, surfaces_steps
+from ..terminal import Progress, listing, table, titled
+from .reconstruct import fetched_steps, head_of, needed_steps, source_of
+
+STAGES = {"Reading": 3, "Reading the CT": 1, "Reconstructing": 6, "Measuring": 2}
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to `ctmc`."""
+    parser = commands.add_parser(
+        "measure",
+        help="measure structures: volume, area, diameter, HU",
+        description="Measure structures: volume, area, components, largest diameter, mean and deviation of the gray "
+        "values inside. Surfaces are made as `ctmc reconstruct` makes them, with the same settings, and not written.",
+    )
+    add_input(parser)
+    parser.add_argument("-o", "--output", metavar="FILE.csv", help="a row for each structure, units in the heads")
+    parser.add_argument(
+        "--ct",
+        metavar="PATH",
+        help="of labels: the CT on their grid, for the values inside (default: INPUT, where its labels lie beside it)",
+    )
+    add_settings(parser, many=("label",))
+    add_work(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Read, reconstruct, measure, print and write."""
+    settings, choices = settings_and_labels(args)
+    output = require_writable(args.output, (".csv",)) if args.output else None
+    if settings.simplifies and settings.simplifier == "decimate":
+        raise UsageError("ctmc measure simplifies by itself; leave --simplifier decimate out")
+    if args.ct and not choices:
+        raise UsageError("--ct is the CT of labels; give --label, or the CT as INPUT with --threshold")
+    stages = Stages(STAGES)
+    reading, reading_ct, making, measuring = STAGES
+    with Progress() as progress:
+        volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
+        ct = progress.finish(stages.run(reading_ct, ct_steps(args, volume, settings)))
+        budget = Budget(args.threads)
+        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget)))
+        measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles)
+        rows = progress.finish(stages.run(measuring, measure))
+    kind = ValueKind.HU if ct is None else ct.kind
+    if output is not None:
+        write_text(output, table_csv(rows, kind))
+    opened = sum(row.volume_ml is None for row in rows)
+    facts = titled("note", surfaces.notes)
+    if opened:
+        facts.insert(0, ("surfaces", f"{len(rows)}, {opened} of them open: --close-border closes them at the border"))
+    if output is not None:
+        facts.append(("written", output.name))
+    print(f"{head_of(volume)}\n\n{table(table_cells(rows, kind))}" + (f"\n\n{listing(facts)}" if facts else ""))
+
+
+def ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionSettings) -> Steps[Volume | None]:
+    """Open the CT whose values are measured; None for labels without one.
+
+    Raises
+    ------
+    LabelError
+        If --ct holds labels.
+    """
+    if settings.label is None:
+        return volume
+    path = Path(args.ct or args.input)
+    if not args.ct and source_of(path, settings.label) == path:
+        return None
+    source = yield from readers.open_volume_steps(path, reading_of(args).allow_outside)
+    options = readers.ReadingOptions() if args.ct else reading_of(args)
+    ct = yield from needed_steps(source, path, options, ReconstructionSettings(), several=True)
+    if ct.kind == ValueKind.LABEL:
+        raise LabelError(f"{path.name} has labels; give the CT to --ct, and the labels as INPUT")
+    return ct

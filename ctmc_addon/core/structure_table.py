@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of structures: volume, area, components, largest diameter, and the gray values inside, a row each.
+
+Volume, area and components are those of the surface (mesh/measures.py), as reports have them. Gray values are those of
+the samples: of a label its own, of a threshold those that it takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .files.atomic_write import csv_text
+from .mesh.diameter import largest_diameter_steps
+from .mesh.measures import Measures
+from .mesh.triangle_mesh import TriangleMesh
+from .progress import Stages, Steps, finish
+from .reconstruction import Reconstruction
+from .settings import ReconstructionSettings
+from .structures import structure_names
+from .volume.inside import InsideValues, inside_values_steps, range_values_steps, require_same_place
+from .volume.region import region_box
+from .volume.value_kind import ValueKind
+from .volume.volume import Volume
+
+DIGITS = 9  # of a number in a CSV
+
+
+@dataclass(frozen=True)
+class StructureRow:
+    """What was measured of a structure.
+
+    Parameters
+    ----------
+    name : str
+    label : int or None
+    threshold : float or None
+        Of a structure that is not a label.
+    volume_ml : float or None
+        None for a surface that is open and encloses none.
+    area_cm2 : float
+    components : int
+    largest_diameter_mm : float
+        Distance of the two vertices that lie farthest apart.
+    mean, deviation : float or None
+        Of the gray values of the samples inside; None where there is no CT, or no sample.
+    """
+
+    name: str
+    label: int | None
+    threshold: float | None
+    volume_ml: float | None
+    area_cm2: float
+    components: int
+    largest_diameter_mm: float
+    mean: float | None = None
+    deviation: float | None = None
+
+
+def measure_structures(
+    results: Sequence[Reconstruction], ct: Volume | None = None, labels: Volume | None = None, names: Sequence[str] = ()
+) -> list[StructureRow]:
+    """Measure surfaces and the gray values inside.
+
+    Parameters
+    ----------
+    results : sequence of Reconstruction
+        With their meshes.
+    ct : Volume, optional
+        Whose values are measured. Of a threshold it is the volume that the surface was made from.
+    labels : Volume, optional
+        That the labels were made from; needed for the gray values of labels.
+    names : sequence of str
+        What each is called; by default as its label, or as the volume.
+
+    Raises
+    ------
+    LabelError
+        If CT and labels differ in size or place.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from .label_surfaces import reconstruct_labels
+    >>> labels = np.zeros((8, 8, 20), np.uint8)
+    >>> labels[2:6, 2:6, 2:6] = 1
+    >>> labels = Volume(labels, np.eye(4), kind="label", label_names={1: "box"})
+    >>> ct = Volume(np.full((8, 8, 20), 40, np.int16), np.eye(4), kind="HU")
+    >>> surfaces = reconstruct_labels(labels, ReconstructionSettings(smoothing="none")).surfaces
+    >>> print(table_csv(measure_structures(surfaces, ct, labels), ct.kind), end="")
+    name,label,threshold_hu,volume_ml,area_cm2,components,largest_diameter_mm,mean_hu,sd_hu
+    box,1,,0.0586666667,0.811878949,1,5.83095189,40,0
+    """
+    return finish(measure_structures_steps(results, ct, labels, names))
+
+
+def measure_structures_steps(
+    results: Sequence[Reconstruction], ct: Volume | None = None, labels: Volume | None = None, names: Sequence[str] = ()
+) -> Steps[list[StructureRow]]:
+    """`measure_structures` as steps."""
+    rows = []
+    called = names or structure_names(results)
+    stages = Stages(dict.fromkeys(called, 1))
+    for name, result in zip(called, results, strict=True):
+        measuring = structure_row_steps(
+            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels
+        )
+        rows.append((yield from stages.run(name, measuring)))
+    return rows
+
+
+def structure_row_steps(
+    name: str,
+    mesh: TriangleMesh,
+    measures: Measures,
+    settings: ReconstructionSettings,
+    threshold: float,
+    ct: Volume | None = None,
+    labels: Volume | None = None,
+) -> Steps[StructureRow]:
+    """Return the row of a surface in mm whose measures are known, and of the gray values inside.
+
+    Parameters
+    ----------
+    name : str
+    mesh : TriangleMesh
+    measures : Measures
+    settings : ReconstructionSettings
+        That it was made with.
+    threshold : float
+        That was used.
+    ct, labels : Volume, optional
+        As in `measure_structures`.
+    """
+    diameter = yield from largest_diameter_steps(mesh.vertices)
+    inside = yield from _inside_steps(settings, threshold, ct, labels)
+    return StructureRow(
+        name=name,
+        label=settings.label,
+        threshold=threshold if settings.label is None else None,
+        volume_ml=measures.milliliters if measures.closed else None,
+        area_cm2=measures.square_centimeters,
+        components=measures.components,
+        largest_diameter_mm=diameter,
+        mean=None if inside is None else inside.mean,
+        deviation=None if inside is None else inside.deviation,
+    )
+
+
+def _inside_steps(
+    settings: ReconstructionSettings, threshold: float, ct: Volume | None, labels: Volume | None
+) -> Steps[InsideValues | None]:
+    if ct is None:
+        return None
+    if settings.label is None:
+        return (yield from range_values_steps(ct, threshold, settings.upper, region_box(ct, settings)))
+    if labels is None:
+        return None
+    require_same_place(ct, labels)
+    return (yield from inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
+
+
+def table_heads(kind: ValueKind | str = ValueKind.HU) -> tuple[str, ...]:
+    """Return the names of the columns, with their units; `kind` is that of the CT's values.
+
+    Examples
+    --------
+    >>> table_heads("gray value")[-2:]
+    ('mean_gray', 'sd_gray')
+    """
+    unit = "hu" if kind == ValueKind.HU else "gray"
+    measured = ("volume_ml", "area_cm2", "components", "largest_diameter_mm")
+    return ("name", "label", f"threshold_{unit}", *measured, f"mean_{unit}", f"sd_{unit}")
+
+
+def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> str:
+    """Return the table as CSV; what is not known stays empty."""
+    heads = table_heads(kind)
+    return csv_text([dict(zip(heads, map(_written, _values(row)), strict=True)) for row in rows], heads)
+
+
+def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
+    """Return the table for a person, its heads first; a dash for what is not known."""
+    return [table_heads(kind), *(tuple(map(_shown, _values(row))) for row in rows)]
+
+
+def _values(row: StructureRow) -> tuple[Any, ...]:
+    """What a row has in the order of the columns."""
+    measured = (row.volume_ml, row.area_cm2, row.components, row.largest_diameter_mm)
+    return (row.name, row.label, row.threshold, *measured, row.mean, row.deviation)
+
+
+def _written(value: Any) -> Any:
+    return f"{value:.{DIGITS}g}" if isinstance(value, float) else value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    return "-" if value is None else str(value)
