@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The letters of figures, from the Inter that Blender brings: `python tools/make_font.py`.
+"""The letters of figures, from GNU FreeFont's FreeSans: `python tools/make_font.py FreeSans.otf`.
 
-Blender's Inter is a variable font, whose outlines overlap; a text object leaves holes where they do. This one is its
-regular weight with the overlaps merged, without what Blender does not use, and with Latin, Greek, Cyrillic and
-mathematical signs alone. Blender takes other scripts from its own fonts. Needs
-`pip install fonttools brotli skia-pathops`.
+FreeSans has the shapes of Helvetica, which journals ask for, and the license of this project. Its small l is a bar as
+its capital I is, so l gets the hook of t. Outlines that overlap are merged, because a text object leaves holes there;
+Latin, Greek, Cyrillic and mathematical signs are kept. Blender takes other scripts from its own fonts. The file is in
+Debian's package fonts-freefont-otf. Needs `pip install fonttools brotli skia-pathops`.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,33 +17,23 @@ from typing import Any
 from ctmc_addon.blender.figure.letters import CHARACTERS, FILE
 
 NAME = "CTMC Letters"
+SMALL_L = 240  # its width, thousandths of the em, with the hook
 
 
 def main() -> int:
     """Write the font; 0 if all went well."""
-    source = blenders_inter()
-    font = importlib.import_module("fontTools.ttLib").TTFont(source, recalcTimestamp=False)
-    font = regular(font)
+    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_file():
+        print("make_font: give the path of FreeSans.otf, of Debian's package fonts-freefont-otf", file=sys.stderr)
+        return 2
+    font = importlib.import_module("fontTools.ttLib").TTFont(sys.argv[1], recalcTimestamp=False)
     subset(font)
+    hook_small_l(font)
+    importlib.import_module("fontTools.ttLib.removeOverlaps").removeOverlaps(font)
     rename(font)
     font.flavor = "woff2"
     font.save(FILE)
-    print(f"{FILE.name}: {FILE.stat().st_size} bytes, {len(font.getGlyphOrder())} glyphs, from {source}")
+    print(f"{FILE.name}: {FILE.stat().st_size} bytes, {len(font.getGlyphOrder())} glyphs")
     return 0
-
-
-def blenders_inter() -> Path:
-    """The file in the installed bpy wheel, found without starting Blender."""
-    spec = importlib.util.find_spec("bpy")
-    folders = (spec.submodule_search_locations if spec else None) or [str(Path(sys.argv[-1]))]
-    return next(Path(folders[0]).rglob("Inter.woff2"))
-
-
-def regular(font: Any) -> Any:
-    """The regular weight at text size, overlaps merged."""
-    instancer = importlib.import_module("fontTools.varLib.instancer")
-    place = {"wght": 400, "opsz": 14}
-    return instancer.instantiateVariableFont(font, place, overlap=instancer.OverlapMode.REMOVE)
 
 
 def subset(font: Any) -> None:
@@ -57,10 +46,28 @@ def subset(font: Any) -> None:
     subsetter.subset(font)
 
 
+def hook_small_l(font: Any) -> None:
+    """Draw a small l whose stem ends in the hook of t."""
+    pen = importlib.import_module("fontTools.pens.t2CharStringPen").T2CharStringPen(SMALL_L, None)
+    pen.moveTo((144, 729))
+    pen.lineTo((60, 729))
+    pen.lineTo((60, 60))
+    pen.curveTo((60, 7), (96, -23), (161, -23))
+    pen.curveTo((181, -23), (195, -21), (215, -17))
+    pen.lineTo((215, 53))
+    pen.curveTo((206, 51), (198, 50), (189, 50))
+    pen.curveTo((153, 50), (144, 60), (144, 97))
+    pen.closePath()
+    top = font["CFF "].cff.topDictIndex[0]
+    old = top.CharStrings["l"]
+    top.CharStrings["l"] = pen.getCharString(private=old.private, globalSubrs=old.globalSubrs)
+    font["hmtx"]["l"] = (SMALL_L, 60)
+
+
 def rename(font: Any) -> None:
-    """Another name than Inter, which is a trademark; the copyright and the license stay."""
+    """Give the font a name of its own; the copyright and the license stay."""
     names = font["name"]
-    names.names = [name for name in names.names if name.nameID in (0, 5, 13, 14)]
+    names.names = [name for name in names.names if name.nameID in (0, 5, 13, 14) and name.langID in (0, 0x409)]
     for which, text in ((1, NAME), (2, "Regular"), (3, NAME), (4, NAME), (6, NAME.replace(" ", ""))):
         names.setName(text, which, 3, 1, 0x409)
 

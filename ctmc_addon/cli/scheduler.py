@@ -23,7 +23,10 @@ class Scheduler:
     def __init__(self, address: str) -> None:
         self.address = address
         if __name__.partition(".")[0] != PACKAGE.name:
-            raise CtmcError("--scheduler works from the Python package ctmc-addon, which the workers need too")
+            raise CtmcError(
+                "--scheduler works from the Python package ctmc-addon, which the workers need too; "
+                "the extension in Blender asks for no network"
+            )
         if not re.fullmatch(r"((tcp|tls|ucx|ws|wss)://)?\S+:\d+/?", address):
             raise CtmcError(f"'{address}' is not a scheduler's address; it is like tcp://host:8786")
         try:

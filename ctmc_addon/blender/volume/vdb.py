@@ -7,9 +7,10 @@ is left to the object's location is exact in float32. A sample is a grid point, 
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import sys
 from functools import cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
@@ -31,25 +32,20 @@ def vdb_writer() -> Any | None:
 
     Looked for once: the panel asks at every draw.
     """
-    names = ("openvdb", "pyopenvdb")  # since Blender 4.4, and before
     # Blender as a module does not look where its own packages are.
     inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
-    for name in names:
-        for place in (None, inside):
-            try:
-                return importlib.import_module(name) if place is None else _imported_from(name, place)
-            except ImportError:
-                continue
+    for name in ("openvdb", "pyopenvdb"):  # since Blender 4.4, and before
+        try:
+            if importlib.util.find_spec(name):
+                return importlib.import_module(name)
+            spec = PathFinder.find_spec(name, [str(inside)])  # An extension leaves `sys.path` alone.
+            if spec and spec.loader:
+                module = importlib.util.module_from_spec(spec)
+                spec.loader.exec_module(module)
+                return module
+        except ImportError:
+            continue
     return None
-
-
-def _imported_from(name: str, folder: Path) -> Any:
-    """Import a module from a folder that is searched for nothing else."""
-    sys.path.insert(0, str(folder))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(folder))
 
 
 def middle_mm(volume: Volume, beyond: float = 0.0) -> tuple[float, float, float]:

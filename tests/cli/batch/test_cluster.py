@@ -54,6 +54,13 @@ def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_
                      "summary.json"}  # fmt: skip
 
 
+def test_the_extension_calls_no_scheduler(monkeypatch):
+    monkeypatch.setattr(scheduler, "__name__", "bl_ext.user_default.ctmc.ctmc_addon.cli.scheduler")
+    monkeypatch.setattr(scheduler.asyncio, "run", None)
+    with pytest.raises(scheduler.CtmcError, match="the extension in Blender asks for no network"):
+        scheduler.Scheduler("tcp://127.0.0.1:8786")
+
+
 def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_path, monkeypatch):
     monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
     np.save(tmp_path / "a.npy", np.zeros((3, 3, 3), np.uint8))

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The letters of figures: a font in which 1, I and l differ, the same in every Blender.
 
-`ctmc-letters.woff2` is Inter's regular weight (OFL.txt), made by tools/make_font.py from the variable font that Blender
-brings: a text object leaves holes where the outlines of that one overlap. Characters that it lacks are taken from
-Blender's own font, which has other fonts behind it.
+`ctmc-letters.woff2` is made by tools/make_font.py from GNU FreeFont's FreeSans (COPYING.txt), in which a text object
+leaves no holes. Characters that it lacks are taken from Blender's own font, which has other fonts behind it.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 FILE = Path(__file__).with_name("ctmc-letters.woff2")
-CAP = 0.727  # height of a capital letter over the size of the letters, which is that of the em
-EM = 1.2373  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
+CAP = 0.729  # height of a capital letter over the size of the letters, which is that of the em
+EM = 1.2660  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
 CHARACTERS = frozenset(
     chr(code)
     for codes in (
