@@ -16,7 +16,7 @@ from .histogram import (
     shown_range,
     tissue_bands,
 )
-from .inside import InsideValues, inside_values_steps, range_values_steps
+from .inside import InsideValues, inside_values_steps, lie_in_one_place, range_values_steps
 from .labels import (
     ALL,
     LabelExtent,
@@ -111,6 +111,7 @@ __all__ = [
     "label_extents_steps",
     "label_rgb",
     "labels_region",
+    "lie_in_one_place",
     "linear",
     "moved_limit",
     "moved_region",

@@ -124,12 +124,22 @@ def _summed_steps(
     return InsideValues(count, mean, math.sqrt(squares / count)) if count else None
 
 
+def lie_in_one_place(ct: Volume, labels: Volume) -> bool:
+    """Return whether a CT and labels have the same samples."""
+    return ct.size == labels.size and _off_mm(ct, labels) <= SAME_PLACE * min(ct.spacing)
+
+
 def require_same_place(ct: Volume, labels: Volume) -> None:
     """Raise `LabelError` where a CT and labels differ in size or place."""
     if ct.size != labels.size:
         sizes = [" x ".join(map(str, volume.size)) for volume in (ct, labels)]
         raise LabelError(f"{ct.name} has {sizes[0]} voxels and its labels have {sizes[1]}; they must be as large")
-    corners = np.array([(x, y, z, 1) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) * (*ct.size, 1)
-    off = float(np.abs(corners @ (ct.affine - labels.affine).T).max())
-    if off > SAME_PLACE * min(ct.spacing):
+    if not lie_in_one_place(ct, labels):
+        off = _off_mm(ct, labels)
         raise LabelError(f"{ct.name} and its labels lie {off:.3g} mm apart; they must lie in the same place")
+
+
+def _off_mm(ct: Volume, labels: Volume) -> float:
+    """By how much the corners of two volumes of one size differ, along an axis of the patient."""
+    corners = np.array([(x, y, z, 1) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) * (*ct.size, 1)
+    return float(np.abs(corners @ (ct.affine - labels.affine).T).max())

@@ -9,7 +9,7 @@ def modules() -> tuple[Any, ...]:
     from . import figure, figure_view, rotation
     from .ct import histogram, load, region, slice, threshold, view
     from .scene import pick_point, rulers, slice_object, studio, volume_object
-    from .surface import alpha, components, export, reconstruct, results, simplify
+    from .surface import alpha, components, export, reconstruct, results, simplify, table
 
     viewing = (load, view, threshold, histogram, slice, slice_object, pick_point, volume_object, region)
     return (
@@ -20,6 +20,7 @@ def modules() -> tuple[Any, ...]:
         components,
         rotation,
         results,
+        table,
         rulers,
         export,
         figure,

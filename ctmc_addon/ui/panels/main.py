@@ -19,8 +19,9 @@ from .ct.volume import LOAD, draw_load
 from .figure import OPERATORS
 from .layout import SidePanel, Step, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
+from .table import TABLE
 
-ELSEWHERE = (LOAD, "ctmc.rotation_test", *OPERATORS.values())
+ELSEWHERE = (LOAD, TABLE, "ctmc.rotation_test", *OPERATORS.values())
 """Jobs that show how far they are in a place of their own."""
 
 

@@ -33,6 +33,8 @@ class Session:
     cost : CostEstimates or None
         None while it is counted.
     rotation : RotationTable or None
+    table : (tuple of StructureRow, ValueKind) or None
+        What was measured of all surfaces, and what the values of their CT are.
     """
 
     message: str = ""
@@ -40,6 +42,7 @@ class Session:
     full: dict[Origin, Reconstruction] = field(default_factory=dict)
     cost: Any = None
     rotation: Any = None
+    table: Any = None
 
 
 _sessions: dict[int, Session] = {}

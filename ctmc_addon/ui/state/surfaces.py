@@ -42,6 +42,18 @@ def selected_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [obj for obj in context.view_layer.objects.selected if is_surface(obj)]
 
 
+def label_and_name(obj: bpy.types.Object) -> tuple[int, str]:
+    """Where an object stands in a file of several: as its label on the command line."""
+    provenance = read_provenance(obj)
+    label = None if provenance is None else provenance.settings.label
+    return (-1 if label is None else label, obj.name)
+
+
+def shown_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the scene's surfaces that are not switched off in viewports."""
+    return [obj for obj in scene.objects if is_surface(obj) and not obj.hide_viewport]
+
+
 def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected surfaces of the CT in memory, the active one first."""
     active = context.view_layer.objects.active

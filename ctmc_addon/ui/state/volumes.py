@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
-from ...core.volume import VolumeStatistics, settings_of_copy
+from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
 
 
@@ -109,6 +109,23 @@ def require_loaded(scene: bpy.types.Scene) -> Loaded:
     if ct is None:
         raise ReadError("the CT is not in memory; load it first")
     return ct
+
+
+def ct_and_labels(fingerprint: str) -> tuple[Volume | None, Volume | None]:
+    """Return the CT and the labels of surfaces of a volume; None for what is not in memory.
+
+    The CT of labels is one on their grid that was loaded in this session.
+
+    Parameters
+    ----------
+    fingerprint : str
+        Of the volume that the surfaces were made from.
+    """
+    own = _loaded.get(fingerprint)
+    if own is None or own.volume.kind != ValueKind.LABEL:
+        return None if own is None else own.full, None
+    others = [other.full for other in reversed(_loaded.values()) if other.volume.kind != ValueKind.LABEL]
+    return next((ct for ct in others if lie_in_one_place(ct, own.full)), None), own.full
 
 
 def current(scene: bpy.types.Scene) -> Volume | None:

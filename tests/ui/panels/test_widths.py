@@ -30,6 +30,7 @@ TABLES = {"English": {}, **{name: translations.table(name) for name in translati
 NAME = 88  # pixels on the left for the name of a property
 BAR = 195  # pixels of the progress bar
 HALF = 92  # pixels beside the icon, of one of two buttons side by side
+MEASURE = 140  # pixels for the name of a measure in the table of surfaces
 FACT = 148  # pixels beside the name of a fact of the CT
 
 
@@ -76,6 +77,12 @@ def test_stages_of_a_job_are_not_cut_in_its_bar(language):
 def test_buttons_side_by_side_are_not_cut(language):
     pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
     assert too_wide(pairs, HALF, TABLES[language]) == {}
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_names_of_measures_in_the_table_are_not_cut(language):
+    names = {"Volume", "Area", "Components", "Largest Diameter", "Mean", "Standard Deviation"}
+    assert too_wide(names, MEASURE, TABLES[language]) == {}
 
 
 def test_a_spacing_of_many_digits_is_not_cut(scene, ball_file):

@@ -12,6 +12,7 @@ from ....blender.export import export_together
 from ....blender.surface import read_provenance
 from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
+from ...state.surfaces import label_and_name
 from ..paths import SaveDialog
 
 FORMATS = ", ".join(SURFACE_SUFFIXES)
@@ -90,13 +91,6 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         elif self.which == "VISIBLE":
             chosen = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
         return sorted(chosen, key=label_and_name) or [context.object]
-
-
-def label_and_name(obj: bpy.types.Object) -> tuple[int, str]:
-    """Where an object stands in a file of several: as its label on the command line."""
-    provenance = read_provenance(obj)
-    label = None if provenance is None else provenance.settings.label
-    return (-1 if label is None else label, obj.name)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

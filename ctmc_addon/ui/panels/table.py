@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The closed panel Table: what was measured of all surfaces, as `ctmc measure` has it."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...core import StructureRow
+from ...core.volume import ValueKind
+from .. import jobs
+from ..state import session
+from ..translations import translate
+from .layout import SubPanel, draw_job, draw_name, draw_pair, prepare
+
+TABLE = "ctmc.table"
+
+
+class CTMC_PT_table(SubPanel, bpy.types.Panel):
+    """A row for every surface."""
+
+    bl_idname = "CTMC_PT_table"
+    bl_label = "Table"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        prepare(self.layout, lock=False)
+        job = jobs.running(TABLE)
+        if job is not None:
+            draw_job(self.layout, job)
+        else:
+            self.layout.operator(TABLE, icon="DRIVER_DISTANCE")
+        layout = self.layout.column()
+        layout.enabled = not jobs.locked()
+        table = session.of(context.scene).table
+        if table is None:
+            return
+        rows, kind = table
+        for row in rows:
+            column = layout.box().column(align=True)
+            column.scale_y = 0.85
+            column.label(text=row.name, translate=False)
+            for name, value in facts_of(row, kind):
+                draw_name(column, name, 0.55).label(text=value, translate=False)
+        row = draw_pair(layout, context)
+        row.operator("ctmc.table_copy", icon="COPYDOWN")
+        row.operator("ctmc.table_save", icon="FILE_TICK")
+
+
+def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
+    """Names and values of a row; what is not known is left out."""
+    unit = "HU" if kind == ValueKind.HU else ""
+    facts = [
+        ("Volume", translate("- (open)") if row.volume_ml is None else f"{row.volume_ml:.4g} ml"),
+        ("Area", f"{row.area_cm2:.4g} cm2"),
+        ("Components", f"{row.components}"),
+        ("Largest Diameter", f"{row.largest_diameter_mm:.4g} mm"),
+    ]
+    if row.mean is not None and row.deviation is not None:
+        facts.append(("Mean", f"{row.mean:.4g} {unit}".rstrip()))
+        facts.append(("Standard Deviation", f"{row.deviation:.4g} {unit}".rstrip()))
+    return [(translate(name), value) for name, value in facts]
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_PT_table,))
