@@ -80,7 +80,7 @@ class ReconstructionSettings(Described):
         1.0,
         "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
         "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
-        label="Alpha",
+        label="Alpha (Shape)",
         low=0.0,
         high=1.0,
         words=(AUTO,),

@@ -39,6 +39,10 @@ class SaveDialog:
         """Write the file."""
         raise NotImplementedError
 
+    def warnings(self, context: bpy.types.Context) -> list[str]:
+        """Return what whoever opens the file must know; nothing by default."""
+        return []
+
     def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """Ask for a file."""
         self.filepath = self.filepath or self.suggestion(context)
@@ -57,5 +61,6 @@ class SaveDialog:
             self.write(context, path)
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
-        self.report({"INFO"}, translate("Wrote {name}").format(name=path.name))
+        wrote, warnings = translate("Wrote {name}").format(name=path.name), self.warnings(context)
+        self.report({"WARNING"} if warnings else {"INFO"}, "; ".join([wrote, *warnings]))
         return {"FINISHED"}

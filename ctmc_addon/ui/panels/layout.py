@@ -7,12 +7,14 @@ from typing import Any
 
 import bpy
 
+from ...blender.shape_change import shape_change
 from ...core import SETTINGS
 from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
 from ..state import volumes
+from ..state.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
 FONT, POINTS = 0, 11.0  # of Blender's panels at its usual size
@@ -126,6 +128,17 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
     room = max(NARROWEST, width_of(context) - MARGIN)
     for number, line in enumerate(in_lines(text, room, text_width)):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
+
+
+def draw_shape_change(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Say that an object is mirrored, in red, or scaled; mostly nothing."""
+    change = shape_change(obj)
+    if change.mirrored:
+        red = layout.column()
+        red.alert = True
+        draw_text(red, context, mirrored_text(change), "ERROR")
+    if change.scaled:
+        draw_text(layout, context, scaled_text(change), "INFO")
 
 
 def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) -> None:

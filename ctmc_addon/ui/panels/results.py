@@ -17,7 +17,7 @@ from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import Step, draw_table, draw_text, holds_hu, prepare
+from .layout import Step, draw_shape_change, draw_table, draw_text, holds_hu, prepare
 
 
 class CTMC_PT_results(Step, bpy.types.Panel):
@@ -51,6 +51,8 @@ class CTMC_PT_results(Step, bpy.types.Panel):
         column = layout.column(align=True)  # too many words to stand side by side
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
+        if provenance is not None:
+            draw_shape_change(layout, context, obj)
         for note in () if provenance is None else provenance.notes:
             draw_text(layout, context, translate_sentence(note), "INFO")
 

@@ -10,6 +10,7 @@ import bpy
 
 from ...blender.colors import BONE, Color
 from ...blender.materials import material_color, material_opacity, recolor
+from ...blender.shape_change import ShapeChange
 from ...blender.surface import (
     read_back,
     read_provenance,
@@ -20,7 +21,7 @@ from ...blender.surface import (
 )
 from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
-from ..translations import translate_sentence
+from ..translations import translate, translate_sentence
 from . import session, volumes
 
 DEFAULTS = ReconstructionSettings()
@@ -117,6 +118,17 @@ def can_change(operator: Any, context: bpy.types.Context) -> bool:
         operator.poll_message_set(translate_sentence(str(error)))
         return False
     return True
+
+
+def mirrored_text(change: ShapeChange) -> str:
+    """Return what is said of a mirrored object; empty for one that is not."""
+    return translate("Mirrored: left and right are exchanged") if change.mirrored else ""
+
+
+def scaled_text(change: ShapeChange) -> str:
+    """Return what is said of a scaled object; empty for one that is as large as the patient."""
+    text = translate("Scaled by {factor}: not the patient's size; Measure and Table give that")
+    return text.format(factor=change.factors_text) if change.scaled else ""
 
 
 def full_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:

@@ -55,7 +55,7 @@ def test_names_on_the_left_are_not_cut(scene, ball_file, language):
             names |= set(drawn(*PANELS).names)
     for scene.ctmc_figure.kind in ("figure", "sheet", "deviation", "turntable"):
         names |= set(drawn(figure.CTMC_PT_figure).names)
-    assert {"Alpha", "Sigma", "Simplify To", "Maximum Error", "Frame Rate [fps]"} <= names
+    assert {"Alpha (Shape)", "Sigma", "Simplify To", "Maximum Error", "Frame Rate [fps]"} <= names
     assert too_wide(names, NAME, TABLES[language]) == {}
 
 
@@ -65,7 +65,7 @@ def test_every_number_but_a_count_has_its_unit(scene, ball_file):
     for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
         for scene.ctmc_figure.kind in ("figure", "sheet", "deviation", "turntable"):
             bare |= set(drawn(*PANELS).bare)
-    assert bare <= {"Triangles", "Slice Steps", "Rounds", "Revolutions", "Alpha"}
+    assert bare <= {"Triangles", "Slice Steps", "Rounds", "Revolutions", "Alpha (Shape)"}
 
 
 @pytest.mark.parametrize("language", TABLES)

@@ -15,6 +15,7 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 from .... import readers
 from ....blender.colors import color_of
 from ....blender.ct_box import show_box
+from ....blender.default_cube import put_out_of_view, untouched_cube
 from ....blender.units import has_blenders_units, set_units
 from ....core import ReadError, Stages, Steps, fits_in_memory, shown_stride
 from ....core.volume import ValueKind, volume_box, volume_statistics_steps
@@ -194,12 +195,17 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
         scene_session.load_message = translate(text).format(name=loaded.path.name)
     change_events.notify(stored, "volume")
+    cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
+    if cube is not None:
+        put_out_of_view(cube, scene)
     show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
         set_units(scene, machine().scale)
         text += ". " + translate("Blender's numbers are millimeters now")
+    if cube is not None:
+        text += ". " + translate("{name} of the new file is hidden").format(name=cube.name)
     return text
 
 

@@ -9,10 +9,11 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ....blender.export import export_together
+from ....blender.shape_change import shape_change
 from ....blender.surface import read_provenance
 from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
-from ...state.surfaces import label_and_name
+from ...state.surfaces import label_and_name, mirrored_text, scaled_text
 from ..paths import SaveDialog
 
 FORMATS = ", ".join(SURFACE_SUFFIXES)
@@ -82,6 +83,12 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     def write(self, context: bpy.types.Context, path: Path) -> None:
         """Write them."""
         export_together(self.surfaces(context), path, space=self.space, scene=context.scene)
+
+    def warnings(self, context: bpy.types.Context) -> list[str]:
+        """Say which are mirrored or scaled: files have them as the scene does."""
+        changes = [(obj.name, shape_change(obj)) for obj in self.surfaces(context)]
+        texts = [(name, text(change)) for text in (mirrored_text, scaled_text) for name, change in changes]
+        return [f"{name}: {text}" for name, text in texts if text]
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """What goes to the file, in the order of the labels; the active surface where there is nothing else."""

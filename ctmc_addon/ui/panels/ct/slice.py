@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import bpy
 
+from ....blender.slices import is_slice
 from ....core.volume import ValueKind, slice_at, slice_position_text
 from ... import jobs
-from ...state import volumes
+from ...state import surfaces, volumes
 from ...translations import translate
-from ..layout import SubPanel, draw_pair, prepare
+from ..layout import SubPanel, draw_pair, draw_shape_change, prepare
 
 # Window and level in HU, as radiologists set them.
 WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.0, -600.0))
@@ -67,6 +68,9 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row = draw_pair(column, context)
         row.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
         row.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
+        obj = context.view_layer.objects.active
+        if is_slice(obj) or surfaces.is_surface(obj):
+            draw_shape_change(layout, context, obj)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_slice,))

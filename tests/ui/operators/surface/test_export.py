@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ui.drawing import drawn
+
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, Page, ShownSurface
 from ctmc_addon.cli import main
@@ -15,6 +17,8 @@ from ctmc_addon.core import finish
 from ctmc_addon.ui.operators.figure import subject
 from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
 from ctmc_addon.ui.operators.surface.results import command_text
+from ctmc_addon.ui.panels.ct.slice import CTMC_PT_slice
+from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import surfaces, volumes
 
 
@@ -149,3 +153,22 @@ def test_a_surface_linked_from_a_file_is_exported_beside_an_object_of_its_name(l
     bpy.context.view_layer.objects.active = linked.objects[0]
     assert bpy.ops.ctmc.export(filepath=str(tmp_path / "linked.stl")) == {"FINISHED"}
     assert (tmp_path / "linked.stl").stat().st_size == 84 + 50 * faces
+
+
+def test_a_mirrored_or_scaled_surface_is_said_in_results_slice_and_export(loaded, tmp_path):
+    bpy.ops.ctmc.reconstruct()
+    obj, operator = active(), type("Export", (), {"which": "ACTIVE", "surfaces": CTMC_OT_export.surfaces})()
+
+    def said():
+        bpy.context.view_layer.update()
+        assert drawn(CTMC_PT_slice).texts[-2:].count("Mirrored: left and right are exchanged") == (obj.scale.x < 0)
+        texts = drawn(CTMC_PT_results).texts
+        return CTMC_OT_export.warnings(operator, bpy.context), "Mirrored: left and right are exchanged" in texts
+
+    assert said() == ([], False)
+    obj.scale.x = -1.0
+    assert said() == ([f"{obj.name}: Mirrored: left and right are exchanged"], True)
+    obj.scale = (1.5, 1.5, 1.5)
+    (warning,), mirrored = said()
+    assert warning.startswith(f"{obj.name}: Scaled by 1.5:")
+    assert not mirrored
