@@ -7,15 +7,28 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
-    from .properties import figure, preferences, settings, view
-    from .state import label_looks, session, volumes
-    from .viewport import histogram, live, overlays, region, rulers, slice_objects, volume_objects
+    from .properties import drawing, figure, preferences, settings, view
+    from .state import drawings, label_looks, session, volumes
+    from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (
-        *(translations, preferences, session, volumes, settings, view, figure, jobs, label_looks, live),
+        *(
+            translations,
+            preferences,
+            session,
+            volumes,
+            settings,
+            view,
+            drawing,
+            drawings,
+            figure,
+            jobs,
+            label_looks,
+            live,
+        ),
         *operators.modules(),
         *panels.modules(),
-        *(region, overlays, slice_objects, volume_objects, histogram, rulers),
+        *(region, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),
     )
 
 

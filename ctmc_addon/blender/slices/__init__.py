@@ -2,13 +2,14 @@
 """Slices of the CT as objects that stay and render, and surfaces that are cut open at them."""
 
 from .cut import CUT, cut_at_slice, require_cuttable
-from .follow import cross_at, pack_pictures, refresh, show_window
+from .follow import corners_of, cross_at, pack_pictures, refresh, show_window, slices_of
 from .plane import SLICE, add_slice, is_slice
 
 __all__ = [
     "CUT",
     "SLICE",
     "add_slice",
+    "corners_of",
     "cross_at",
     "cut_at_slice",
     "is_slice",
@@ -16,4 +17,5 @@ __all__ = [
     "refresh",
     "require_cuttable",
     "show_window",
+    "slices_of",
 ]

@@ -3,7 +3,7 @@
 
 from .eye import frame, is_held
 from .legend import draw_legend
-from .overlay import Picture, draw_labels, draw_letters, draw_lines
+from .overlay import Picture, draw_labels, draw_letters, draw_lines, draw_path
 from .preview_surface import PreviewSurface
 from .shaders import can_draw, free_shader
 from .strip import Shown, Strip, draw_strip, placed_names, strip_in, width_of
@@ -18,6 +18,7 @@ __all__ = [
     "draw_legend",
     "draw_letters",
     "draw_lines",
+    "draw_path",
     "draw_strip",
     "frame",
     "free_shader",

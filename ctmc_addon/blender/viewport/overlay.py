@@ -7,7 +7,7 @@ something is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import bpy
@@ -53,7 +53,7 @@ class Picture:
         }
         self.batch = batch_for_shader(self.shader, "TRIS", attributes, indices=[(0, 1, 2), (0, 2, 3)])
 
-    def draw(self, view: Any) -> None:
+    def draw(self, view: Any, above: int = 0) -> None:
         """Draw it among the scene's objects: what is nearer hides it.
 
         It is brought nearer to the eye by less than can be seen, or it would flicker through an object at its place.
@@ -61,26 +61,30 @@ class Picture:
         Parameters
         ----------
         view : bpy.types.RegionView3D
+        above : int
+            How many pictures at the same place it lies on; then it is translucent, and hides nothing behind it.
         """
         import gpu
 
         gpu.state.depth_test_set("LESS_EQUAL")
-        gpu.state.depth_mask_set(True)
+        gpu.state.depth_mask_set(not above)
+        gpu.state.blend_set("ALPHA" if above else "NONE")
         self.shader.bind()
         self.shader.uniform_sampler("image", self.texture)
         with gpu.matrix.push_pop():
-            gpu.matrix.multiply_matrix(nearer(view))
+            gpu.matrix.multiply_matrix(nearer(view, above + 1))
             self.batch.draw(self.shader)
+        gpu.state.blend_set("NONE")
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set("NONE")
 
 
-def nearer(view: Any) -> Matrix:
+def nearer(view: Any, steps: int = 1) -> Matrix:
     """Return what brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
-    eye = view.view_matrix.inverted()
+    eye, share = view.view_matrix.inverted(), NEARER * steps
     if not view.is_perspective:
-        return Matrix.Translation(eye.col[2].xyz * view.view_distance * NEARER)
-    return Matrix.Translation(eye.translation) @ Matrix.Scale(1 - NEARER, 4) @ Matrix.Translation(-eye.translation)
+        return Matrix.Translation(eye.col[2].xyz * view.view_distance * share)
+    return Matrix.Translation(eye.translation) @ Matrix.Scale(1 - share, 4) @ Matrix.Translation(-eye.translation)
 
 
 def draw_lines(
@@ -171,3 +175,22 @@ def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size:
             blf.position(FONT, at.x + size / 2, at.y + size / 2, 0.0)
             blf.draw(FONT, text)
     blf.disable(FONT, blf.SHADOW)
+
+
+def draw_path(places: Sequence[tuple[float, float]], color: Color = (1.0, 1.0, 1.0, 0.9)) -> None:
+    """Draw a line through places on the screen, pixels, dark at its rim so that it is seen on any ground."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    if len(places) < 2:
+        return
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": [(x, y, 0.0) for x, y in places]})
+    gpu.state.blend_set("ALPHA")
+    shader.bind()
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    for width, shade in ((3.0, (0.0, 0.0, 0.0, 0.6)), (1.2, color)):
+        shader.uniform_float("lineWidth", width)
+        shader.uniform_float("color", shade)
+        batch.draw(shader)
+    gpu.state.blend_set("NONE")

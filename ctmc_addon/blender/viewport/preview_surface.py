@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core import Surface
 from ...core.mesh import blend, vertex_normals
-from .shaders import draw_surface, new_batch
+from .shaders import WHOLE, draw_surface, new_batch
 
 
 class PreviewSurface:
@@ -44,8 +44,14 @@ class PreviewSurface:
         mixed *= np.float32(self.scale)
         return mixed
 
-    def draw(self, matrix: Any, view: Any, color: tuple[float, float, float]) -> None:
-        """Draw it among the scene's objects, from perspective `matrix` and view matrix `view`."""
+    def draw(
+        self,
+        matrix: Any,
+        view: Any,
+        color: tuple[float, float, float],
+        plane: tuple[float, float, float, float] = WHOLE,
+    ) -> None:
+        """Draw it among the scene's objects, from perspective `matrix` and view matrix `view`, up to a plane."""
         if self.batch is None:
             self.batch = new_batch(self.positions(), self.normals, self.surface.faces)
-        draw_surface(self.batch, matrix, view.to_3x3(), color)
+        draw_surface(self.batch, matrix, view.to_3x3(), color, plane)

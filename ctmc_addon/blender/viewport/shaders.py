@@ -14,9 +14,19 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-VERTEX = "void main() { shade = view_rotation * normal; gl_Position = projection * vec4(position, 1.0); }"
+VERTEX = """
+void main() {
+    shade = view_rotation * normal;
+    beyond = dot(plane, vec4(position, 1.0));
+    gl_Position = projection * vec4(position, 1.0);
+}"""
 # Lit on both sides: a surface cut off at the border shows its inside.
-FRAGMENT = "void main() { shown = vec4(color.rgb * (0.18 + 0.72 * abs(normalize(shade).z)), 1.0); }"
+FRAGMENT = """
+void main() {
+    if (beyond > 0.0) { discard; }
+    shown = vec4(color.rgb * (0.18 + 0.72 * abs(normalize(shade).z)), 1.0);
+}"""
+WHOLE = (0.0, 0.0, 0.0, 0.0)  # a plane with nothing beyond it
 _shader: list[Any] = []
 
 
@@ -46,7 +56,13 @@ def new_batch(positions: NDArray[np.float32], normals: NDArray[np.float32], face
     return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=triangles)
 
 
-def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[float, float, float]) -> None:
+def draw_surface(
+    batch: Any,
+    projection: Any,
+    view_rotation: Any,
+    color: tuple[float, float, float],
+    plane: tuple[float, float, float, float] = WHOLE,
+) -> None:
     """Draw a batch among what is there already: what is nearer hides it.
 
     Parameters
@@ -55,6 +71,8 @@ def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[f
         4 x 4, from the batch's space to the picture.
     view_rotation : Matrix
         3 x 3, from the normals' space to the eye's.
+    plane : (a, b, c, d)
+        What has a x + b y + c z + d above 0 in the batch's space is left out.
     """
     import gpu
 
@@ -65,6 +83,7 @@ def draw_surface(batch: Any, projection: Any, view_rotation: Any, color: tuple[f
     shader.uniform_float("projection", projection)
     shader.uniform_float("view_rotation", view_rotation)
     shader.uniform_float("color", (*color, 1.0))
+    shader.uniform_float("plane", plane)
     batch.draw(shader)
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
@@ -77,10 +96,12 @@ def surface_shader() -> Any:
 
         between = gpu.types.GPUStageInterfaceInfo("ctmc_surface")
         between.smooth("VEC3", "shade")
+        between.smooth("FLOAT", "beyond")
         info = gpu.types.GPUShaderCreateInfo()
         info.push_constant("MAT4", "projection")
         info.push_constant("MAT3", "view_rotation")
         info.push_constant("VEC4", "color")
+        info.push_constant("VEC4", "plane")
         info.vertex_in(0, "VEC3", "position")
         info.vertex_in(1, "VEC3", "normal")
         info.vertex_out(between)

@@ -9,19 +9,26 @@ from .between_slices import between_slices_steps
 from .brush import brush, brushed_window
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
-from .competition.compete import Click, compete_steps
+from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps
 from .connected import connected_steps
+from .distance import Mask, Window, grown_window, window_of
 from .islands import holes_filled_steps, islands_steps
 from .layers import layers_of
 from .margin import margin_steps
+from .packed import packed_slices, unpack_into, unpacked_mask
 from .points import sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
+from .shown import veiled
 
 __all__ = [
     "COMBINATIONS",
+    "HU_PER_MM",
+    "MAX_MM",
     "Change",
     "Click",
+    "Mask",
+    "Window",
     "between_slices_steps",
     "brush",
     "brushed_window",
@@ -29,11 +36,17 @@ __all__ = [
     "combined",
     "compete_steps",
     "connected_steps",
+    "grown_window",
     "holes_filled_steps",
     "islands_steps",
     "layers_of",
     "margin_steps",
+    "packed_slices",
     "range_mask_steps",
     "sample_at",
     "scissors_steps",
+    "unpack_into",
+    "unpacked_mask",
+    "veiled",
+    "window_of",
 ]

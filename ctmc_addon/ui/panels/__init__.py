@@ -6,8 +6,9 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
-    from . import figure, main, presets, results, rotation, settings, surface, table
+    from . import draw, figure, main, presets, results, rotation, settings, surface, table
     from .ct import region, slice
     from .scene import rulers, volume_object
 
-    return (presets, surface, main, results, table, rulers, slice, volume_object, region, settings, rotation, figure)
+    viewing = (slice, volume_object, region)
+    return (presets, surface, draw, main, results, table, rulers, *viewing, settings, rotation, figure)

@@ -16,6 +16,7 @@ from .. import jobs
 from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .ct.volume import LOAD, draw_load
+from .draw import CTMC_PT_draw
 from .figure import OPERATORS
 from .layout import SidePanel, Step, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
@@ -96,7 +97,7 @@ class CTMC_PT_make(Step, bpy.types.Panel):
         draw_reconstruct(self.layout, context, context.scene.ctmc)
 
 
-STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
+STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
 """What is always needed, in the order of the work."""
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+DRAWN = "drawn"
+"""The event of what was drawn by hand: masks, looks, the structure that is drawn on. It moves no setting."""
 Listener = Callable[[Any, str], None]
 _listeners: list[Listener] = []
 

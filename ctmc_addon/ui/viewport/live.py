@@ -63,7 +63,7 @@ live = Live()
 
 def mark(properties: Any, name: str) -> None:
     """Note that a setting has changed; this is cheap, as it runs within the slider's own event."""
-    if name == "window":
+    if name in ("window", change_events.DRAWN):
         return
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):

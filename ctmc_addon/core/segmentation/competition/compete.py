@@ -33,6 +33,8 @@ from .geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 Labels = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 MOST_CLICKS = 255
+HU_PER_MM = 2.0
+MAX_MM = 65.0
 MOST_COARSE = 1 << 20  # blocks of voxels
 COARSE_MM = 1.4  # blocks are not made larger than twice this while there are few enough of them
 SIGMA_MM = 2.0
@@ -57,8 +59,8 @@ def compete_steps(
     volume: Volume,
     clicks: Sequence[Click],
     allowed: Mask | None = None,
-    hu_per_mm: float = 2.0,
-    max_mm: float = 65.0,
+    hu_per_mm: float = HU_PER_MM,
+    max_mm: float = MAX_MM,
 ) -> Steps[Labels]:
     """Give the voxels around clicks to structures.
 

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A mask slice by slice in a few bytes each, to be kept in a file: what undo, saving and autosave then hold.
+
+A slice is packed alone, so a stroke packs again what it touched, and two states are told apart slice by slice.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ..errors import SettingsError
+from .distance import Mask
+
+LEVEL = 1  # of zlib: a slice of bits is small already, and a stroke waits for it
+
+
+def packed_slices(mask: Mask, numbers: Iterable[int]) -> dict[int, bytes]:
+    """Return some slices of a mask, a bit for each sample and deflated; an empty slice is no bytes.
+
+    Examples
+    --------
+    >>> mask = np.zeros((3, 4, 5), bool)
+    >>> mask[1, 2, 3] = True
+    >>> packed = packed_slices(mask, range(3))
+    >>> [len(packed[number]) > 0 for number in range(3)]
+    [False, True, False]
+    >>> bool((unpacked_mask(packed, mask.shape) == mask).all())
+    True
+    """
+    return {
+        number: zlib.compress(np.packbits(mask[number]).tobytes(), LEVEL) if mask[number].any() else b""
+        for number in numbers
+    }
+
+
+def unpack_into(mask: Mask, packed: Mapping[int, bytes]) -> None:
+    """Put packed slices into a mask in place; those that are not named stay.
+
+    Raises
+    ------
+    SettingsError
+        If they are not of a mask of this shape.
+    """
+    samples = mask.shape[1] * mask.shape[2]
+    for number, content in packed.items():
+        if not content:
+            mask[number] = False
+            continue
+        bits = np.frombuffer(zlib.decompress(content), np.uint8)
+        if len(bits) != -(-samples // 8) or not 0 <= number < len(mask):
+            raise SettingsError(f"slice {number} was not drawn on a grid of {mask.shape}; load the CT it was drawn on")
+        mask[number] = np.unpackbits(bits, count=samples).reshape(mask.shape[1:])
+
+
+def unpacked_mask(packed: Mapping[int, bytes], shape: tuple[int, ...]) -> Mask:
+    """Return the mask that has these slices, and no other."""
+    mask = np.zeros(shape, bool)
+    unpack_into(mask, packed)
+    return mask

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is done to a drawn structure as a whole: margin, islands, holes, combine, between slices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty
+
+from ....core import SettingsError, Steps, Volume
+from ....core.segmentation import (
+    Mask,
+    Window,
+    between_slices_steps,
+    combined,
+    grown_window,
+    holes_filled_steps,
+    islands_steps,
+    margin_steps,
+)
+from ....core.volume import slice_at
+from ... import jobs
+from ...state import drawings, session
+from .needs import allowed_steps, can_draw, has_structure, limits_of, structure_of, volume_of, volume_text
+
+Work = Callable[[Mask, Volume, Window], Steps[Mask]]
+"""Makes another mask of a window of a mask."""
+
+
+class Edit(jobs.LongOperator):
+    """An operator that makes another mask of the active structure; it gives `work`."""
+
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+    needs = (jobs.idle, can_draw, has_structure)
+
+    def work(self, scene: bpy.types.Scene) -> Work:
+        """Read the settings once."""
+        raise NotImplementedError
+
+    def reach_mm(self, _scene: bpy.types.Scene) -> float:
+        """Return how far outside of the structure the work looks."""
+        return 0.0
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Return the work on the window of the structure."""
+        scene = context.scene
+        item, volume = drawings.active(scene), volume_of(scene)
+        if item is None:
+            raise SettingsError("there is no structure; add one first")
+        window = drawings.window_in(scene, item)
+        if window is None:
+            raise SettingsError(f"{item.name} is empty; draw it first")
+        reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
+        window = grown_window(window, reach_mm, volume.spacing, volume.shape)
+        mask = drawings.of(scene, item).mask[window].copy()
+        return edit_steps(self.work(scene)(mask, volume, window), window, scene.session_uid, item.number)
+
+
+def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, number: int) -> Steps[jobs.Conclusion]:
+    """Make the mask, then change the structure at once."""
+    made = yield from work
+
+    def conclude() -> str:
+        scene = session.scene_of(scene_uid)
+        if scene is None:
+            raise SettingsError("the scene was removed; draw in another one")
+        item = structure_of(scene, number)
+        drawings.replace(scene, item, window, made)
+        session.of(scene).message = ""
+        return volume_text(scene, item)
+
+    return conclude
+
+
+def voxel_mm3(volume: Volume) -> float:
+    """Return the volume of a voxel."""
+    return float(abs(np.linalg.det(volume.affine[:3, :3])))
+
+
+class CTMC_OT_draw_margin(Edit, bpy.types.Operator):
+    """Grow or shrink by millimeters."""
+
+    bl_idname = "ctmc.draw_margin"
+    bl_label = "Margin"
+    bl_description = "Grow the structure by the margin on all sides, within the range; below 0 shrink it"
+
+    def reach_mm(self, scene: bpy.types.Scene) -> float:
+        return max(0.0, float(scene.ctmc_draw.margin_mm))
+
+    def work(self, scene: bpy.types.Scene) -> Work:
+        margin_mm, limits = scene.ctmc_draw.margin_mm, limits_of(scene.ctmc_draw)
+
+        def steps(mask: Mask, volume: Volume, window: Window) -> Steps[Mask]:
+            allowed = yield from allowed_steps(volume, window, limits)
+            return (yield from margin_steps(mask, volume.spacing, margin_mm, allowed))
+
+        return steps
+
+
+class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
+    """Keep the largest island, or drop the small ones."""
+
+    bl_idname = "ctmc.draw_islands"
+    bl_label = "Remove Islands"
+    bl_description = "Remove parts of the structure that hang together with nothing and are small"
+
+    largest: BoolProperty(name="Largest Only", description="Keep the largest island alone", options={"SKIP_SAVE"})
+
+    def work(self, scene: bpy.types.Scene) -> Work:
+        at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_ml * 1000
+        largest = 1 if self.largest else None
+
+        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+            return (yield from islands_steps(mask, voxel_mm3(volume), at_least_mm3, largest))
+
+        return steps
+
+
+class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
+    """Fill what is enclosed."""
+
+    bl_idname = "ctmc.draw_holes"
+    bl_label = "Fill Holes"
+    bl_description = "Fill what the structure encloses on all sides"
+
+    def work(self, _scene: bpy.types.Scene) -> Work:
+        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+            return (yield from holes_filled_steps(mask, voxel_mm3(volume)))
+
+        return steps
+
+
+class CTMC_OT_draw_between(Edit, bpy.types.Operator):
+    """Fill the slices between drawn ones."""
+
+    bl_idname = "ctmc.draw_between"
+    bl_label = "Between Slices"
+    bl_description = "Fill the slices between those that were drawn, in the plane that the viewport shows"
+
+    def work(self, scene: bpy.types.Scene) -> Work:
+        view = scene.ctmc_view
+        axis = 2 - slice_at(volume_of(scene), view.plane, view.position).axis
+
+        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+            return (yield from between_slices_steps(mask, volume.spacing, None, axis))
+
+        return steps
+
+
+class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
+    """Add, take away, or keep what overlaps with another structure."""
+
+    bl_idname = "ctmc.draw_combine"
+    bl_label = "Combine"
+    bl_description = "Change the structure by another one, which stays as it is"
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Return the work on the whole CT: the other one may lie anywhere."""
+        scene, how = context.scene, context.scene.ctmc_draw.combination
+        item, volume = drawings.active(scene), volume_of(scene)
+        other = next((one for one in drawings.structures(scene) if one.name == scene.ctmc_draw.other), None)
+        if item is None or other is None or other.number == item.number:
+            raise SettingsError("choose another structure to combine with")
+        first, second = drawings.of(scene, item).mask.copy(), drawings.of(scene, other).mask.copy()
+        z, y, x = (slice(0, count) for count in volume.shape)
+        return edit_steps(combined_steps(first, second, how), (z, y, x), scene.session_uid, item.number)
+
+
+def combined_steps(first: Mask, second: Mask, how: str) -> Steps[Mask]:
+    """Return two masks combined."""
+    yield from ()
+    return combined(first, second, how)
+
+
+CLASSES: tuple[Any, ...] = (
+    CTMC_OT_draw_margin,
+    CTMC_OT_draw_islands,
+    CTMC_OT_draw_holes,
+    CTMC_OT_draw_between,
+    CTMC_OT_draw_combine,
+)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

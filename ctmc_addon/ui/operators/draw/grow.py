@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a click to a structure: the operator `ctmc.draw_grow`.
+
+To borders, all clicks in a structure compete with those in its surroundings, and a click changes what it alone changes:
+strokes drawn between two clicks stay. In a range, a click adds what hangs together there, and Alt takes it away.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, FloatVectorProperty
+
+from ....core import SettingsError, Steps, Volume
+from ....core.segmentation import (
+    Change,
+    Click,
+    Mask,
+    Window,
+    change_of,
+    compete_steps,
+    connected_steps,
+    range_mask_steps,
+    sample_at,
+)
+from ... import jobs
+from ...state import drawings, session
+from ...translations import translate
+from ...viewport.slice_hits import slice_under
+from .needs import active_or_new, can_draw, limits_of, structure_of, volume_of, volume_text, whole
+
+Sample = tuple[int, int, int]
+
+
+class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
+    """Grow a structure from a click."""
+
+    bl_idname = "ctmc.draw_grow"
+    bl_label = "Grow"
+    bl_description = (
+        "Click in a structure: it grows to its border, or through what hangs together in the range. Alt click where it "
+        "has leaked into its surroundings takes that away"
+    )
+    bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    point_mm: FloatVectorProperty(name="Point", size=3, precision=3, options={"HIDDEN", "SKIP_SAVE"})
+    surroundings: BoolProperty(
+        name="Surroundings", description="The click belongs to what is around the structure", options={"SKIP_SAVE"}
+    )
+
+    needs = (jobs.idle, can_draw)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin where the mouse is on a slice; beside all slices the click is another's."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        hit = slice_under(context.scene, context.area, event)
+        if hit is None:
+            return {"CANCELLED", "PASS_THROUGH"}
+        self.point_mm = hit.point_mm
+        session.of(context.scene).message = ""
+        return self.begin(context)
+
+    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
+        """Return the work of a click; a new structure is made only when it is done."""
+        scene, drawing = context.scene, context.scene.ctmc_draw
+        volume = volume_of(scene)
+        sample = sample_at(volume, self.point_mm)
+        item = drawings.active(scene)
+        number = None if item is None else item.number
+        limits = limits_of(drawing)
+        if drawing.method == "connected":
+            before = None if item is None else drawings.of(scene, item).mask
+            limits = (drawing.low, drawing.high)
+            work = connected_click_steps(
+                volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
+            )
+            return self.conclusion_steps(work, scene.session_uid, number, None)
+        known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
+        clicks = (*known, Click(sample, 0 if self.surroundings else 1))
+        grown = None if item is None else drawings.of(scene, item).grown
+        how = (limits, drawing.hu_per_mm, drawing.reach_mm)
+        work = compete_click_steps(volume, clicks, how, grown)
+        return self.conclusion_steps(work, scene.session_uid, number, clicks[-1])
+
+    def conclusion_steps(
+        self, work: Steps[Grown], scene_uid: int, number: int | None, click: Click | None
+    ) -> Steps[jobs.Conclusion]:
+        """Do the work, then change the structure at once."""
+        grown = yield from work
+
+        def conclude() -> str:
+            scene = session.scene_of(scene_uid)
+            if scene is None:
+                raise SettingsError("the scene was removed; draw in another one")
+            item = active_or_new(scene) if number is None else structure_of(scene, number)
+            if click is not None:
+                added = item.clicks.add()
+                added.sample, added.inside = click.sample, bool(click.structure)
+            drawn = drawings.of(scene, item)
+            window, add, take = grown.window, grown.added, grown.taken
+            drawings.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
+            drawn.grown = grown.kept
+            return volume_text(scene, item)
+
+        return conclude
+
+
+class Grown:
+    """What a click adds to a structure and takes from it, and what the next click starts from."""
+
+    def __init__(self, window: Window, added: Mask, taken: Mask, kept: tuple[Any, Change] | None) -> None:
+        self.window, self.added, self.taken, self.kept = window, added, taken, kept
+
+
+def compete_click_steps(
+    volume: Volume, clicks: tuple[Click, ...], how: tuple[Any, ...], grown: tuple[Any, Change] | None
+) -> Steps[Grown]:
+    """Let all clicks compete, and return what the last of them has changed."""
+    limits, hu_per_mm, reach_mm = how
+    allowed = None if limits is None else (yield from range_mask_steps(volume, *limits))
+    if allowed is not None:
+        for click in clicks:  # earlier ones may lie outside of a range that was moved since
+            allowed[click.sample] |= bool(click.structure) and click is not clicks[-1]
+    if not any(click.structure for click in clicks):
+        raise SettingsError("click in the structure first; Alt click then takes away what has leaked")
+    after = (yield from compete_steps(volume, clicks, allowed, hu_per_mm, reach_mm)) == 1
+    before = np.zeros(volume.shape, bool)
+    key = (clicks[:-1], how)
+    if grown is not None and grown[0] == key:
+        grown[1].apply(before)
+    elif any(click.structure for click in clicks[:-1]):
+        before = (yield from compete_steps(volume, clicks[:-1], allowed, hu_per_mm, reach_mm)) == 1
+    kept = ((clicks, how), change_of(np.zeros(volume.shape, bool), after))
+    return Grown(whole(volume.shape), after & ~before, before & ~after, kept)
+
+
+def connected_click_steps(
+    volume: Volume,
+    sample: Sample,
+    before: Mask | None,
+    limits: tuple[float, float],
+    reach_mm: float,
+    opening_mm: float,
+    takes: bool,
+) -> Steps[Grown]:
+    """Return what hangs together with a click: in a range to add it, in the structure to take it away."""
+    window = whole(volume.shape)
+    if takes:
+        if before is None or not before[sample]:
+            raise SettingsError("nothing of the structure is there; Alt click where it has leaked")
+        found = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
+        return Grown(window, np.zeros_like(found), found, None)
+    allowed = yield from range_mask_steps(volume, *limits)
+    found = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
+    return Grown(window, found, np.zeros_like(found), None)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_grow,))

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What drawing needs, and what all of its operators ask of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ....core import ReadError, SettingsError, Steps, Volume
+from ....core.segmentation import Mask, Window, range_mask_steps
+from ...state import drawings, volumes
+from ...translations import translate
+
+
+def can_draw(operator: Any, context: bpy.types.Context) -> bool:
+    """Return whether a CT is in memory that can be drawn on, with the reason if not."""
+    if not volumes.has_volume(operator, context):
+        return False
+    if volumes.is_coarse(context.scene):
+        operator.poll_message_set("This CT does not fit in memory; load a part of it to draw")
+        return False
+    return True
+
+
+def has_structure(operator: Any, context: bpy.types.Context) -> bool:
+    """Return whether there is a structure to work on, with the reason if not."""
+    if drawings.active(context.scene) is None:
+        operator.poll_message_set("Add a structure first")
+        return False
+    return True
+
+
+def active_or_new(scene: bpy.types.Scene) -> Any:
+    """Return the structure that is drawn on; the first stroke makes one."""
+    return drawings.active(scene) or drawings.add(scene, translate("Structure"))
+
+
+def structure_of(scene: bpy.types.Scene, number: int) -> Any:
+    """Return the structure with a number; a `SettingsError` where it has gone since the work began."""
+    for item in drawings.structures(scene):
+        if item.number == number:
+            return item
+    raise SettingsError("the structure was removed; choose another one")
+
+
+def volume_of(scene: bpy.types.Scene) -> Volume:
+    """Return the CT that is drawn on, a `ReadError` where it is not in memory whole."""
+    ct = volumes.require_loaded(scene)
+    if ct.file is not None:
+        raise ReadError("this CT does not fit in memory; load a part of it to draw")
+    return ct.volume
+
+
+def limits_of(drawing: Any) -> tuple[float, float] | None:
+    """Return the range that tools stay in; None where they need not."""
+    return (drawing.low, drawing.high) if drawing.use_range else None
+
+
+def allowed_in(volume: Volume, window: Window, limits: tuple[float, float]) -> Mask:
+    """Return which samples of a small window are in a range."""
+    values = volume.values[window]
+    return np.asarray((values >= limits[0]) & (values <= limits[1]), bool)
+
+
+def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:
+    """Return which samples of a window are in a range; None where there is none."""
+    if limits is None:
+        return None
+    z, y, x = window
+    part = volume.part(((x.start, x.stop), (y.start, y.stop), (z.start, z.stop)))
+    return (yield from range_mask_steps(part, *limits))
+
+
+def whole(shape: Sequence[int]) -> Window:
+    """Return the window of a whole volume."""
+    z, y, x = (slice(0, count) for count in shape)
+    return z, y, x
+
+
+def volume_text(scene: bpy.types.Scene, item: Any) -> str:
+    """Return what a structure is called, and how large it is."""
+    return translate("{name}: {volume} ml").format(name=item.name, volume=f"{drawings.ml_of(scene, item):.4g}")

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Brush and eraser: a stroke on a slice. The operator `ctmc.draw_stroke`.
+
+The mask follows the mouse; the file gets the stroke when the button is let go. Esc brings back what the file has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty
+
+from ....core import CtmcError
+from ....core.segmentation import brushed_window
+from ... import jobs
+from ...needs import Needs
+from ...properties.drawing import CTMCPoint
+from ...state import drawings, session
+from ...translations import translate
+from ...viewport.slice_hits import SliceHit, slice_under
+from .needs import active_or_new, allowed_in, can_draw, limits_of, structure_of, volume_of
+
+Point = Sequence[float]
+
+
+class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
+    """Draw or erase along the mouse, on the slice where it begins."""
+
+    bl_idname = "ctmc.draw_stroke"
+    bl_label = "Draw Stroke"
+    bl_description = "Draw on a slice, with the radius of the brush; Ctrl erases. Esc takes the stroke back"
+    bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    erase: BoolProperty(name="Erase", description="Take away in place of drawing", options={"SKIP_SAVE"})
+    stroke: CollectionProperty(type=CTMCPoint, options={"HIDDEN", "SKIP_SAVE"})
+    normal: FloatVectorProperty(size=3, default=(0.0, 0.0, 1.0), options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (jobs.idle, can_draw)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Draw a stroke through points in RAS+ mm, their `at`; a disc is across `normal`."""
+        self.start(context.scene)
+        try:
+            self.dab(context.scene, [tuple(point.at) for point in self.stroke], tuple(self.normal))
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        return self.finish(context)
+
+    def start(self, scene: bpy.types.Scene) -> None:
+        """Remember what is drawn on."""
+        self.is_new = drawings.active(scene) is None
+        self.number = active_or_new(scene).number
+        self.touched: set[int] = set()
+
+    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point) -> None:
+        """Draw from point to point."""
+        drawing, volume = scene.ctmc_draw, volume_of(scene)
+        drawn = drawings.of(scene, structure_of(scene, self.number))
+        window, inside = brushed_window(volume, points_mm, drawing.radius_mm, None if drawing.ball else normal)
+        if not inside.size:
+            return
+        limits = limits_of(drawing)
+        if limits is not None:
+            inside &= allowed_in(volume, window, limits)
+        if self.erase:
+            drawn.mask[window] &= ~inside
+        else:
+            drawn.mask[window] |= inside
+        self.touched.update(range(window[0].start, window[0].stop))
+        drawings.touched(drawn)
+
+    def finish(self, context: bpy.types.Context) -> set[str]:
+        """Put the stroke into the file."""
+        scene = context.scene
+        item = structure_of(scene, self.number)
+        drawings.store(scene, item, self.touched)
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin where the mouse is on a slice; beside all slices the click is another's."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        hit = slice_under(context.scene, context.area, event)
+        if hit is None:
+            return {"CANCELLED", "PASS_THROUGH"}
+        self.area, self.hit = context.area.as_pointer(), hit
+        self.start(context.scene)
+        drawings.begin_stroke(self)
+        self.follow(context, hit)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def follow(self, context: bpy.types.Context, hit: SliceHit) -> None:
+        """Draw up to where the mouse is now."""
+        points = dict.fromkeys([tuple(self.hit.point_mm), tuple(hit.point_mm)])
+        self.dab(context.scene, list(points), hit.normal.tolist())
+        self.hit = hit
+        session.redraw_viewports()
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Follow the mouse on the slice where the stroke began."""
+        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            drawings.end_stroke(self)
+            return self.finish(context)
+        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
+            hit = slice_under(context.scene, context.area, event, self.hit.corners_mm)
+            if hit is not None:
+                self.follow(context, hit)
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Bring back what the file has."""
+        drawings.end_stroke(self)
+        scene = context.scene
+        item = structure_of(scene, self.number)
+        drawings.revert(scene, item, self.touched)
+        if self.is_new:
+            drawings.remove(scene, item)
+        session.redraw_viewports()
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_stroke,))

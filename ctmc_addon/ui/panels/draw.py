@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel Draw: structures from clicks and strokes, the tools, and what is done to a structure as a whole."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..state import drawings, volumes
+from ..translations import translate
+from ..viewport.draw_tools import TOOLS
+from ..viewport.drawn import tool_of
+from .layout import Step, draw_pair, draw_text, is_narrow, prepare
+
+
+class CTMC_PT_draw(Step, bpy.types.Panel):
+    """Structures that are drawn on the CT."""
+
+    bl_idname = "CTMC_PT_draw"
+    bl_label = "Draw"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return volumes.current(context.scene) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, drawing = self.layout, context.scene.ctmc_draw
+        prepare(layout)
+        draw_tools(layout, context)
+        draw_structures(layout, drawing)
+        draw_settings(layout, context, drawing)
+        draw_edits(layout, context, drawing)
+
+
+def draw_tools(layout: Any, context: bpy.types.Context) -> None:
+    """Draw a button for each tool; the active one is pressed."""
+    active = tool_of(context)
+    column = layout.column(align=True)
+    for pair in (TOOLS[:2], TOOLS[2:]):
+        row = column.column(align=True) if is_narrow(context) else column.row(align=True)
+        for tool in pair:
+            button = row.operator("wm.tool_set_by_id", text=translate(tool.bl_label), depress=tool.bl_idname == active)
+            button.name = tool.bl_idname
+
+
+def draw_structures(layout: Any, drawing: Any) -> None:
+    """Draw the list, with buttons to add and to remove."""
+    row = layout.row()
+    row.template_list("CTMC_UL_drawn", "", drawing, "structures", drawing, "index", rows=3)
+    column = row.column(align=True)
+    column.operator("ctmc.draw_add", text="", icon="ADD")
+    column.operator("ctmc.draw_remove", text="", icon="REMOVE")
+
+
+def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
+    """Draw what the tools ask for."""
+    tool = tool_of(context)
+    column = layout.column(align=True)
+    if tool in ("ctmc.brush", "ctmc.eraser"):
+        column.prop(drawing, "radius_mm")
+        column.prop(drawing, "ball")
+    else:
+        column.prop(drawing, "method")
+        column.prop(drawing, "hu_per_mm" if drawing.method == "compete" else "opening_mm")
+        column.prop(drawing, "reach_mm")
+    column = layout.column(align=True)
+    needs_range = drawing.method == "connected" and tool not in ("ctmc.brush", "ctmc.eraser")
+    row = column.row()
+    row.enabled = not needs_range
+    row.prop(drawing, "use_range")
+    limits = column.column(align=True)
+    limits.active = drawing.use_range or needs_range
+    limits.prop(drawing, "low")
+    limits.prop(drawing, "high")
+
+
+def draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
+    """Draw what is done to the whole structure: each button with its number."""
+    column = layout.column(align=True)
+    column.use_property_split = False
+    row = draw_pair(column, context)
+    row.operator("ctmc.draw_margin", icon="MOD_SOLIDIFY")
+    row.prop(drawing, "margin_mm", text="")
+    row = draw_pair(column, context)
+    row.operator("ctmc.draw_islands", text="Islands", icon="STICKY_UVS_DISABLE")
+    row.prop(drawing, "islands_ml", text="ml")
+    row = draw_pair(column, context)
+    row.operator("ctmc.draw_islands", text="Largest Only", icon="SHADING_BBOX").largest = True
+    row.operator("ctmc.draw_holes", icon="MESH_CIRCLE")
+    column.operator("ctmc.draw_between", icon="IPO_EASE_IN_OUT")
+    if len(drawing.structures) > 1:
+        column = layout.column(align=True)
+        column.prop(drawing, "combination")
+        column.prop_search(drawing, "other", drawing, "structures")
+        column.operator("ctmc.draw_combine", icon="SELECT_EXTEND")
+    if drawings.active(context.scene) is None:
+        draw_text(layout, context, translate("Choose Grow and click on a slice, or draw with the brush"), "INFO")
+
+
+class CTMC_UL_drawn(bpy.types.UIList):
+    """A structure in a line: its eye, color and name."""
+
+    bl_idname = "CTMC_UL_drawn"
+
+    def filter_items(self, context: Any, data: Any, name: str) -> tuple[list[int], list[int]]:
+        """Show the structures of the scene's CT alone."""
+        fingerprint = context.scene.ctmc.volume_fingerprint
+        shown = [self.bitflag_filter_item * (item.fingerprint == fingerprint) for item in getattr(data, name)]
+        return shown, []
+
+    def draw_item(
+        self,
+        _context: Any,
+        layout: Any,
+        _data: Any,
+        item: Any,
+        _icon: int,
+        _active_data: Any,
+        _active_property: str,
+        _index: int,
+        _flag: int,
+    ) -> None:
+        """Draw the line of a structure."""
+        row = layout.row(align=True)
+        row.use_property_split = False
+        row.prop(item, "shown", text="", icon="HIDE_OFF" if item.shown else "HIDE_ON", emboss=False)
+        color = row.row()
+        color.ui_units_x = 1.2
+        color.prop(item, "color", text="")
+        row.prop(item, "name", text="", emboss=False, placeholder=translate("Name"))
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_UL_drawn,))

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is drawn, and how: `scene.ctmc_draw`. Each structure keeps its slices packed, so the file holds every stroke.
+
+Undo, saving, autosave and Blender's question before a file closes then know what was drawn without a word from us.
+As in settings.py, this module must not hold `bpy` itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+from bpy.types import PropertyGroup, Scene
+from bpy.utils import register_class, unregister_class
+
+from ...core.segmentation import HU_PER_MM, MAX_MM
+from ..state.change_events import DRAWN, notify
+from .kinds import boolean, choice, collection, decimal, decimals, integer, text
+
+
+def on_look(owner: Any, _context: Any) -> None:
+    """Show structures as they look now, and the one that is drawn on."""
+    notify(owner.id_data.ctmc, DRAWN)
+
+
+class CTMCPoint(PropertyGroup):
+    """A point of a stroke, or a corner of a lasso, that an operator is given."""
+
+    at: FloatVectorProperty(size=3, options={"HIDDEN"})
+
+
+class CTMCPackedSlice(PropertyGroup):
+    """A slice of a structure: its number, and its bits as `core.segmentation.packed_slices` packs them."""
+
+    number: IntProperty(options={"HIDDEN"})
+    content: StringProperty(subtype="BYTE_STRING", options={"HIDDEN"})
+
+
+class CTMCDrawnClick(PropertyGroup):
+    """A click of Grow: its sample (slice, row, column), and whether the structure or its surroundings are there."""
+
+    sample: IntVectorProperty(size=3, options={"HIDDEN"})
+    inside: BoolProperty(options={"HIDDEN"})
+
+
+class CTMCDrawnStructure(PropertyGroup):
+    """A structure that was drawn on the CT with a fingerprint."""
+
+    name: text("Name", "What the structure is; its surface is called so. Double-click to change it", update=on_look)
+    number: integer("Number", "Number of the structure in the file", options={"HIDDEN"})
+    fingerprint: StringProperty(options={"HIDDEN"})
+    color: decimals(
+        "Color",
+        "Color of the structure on slices, and of its surface",
+        subtype="COLOR",
+        size=3,
+        min=0.0,
+        max=1.0,
+        update=on_look,
+    )
+    shown: boolean("Show", "Show the structure on slices and as a preview", default=True, update=on_look)
+    slices: CollectionProperty(type=CTMCPackedSlice, options={"HIDDEN"})
+    clicks: CollectionProperty(type=CTMCDrawnClick, options={"HIDDEN"})
+
+
+class CTMCDrawing(PropertyGroup):
+    """The structures that were drawn in a scene, and how the tools draw."""
+
+    structures: collection("Structures", "Structures that were drawn", type=CTMCDrawnStructure)
+    index: integer("Structure", "Structure that the tools draw on", update=on_look)
+    radius_mm: decimal(
+        "Radius",
+        "Radius of brush and eraser. F changes it in the viewport",
+        unit="CAMERA",
+        default=5.0,
+        min=0.1,
+        soft_max=50.0,
+        max=500.0,
+        precision=1,
+    )
+    ball: boolean("Ball", "Draw a ball through the slices around; otherwise a disc in the slice alone")
+    method: choice(
+        "Grow",
+        "How far a click reaches",
+        items=[
+            ("compete", "To Borders", "To where the border is sharpest; for tumors and organs"),
+            ("connected", "In Range", "What hangs together in the range; for vessels and bone"),
+        ],
+    )
+    hu_per_mm: decimal(
+        "Noise [HU]",
+        "How many HU count as much as a millimeter. Larger = a smoother border, for a noisy CT",
+        default=HU_PER_MM,
+        min=0.1,
+        soft_max=20.0,
+        max=1000.0,
+        precision=1,
+    )
+    reach_mm: decimal(
+        "Reach",
+        "Nothing farther from a click is touched",
+        unit="CAMERA",
+        default=MAX_MM,
+        min=1.0,
+        soft_max=200.0,
+        max=5000.0,
+        precision=1,
+    )
+    opening_mm: decimal(
+        "Opening",
+        "Narrower connections are cut, so that a vessel does not leak into an organ. 0 = none is cut",
+        unit="CAMERA",
+        min=0.0,
+        soft_max=10.0,
+        max=100.0,
+        precision=1,
+    )
+    use_range: boolean("Stay in Range", "Brush, growing and margin touch only values in the range")
+    low: decimal("From", "Lowest value, in HU or gray values", default=150.0, precision=1, step=500)
+    high: decimal("To", "Highest value, in HU or gray values", default=3000.0, precision=1, step=500)
+    margin_mm: decimal(
+        "Margin",
+        "By how much Margin grows the structure; below 0 shrinks it",
+        unit="CAMERA",
+        default=2.0,
+        soft_min=-20.0,
+        soft_max=20.0,
+        min=-200.0,
+        max=200.0,
+        precision=1,
+    )
+    islands_ml: decimal(
+        "Smaller [ml]", "Islands that are smaller are removed", default=0.1, min=0.0, soft_max=10.0, precision=3
+    )
+    other: text("With", "The structure to combine with")
+    combination: choice(
+        "Combine",
+        "What is left of the structure",
+        items=[
+            ("or", "Add", "What either of the two has"),
+            ("minus", "Take Away", "What the other one does not have"),
+            ("and", "Overlap", "What both have"),
+        ],
+    )
+
+
+CLASSES = (CTMCPoint, CTMCPackedSlice, CTMCDrawnClick, CTMCDrawnStructure, CTMCDrawing)
+
+
+def points_of(places: Iterable[Sequence[float]]) -> list[dict[str, Any]]:
+    """Return points as an operator takes them: two numbers each, or three."""
+    return [{"name": "", "at": (*place, 0.0)[:3]} for place in places]
+
+
+def register() -> None:
+    """Give every scene its drawing."""
+    for kind in CLASSES:
+        register_class(kind)
+    Scene.ctmc_draw = PointerProperty(type=CTMCDrawing, name="CTMC Draw")
+
+
+def unregister() -> None:
+    """Take it away again; what a file holds of it stays in the file."""
+    del Scene.ctmc_draw
+    for kind in reversed(CLASSES):
+        unregister_class(kind)

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tools in the viewport's toolbar: Grow, Brush, Eraser, Scissors; their cursor, and what the status bar says.
+
+The circle is the brush's on the slice under the mouse, so it is seen at a slant where the slice is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...blender.viewport import draw_path
+from ...core.volume import value_at, where_ray_meets
+from ..needs import Needs
+from ..properties.preferences import machine
+from ..state import volumes
+from ..translations import translate
+from . import drawn
+from .slice_hits import SliceHit, slice_under, slices_in
+
+CIRCLE = 64  # corners
+WATCH = 0.3  # seconds between two looks whether the tool is still active
+HELP = {
+    "ctmc.grow": "Click: grow. Alt click: surroundings",
+    "ctmc.brush": "Drag: draw. Ctrl: erase. F: radius",
+    "ctmc.eraser": "Drag: erase. Ctrl: draw. F: radius",
+    "ctmc.scissors": "Drag: remove what is inside. Ctrl: keep it",
+}
+LEFT = {"type": "LEFTMOUSE", "value": "PRESS"}
+_held: list[SliceHit] = []  # where the circle stays while its radius changes
+_status: list[str] = []  # names of the workspaces whose status bar has a text of ours
+
+
+def stroke_keys(erases: bool) -> tuple[Any, ...]:
+    """Return the keys of brush and eraser; Ctrl swaps the two."""
+    return (
+        ("ctmc.draw_stroke", LEFT, {"properties": [("erase", erases)]}),
+        ("ctmc.draw_stroke", {**LEFT, "ctrl": True}, {"properties": [("erase", not erases)]}),
+        ("ctmc.draw_radius", {"type": "F", "value": "PRESS"}, None),
+        ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
+    )
+
+
+class Tool:
+    """What all tools share; inherited before `bpy.types.WorkSpaceTool`."""
+
+    bl_space_type = "VIEW_3D"
+    bl_context_mode = "OBJECT"
+    bl_cursor = "CROSSHAIR"
+
+    @staticmethod
+    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
+        """Draw the name of the structure that the tool draws on."""
+        layout.prop(context.scene.ctmc_draw, "use_range")
+
+
+class BrushTool(Tool):
+    """What brush and eraser share."""
+
+    @staticmethod
+    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
+        drawing = context.scene.ctmc_draw
+        for name in ("radius_mm", "ball", "use_range"):
+            layout.prop(drawing, name)
+
+    @staticmethod
+    def draw_cursor(context: Any, _tool: Any, xy: tuple[float, float]) -> None:
+        """Draw the circle of the brush where the mouse is on a slice."""
+        hit = _held[0] if _held else hit_at(context, xy)
+        if hit is not None:
+            draw_path(circle_of(context, hit))
+
+
+class GrowTool(Tool, bpy.types.WorkSpaceTool):
+    """Grow a structure from a click."""
+
+    bl_idname = "ctmc.grow"
+    bl_label = "Grow"
+    bl_description = "Grow a structure from a click on a slice; Alt click for its surroundings"
+    bl_icon = "brush.gpencil_draw.fill"
+    bl_keymap = (
+        ("ctmc.draw_grow", LEFT, {"properties": [("surroundings", False)]}),
+        ("ctmc.draw_grow", {**LEFT, "alt": True}, {"properties": [("surroundings", True)]}),
+        ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
+    )
+
+    @staticmethod
+    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
+        layout.prop(context.scene.ctmc_draw, "method")
+        layout.prop(context.scene.ctmc_draw, "use_range")
+
+
+class BrushOfSlices(BrushTool, bpy.types.WorkSpaceTool):
+    """Draw a structure on slices."""
+
+    bl_idname = "ctmc.brush"
+    bl_label = "Brush"
+    bl_description = "Draw a structure on a slice; Ctrl erases, F changes the radius"
+    bl_icon = "ops.gpencil.draw"
+    bl_keymap = stroke_keys(erases=False)
+
+
+class EraserOfSlices(BrushTool, bpy.types.WorkSpaceTool):
+    """Erase from a structure on slices."""
+
+    bl_idname = "ctmc.eraser"
+    bl_label = "Eraser"
+    bl_description = "Erase from a structure on a slice; Ctrl draws, F changes the radius"
+    bl_icon = "ops.gpencil.draw.eraser"
+    bl_keymap = stroke_keys(erases=True)
+
+
+class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
+    """Cut a structure by a lasso."""
+
+    bl_idname = "ctmc.scissors"
+    bl_label = "Scissors"
+    bl_description = "Remove from a structure what a lasso encloses in the view; with Ctrl, what it does not"
+    bl_icon = "ops.sculpt.lasso_trim"
+    bl_keymap = (
+        ("ctmc.draw_lasso", LEFT, {"properties": [("keep_inside", False)]}),
+        ("ctmc.draw_lasso", {**LEFT, "ctrl": True}, {"properties": [("keep_inside", True)]}),
+        ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
+    )
+
+    @staticmethod
+    def draw_settings(_context: Any, _layout: Any, _tool: Any) -> None:
+        return
+
+
+TOOLS = (GrowTool, BrushOfSlices, EraserOfSlices, ScissorsTool)
+
+
+def hold(hit: SliceHit | None) -> None:
+    """Keep the circle at a place; None lets it follow the mouse again."""
+    _held[:] = [] if hit is None else [hit]
+
+
+def hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
+    """Return where a place of the window is on the nearest slice of the region that is drawn."""
+    from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+
+    region, view = context.region, context.region_data
+    if region is None or view is None or region.type != "WINDOW":
+        return None
+    at, scale = (xy[0] - region.x, xy[1] - region.y), machine().scale
+    origin, direction = region_2d_to_origin_3d(region, view, at), region_2d_to_vector_3d(region, view, at)
+    found = []
+    for corners_mm in slices_in(context.scene, context.space_data):
+        way = where_ray_meets(corners_mm * scale, origin, direction)
+        if way is not None:
+            found.append((way, corners_mm))
+    if not found:
+        return None
+    way, corners_mm = min(found, key=lambda pair: pair[0])
+    x, y, z = (origin + direction * way) / scale
+    return SliceHit((x, y, z), corners_mm)
+
+
+def circle_of(context: Any, hit: SliceHit) -> list[tuple[float, float]]:
+    """Return the brush's circle on a slice, pixels of the window."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+    from mathutils import Vector
+
+    radius_mm = context.scene.ctmc_draw.radius_mm
+    across = hit.corners_mm[1] - hit.corners_mm[0]
+    across = across / np.linalg.norm(across)
+    down = np.cross(hit.normal, across)
+    region, places = context.region, []
+    for number in range(CIRCLE + 1):
+        turn = 2 * math.pi * number / CIRCLE
+        point = np.array(hit.point_mm) + radius_mm * (math.cos(turn) * across + math.sin(turn) * down)
+        at = location_3d_to_region_2d(region, context.region_data, Vector((point * machine().scale).tolist()))
+        if at is not None:
+            places.append((at.x + region.x, at.y + region.y))
+    return places
+
+
+class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
+    """Say place and value under the mouse in the status bar, and let the event through."""
+
+    bl_idname = "ctmc.draw_hover"
+    bl_label = "Place and Value"
+    bl_description = "Say place and value under the mouse in the status bar"
+    bl_options = {"INTERNAL"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (volumes.has_volume,)
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        return {"CANCELLED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        volume = volumes.current(context.scene)
+        if context.area is not None and volume is not None:
+            hit = slice_under(context.scene, context.area, event)
+            text = translate(HELP.get(drawn.tool_of(context), ""))
+            say(context, text if hit is None else f"{place_text(volume, hit.point_mm)}   |   {text}")
+            context.region.tag_redraw()
+        return {"CANCELLED", "PASS_THROUGH"}
+
+
+def place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
+    """Return where a point is, and the value of the CT there."""
+    place, value = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm), value_at(volume, point_mm)
+    if value is None:
+        return translate("{place}: outside the CT").format(place=place)
+    return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"
+
+
+def say(context: Any, text: str) -> None:
+    """Write into the status bar, until another tool is active."""
+    context.workspace.status_text_set(text)
+    if context.workspace.name not in _status:
+        _status.append(context.workspace.name)
+    if not bpy.app.timers.is_registered(watch):
+        bpy.app.timers.register(watch, first_interval=WATCH)
+
+
+def watch() -> float | None:
+    """Give the status bar back once another tool is active."""
+    if drawn.tool_of(bpy.context):
+        return WATCH
+    quiet()
+    return None
+
+
+def quiet() -> None:
+    """Take our text out of the status bar."""
+    while _status:
+        workspace = bpy.data.workspaces.get(_status.pop())
+        if workspace is not None:
+            workspace.status_text_set(None)
+
+
+_register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_hover,))
+
+
+def register() -> None:
+    """Put the tools behind Blender's own."""
+    _register()
+    for number, tool in enumerate(TOOLS):
+        bpy.utils.register_tool(tool, separator=number == 0)
+
+
+def unregister() -> None:
+    """Take them away, and the text in the status bar."""
+    if bpy.app.timers.is_registered(watch):
+        bpy.app.timers.unregister(watch)
+    quiet()
+    hold(None)
+    for tool in reversed(TOOLS):
+        bpy.utils.unregister_tool(tool)
+    _unregister()

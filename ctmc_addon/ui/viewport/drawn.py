@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was drawn, in the viewport: on the slices, and as a coarse surface that follows every stroke.
+
+While one of the tools is active, the surface ends at the slice that is drawn on, on the viewer's side, so that it never
+hides what is drawn. Nothing of this is written to the file.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...blender.slices import corners_of, slices_of
+from ...blender.viewport import Picture, PreviewSurface
+from ...core import Preview, ReconstructionSettings
+from ...core.segmentation import Mask, grown_window, veiled
+from ...core.volume import resliced, slice_at, slice_corners, slice_values
+from .. import jobs
+from ..properties.preferences import machine
+from ..state import change_events, drawings, session, volumes
+
+DISPLAY_GAMMA = 2.2
+SOON = 0.01  # seconds from a change to the surface
+CROP_MM = 4.0  # around a structure, for its surface
+
+_handlers: list[Any] = []
+_pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by slice: what decides its picture, and the picture
+_surfaces: dict[tuple[int, int], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
+
+
+def tool_of(context: Any) -> str:
+    """Return the name of the tool of ours that is active; empty for any other."""
+    if context.workspace is None or context.mode != "OBJECT":
+        return ""
+    tool = context.workspace.tools.from_space_view3d_mode("OBJECT", create=False)
+    return tool.idname if tool is not None and tool.idname.startswith("ctmc.") else ""
+
+
+def seen_color(item: Any) -> tuple[float, ...]:
+    """Return a structure's color as it appears: what is stored are amounts of light."""
+    return tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color)
+
+
+def picture_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Picture | None:
+    """Return what was drawn, in a slice; made anew only when something about it has changed."""
+    items = [item for item in drawings.structures(scene) if item.shown]
+    active = drawings.active(scene)
+    scale = machine().scale
+    drawn = [drawings.of(scene, item) for item in items]
+    state = (
+        corners_mm.tobytes(),
+        tuple((item.number, one.revision, tuple(item.color)) for item, one in zip(items, drawn, strict=True)),
+        None if active is None else active.number,
+        scale,
+    )
+    if key not in _pictures or _pictures[key][0] != state:
+        masks = [mask_in(scene, one.mask, corners_mm, section) for one in drawn]
+        some = [(mask, item) for mask, item in zip(masks, items, strict=True) if mask.any()]
+        picture = None
+        if some:
+            numbers = [item.number for _, item in some]
+            at = numbers.index(active.number) if active is not None and active.number in numbers else None
+            colors = veiled([mask for mask, _ in some], [seen_color(item) for _, item in some], at)
+            picture = Picture(colors, corners_mm * scale)
+        _pictures[key] = (state, picture)
+    return _pictures[key][1]
+
+
+def mask_in(scene: bpy.types.Scene, mask: Mask, corners_mm: Any, section: Any) -> Any:
+    """Return a mask in a slice of the grid, or on any plane, (rows, columns) bool."""
+    labels = drawings.label_volume(mask, volumes.require_loaded(scene).volume)
+    if section is not None:
+        return slice_values(labels, section) > 0
+    width, height = (np.linalg.norm(corners_mm[end] - corners_mm[0]) for end in (1, 3))
+    pixel = min(labels.spacing)
+    shape = (min(1024, max(2, round(float(height) / pixel))), min(1024, max(2, round(float(width) / pixel))))
+    return resliced(labels, corners_mm, shape, 0.0) >= 0.5
+
+
+def draw() -> None:
+    """Draw slices and surfaces in a viewport."""
+    context = bpy.context
+    scene, space = context.scene, context.space_data
+    ct = volumes.loaded(scene)
+    if ct is None or space is None or not space.overlay.show_overlays or not any(drawings.structures(scene)):
+        return
+    view, scale = scene.ctmc_view, machine().scale
+    if view.show_slice:
+        section = slice_at(ct.volume, view.plane, view.position)
+        picture = picture_of(scene, "shown", slice_corners(ct.volume, section), section)
+        if picture is not None:
+            picture.draw(context.region_data, above=1)
+    for obj in slices_of(scene, ct.statistics.fingerprint):
+        if obj.visible_get(viewport=space):
+            picture = picture_of(scene, obj.session_uid, corners_of(obj, scale))
+            if picture is not None:
+                picture.draw(context.region_data, above=1)
+    if scene.ctmc.preview:
+        draw_surfaces(context, ct)
+
+
+def draw_surfaces(context: Any, ct: volumes.Loaded) -> None:
+    """Draw the coarse surfaces, with a tool of ours up to the slice."""
+    scene, region = context.scene, context.region_data
+    if any(is_behind(scene, item) for item in drawings.structures(scene)):
+        wake()
+    plane = plane_of(context, ct) if scene.ctmc_view.show_slice and tool_of(context) else (0.0, 0.0, 0.0, 0.0)
+    for item in drawings.structures(scene):
+        _, surface = _surfaces.get((scene.session_uid, item.number), (0, None))
+        if surface is not None and item.shown:
+            surface.draw(region.perspective_matrix, region.view_matrix, tuple(item.color), plane)
+
+
+def plane_of(context: Any, ct: volumes.Loaded) -> tuple[float, float, float, float]:
+    """Return the plane of the slice in the viewport, positive on the viewer's side; Blender units."""
+    view, region = context.scene.ctmc_view, context.region_data
+    corners = slice_corners(ct.volume, slice_at(ct.volume, view.plane, view.position)) * machine().scale
+    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+    normal /= np.linalg.norm(normal)
+    eye = np.array(region.view_matrix.inverted())
+    side = normal @ (eye[:3, 3] - corners[0]) if region.is_perspective else normal @ eye[:3, 2]
+    normal *= 1.0 if side >= 0 else -1.0
+    a, b, c = normal.tolist()
+    return a, b, c, -float(normal @ corners[0])
+
+
+def follow(_properties: Any, name: str) -> None:
+    """Draw again after a change; drawing finds out what is behind."""
+    if name == change_events.DRAWN:
+        session.redraw_viewports()
+
+
+def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
+    """Return whether a structure has changed since its surface was made."""
+    made = _surfaces.get((scene.session_uid, item.number), (-1, None))[0]
+    return made != drawings.of(scene, item).revision
+
+
+def wake() -> None:
+    """Make surfaces once the event is over, and no stroke is being drawn."""
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=SOON)
+
+
+def tick() -> float | None:
+    """Make the surfaces of structures that have changed, one at a time."""
+    if jobs.running() is not None or drawings.stroke_under_way():
+        return 10 * SOON
+    for scene in bpy.data.scenes:
+        if volumes.loaded(scene) is None or volumes.is_coarse(scene):
+            continue
+        for item in drawings.structures(scene):
+            if is_behind(scene, item):
+                revision = drawings.of(scene, item).revision
+                _surfaces[scene.session_uid, item.number] = (revision, surface_of(scene, item))
+                session.redraw_viewports()
+                return SOON
+    return None
+
+
+def surface_of(scene: bpy.types.Scene, item: Any) -> PreviewSurface | None:
+    """Return a structure's surface, as fine as the time for a preview allows; None of an empty one."""
+    window, volume = drawings.window_in(scene, item), volumes.require_loaded(scene).volume
+    if window is None:
+        return None
+    mask = drawings.of(scene, item).mask
+    z, y, x = grown_window(window, max(CROP_MM, 1.01 * max(volume.spacing)), volume.spacing, mask.shape)
+    labels = drawings.label_volume(mask, volume).part(((x.start, x.stop), (y.start, y.stop), (z.start, z.stop)))
+    limits = machine()
+    shown = Preview(labels, limits.preview_seconds, limits.budget).interactive(ReconstructionSettings(label=1))
+    return None if shown is None else PreviewSurface(shown.surface, scene.ctmc.alpha, limits.scale)
+
+
+def clear(*_: Any) -> None:
+    """Forget what is shown, as another file is loaded."""
+    _pictures.clear()
+    _surfaces.clear()
+
+
+def register() -> None:
+    """Draw in every 3D viewport; a Blender without a window has none."""
+    change_events.subscribe(follow)
+    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
+    if not bpy.app.background:
+        _handlers.append(bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW"))
+
+
+def unregister() -> None:
+    """Leave no handler, no timer and no picture."""
+    change_events.unsubscribe(follow)
+    bpy.app.handlers.load_pre.remove(clear)
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+    while _handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    clear()

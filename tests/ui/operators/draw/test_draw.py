@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drawing without a window: strokes, clicks and edits, what undo and the file keep of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ctmc_addon.core.volume import volume_box
+from ctmc_addon.ui.properties.drawing import points_of
+from ctmc_addon.ui.state import drawings, volumes
+
+
+def middle():
+    """The middle of the ball, RAS+ mm."""
+    box = volume_box(volumes.current(bpy.context.scene))
+    return tuple(((box[0] + box[7]) / 2).tolist())
+
+
+def stroke(*points, **options):
+    return bpy.ops.ctmc.draw_stroke(stroke=points_of(points), **options)
+
+
+def mask():
+    scene = bpy.context.scene
+    return drawings.of(scene, drawings.active(scene)).mask
+
+
+def packed():
+    return {entry.number: entry.content for entry in drawings.active(bpy.context.scene).slices if entry.content}
+
+
+@pytest.fixture
+def drawing(loaded):
+    bpy.ops.ed.undo_push(message="Loaded")
+    return loaded.ctmc_draw
+
+
+def test_a_stroke_makes_a_structure_and_erasing_it_leaves_nothing(drawing):
+    drawing.radius_mm, drawing.ball = 4.0, True
+    assert stroke(middle()) == {"FINISHED"}
+    volume = volumes.current(bpy.context.scene)
+    exact = 4 / 3 * np.pi * 4.0**3 / np.prod(volume.spacing)
+    assert 0.7 * exact < mask().sum() < 1.3 * exact
+    assert [item.name for item in drawing.structures] == ["Structure"]
+    assert stroke(middle(), erase=True) == {"FINISHED"}
+    assert not mask().any()
+    assert packed() == {}
+
+
+def test_a_disc_is_drawn_in_one_slice_and_the_range_holds_it(drawing):
+    drawing.radius_mm = 30.0
+    stroke(middle())
+    assert (mask().any(axis=(1, 2))).sum() == 1
+    stroke(middle(), erase=True)
+    drawing.use_range, drawing.low, drawing.high = True, 100.0, 1000.0
+    stroke(middle())
+    values = volumes.current(bpy.context.scene).values
+    drawn = np.flatnonzero(mask().any(axis=(1, 2)))
+    assert (mask()[drawn[0]] == (values[drawn[0]] >= 100)).all()
+
+
+def test_undo_and_redo_take_one_stroke_and_bring_it_again(drawing):
+    drawing.radius_mm = 3.0
+    states = [np.zeros_like(volumes.current(bpy.context.scene).values, bool)]
+    for shift in (0.0, 4.0, 8.0):
+        x, y, z = middle()
+        stroke((x + shift - 4, y, z))
+        bpy.ops.ed.undo_push(message="Stroke")
+        states.append(mask().copy())
+    for state in states[2:0:-1]:
+        bpy.ops.ed.undo()
+        assert (mask() == state).all()
+    for state in states[2:]:
+        bpy.ops.ed.redo()
+        assert (mask() == state).all()
+
+
+def test_what_was_drawn_is_there_when_the_file_is_opened_again(drawing, tmp_path):
+    drawing.radius_mm = 5.0
+    stroke(middle())
+    before = mask().copy()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert (mask() == before).all()
+    assert before.any()
+
+
+def test_a_click_grows_to_the_border_and_keeps_strokes(drawing):
+    assert bpy.ops.ctmc.draw_grow(point_mm=middle()) == {"FINISHED"}
+    inside = volumes.current(bpy.context.scene).values >= 100
+    first = mask().copy()
+    assert 2 * (first & inside).sum() / (first.sum() + inside.sum()) > 0.75
+    drawing.radius_mm, drawing.ball = 1.0, True
+    corner = tuple(volume_box(volumes.current(bpy.context.scene))[0].tolist())
+    stroke(corner)
+    extra = mask() & ~first
+    x, y, z = middle()
+    bpy.ops.ctmc.draw_grow(point_mm=(x, y, z + 2))
+    assert (mask() & extra).sum() == extra.sum() > 0
+    assert [click.inside for click in drawings.active(bpy.context.scene).clicks] == [True, True]
+
+
+def test_in_a_range_a_click_adds_what_hangs_together_and_alt_takes_it(drawing):
+    drawing.method, drawing.low, drawing.high = "connected", 100.0, 10_000.0
+    bpy.ops.ctmc.draw_grow(point_mm=middle())
+    assert (mask() == (volumes.current(bpy.context.scene).values >= 100)).all()
+    bpy.ops.ctmc.draw_grow(point_mm=middle(), surroundings=True)
+    assert not mask().any()
+
+
+def test_a_refused_click_leaves_the_scene_as_it_was(drawing):
+    with pytest.raises(RuntimeError, match="outside of the volume"):
+        bpy.ops.ctmc.draw_grow(point_mm=(999, 0, 0))
+    with pytest.raises(RuntimeError, match="click in the structure first"):
+        bpy.ops.ctmc.draw_grow(point_mm=middle(), surroundings=True)
+    assert len(drawing.structures) == 0
+
+
+def test_edits_of_a_whole_structure(drawing):
+    drawing.radius_mm, drawing.ball = 4.0, True
+    x, y, z = middle()
+    stroke((x - 7, y, z))
+    stroke((x + 5, y, z))
+    drawing.radius_mm = 1.3
+    stroke((x + 5, y, z), erase=True)
+    holed = int(mask().sum())
+    bpy.ops.ctmc.draw_holes()
+    filled = int(mask().sum())
+    assert filled > holed
+    bpy.ops.ctmc.draw_islands(largest=True)
+    assert mask().sum() * 2 == filled
+    drawing.margin_mm = 2.0
+    before = mask().copy()
+    bpy.ops.ctmc.draw_margin()
+    assert mask().sum() > 1.5 * before.sum()
+    assert (mask() & before).sum() == before.sum()
+    drawing.margin_mm = -1.0
+    bpy.ops.ctmc.draw_margin()
+    bpy.ops.ctmc.draw_add()
+    stroke((x - 7, y, z), (x + 5, y, z))
+    drawing.index, drawing.other, drawing.combination = 0, "Structure 2", "minus"
+    before = mask().copy()
+    bpy.ops.ctmc.draw_combine()
+    assert 0 < mask().sum() < before.sum()
+
+
+def test_slices_between_drawn_ones_are_filled(drawing):
+    drawing.radius_mm = 4.0
+    x, y, z = middle()
+    for shift in (-6, 6):
+        stroke((x, y, z + shift))
+    bpy.ops.ctmc.draw_between()
+    drawn = np.flatnonzero(mask().any(axis=(1, 2)))
+    assert (np.diff(drawn) == 1).all()
+    assert len(drawn) == 7
+
+
+def test_scissors_remove_what_the_lasso_encloses(drawing):
+    drawing.radius_mm, drawing.ball = 5.0, True
+    stroke(middle())
+    x, _, _ = middle()
+    view = np.eye(4)
+    view[0, 3] = -x  # clip space is mm, its middle in the middle of the ball
+    half = [(0, -99), (99, -99), (99, 99), (0, 99)]
+    before = mask().copy()
+    bpy.ops.ctmc.draw_cut(view=view.ravel().tolist(), lasso=points_of(half), keep_inside=False)
+    assert 0.4 * before.sum() < mask().sum() < 0.6 * before.sum()
+    assert not (mask() & ~before).any()
+
+
+def test_removing_a_structure_and_undo_brings_it_back(drawing):
+    stroke(middle())
+    before = mask().copy()
+    bpy.ops.ed.undo_push(message="Stroke")
+    bpy.ops.ctmc.draw_remove()
+    bpy.ops.ed.undo_push(message="Remove")
+    assert drawings.active(bpy.context.scene) is None
+    bpy.ops.ed.undo()
+    assert (mask() == before).all()
