@@ -15,6 +15,7 @@ import bpy
 
 import ctmc_addon
 from ctmc_addon.ui import translations
+from ctmc_addon.ui.properties import drawing as drawing_properties
 from ctmc_addon.ui.properties import figure as figure_properties
 from ctmc_addon.ui.properties import preferences
 from ctmc_addon.ui.properties import settings as properties
@@ -30,6 +31,8 @@ GROUPS = (
     properties.CTMCSettings,
     properties.CTMCLabel,
     view_properties.CTMCView,
+    drawing_properties.CTMCDrawing,
+    drawing_properties.CTMCDrawnStructure,
     figure_properties.CTMCFigure,
     preferences.CTMCPreferences,
 )

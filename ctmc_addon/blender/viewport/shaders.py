@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 VERTEX = """
 void main() {
-    shade = view_rotation * normal;
+    shade = normal;
     beyond = dot(plane, vec4(position, 1.0));
     gl_Position = projection * vec4(position, 1.0);
 }"""
-# Lit on both sides: a surface cut off at the border shows its inside.
+# Lit from the eye, whose direction is all that is needed of the view's rotation: 128 bytes of constants are what every
+# graphics card has. Lit on both sides: a surface cut off at the border shows its inside.
 FRAGMENT = """
 void main() {
     if (beyond > 0.0) { discard; }
-    shown = vec4(color.rgb * (0.18 + 0.72 * abs(normalize(shade).z)), 1.0);
+    shown = vec4(color.rgb * (0.18 + 0.72 * abs(dot(normalize(shade), eye))), 1.0);
 }"""
 WHOLE = (0.0, 0.0, 0.0, 0.0)  # a plane with nothing beyond it
 _shader: list[Any] = []
@@ -81,7 +82,7 @@ def draw_surface(
     gpu.state.depth_mask_set(True)
     shader.bind()
     shader.uniform_float("projection", projection)
-    shader.uniform_float("view_rotation", view_rotation)
+    shader.uniform_float("eye", view_rotation[2])
     shader.uniform_float("color", (*color, 1.0))
     shader.uniform_float("plane", plane)
     batch.draw(shader)
@@ -99,7 +100,7 @@ def surface_shader() -> Any:
         between.smooth("FLOAT", "beyond")
         info = gpu.types.GPUShaderCreateInfo()
         info.push_constant("MAT4", "projection")
-        info.push_constant("MAT3", "view_rotation")
+        info.push_constant("VEC3", "eye")
         info.push_constant("VEC4", "color")
         info.push_constant("VEC4", "plane")
         info.vertex_in(0, "VEC3", "position")

@@ -11,7 +11,7 @@ from ..state import drawings, volumes
 from ..translations import translate
 from ..viewport.draw_tools import TOOLS
 from ..viewport.drawn import tool_of
-from .layout import Step, draw_pair, draw_text, is_narrow, prepare
+from .layout import Step, draw_pair, draw_text, holds_hu, is_narrow, prepare
 
 
 class CTMC_PT_draw(Step, bpy.types.Panel):
@@ -41,8 +41,8 @@ def draw_tools(layout: Any, context: bpy.types.Context) -> None:
     for pair in (TOOLS[:2], TOOLS[2:]):
         row = column.column(align=True) if is_narrow(context) else column.row(align=True)
         for tool in pair:
-            button = row.operator("wm.tool_set_by_id", text=translate(tool.bl_label), depress=tool.bl_idname == active)
-            button.name = tool.bl_idname
+            button = row.operator("ctmc.draw_tool", text=tool.bl_label, depress=tool.bl_idname == active)
+            button.tool = tool.bl_idname
 
 
 def draw_structures(layout: Any, drawing: Any) -> None:
@@ -72,8 +72,9 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
     row.prop(drawing, "use_range")
     limits = column.column(align=True)
     limits.active = drawing.use_range or needs_range
-    limits.prop(drawing, "low")
-    limits.prop(drawing, "high")
+    unit = " [HU]" if holds_hu(context.scene) else ""
+    limits.prop(drawing, "low", text=translate("From") + unit, translate=False)
+    limits.prop(drawing, "high", text=translate("To") + unit, translate=False)
 
 
 def draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:

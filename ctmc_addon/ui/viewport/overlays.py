@@ -30,6 +30,7 @@ from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import volumes
 from . import deviation
+from .drawn import tool_of
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -65,8 +66,9 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
     labels = wanted_labels(settings)
-    above = None if labels else used_threshold(scene)
-    upper = settings.upper if settings.use_upper and not labels else None
+    draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
+    above = None if labels or draws else used_threshold(scene)
+    upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
     scale = machine().scale
     colors = label_colors(settings) if labels and volume.kind == ValueKind.LABEL else {}

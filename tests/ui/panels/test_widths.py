@@ -76,6 +76,7 @@ def test_stages_of_a_job_are_not_cut_in_its_bar(language):
 @pytest.mark.parametrize("language", TABLES)
 def test_buttons_side_by_side_are_not_cut(language):
     pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
+    pairs |= {"Grow", "Brush", "Eraser", "Scissors", "Margin", "Islands", "Largest Only", "Fill Holes"}
     assert too_wide(pairs, HALF, TABLES[language]) == {}
 
 

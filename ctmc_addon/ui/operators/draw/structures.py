@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures are added and removed: the operators `ctmc.draw_add` and `ctmc.draw_remove`."""
+"""Structures are added and removed, and a tool is taken: `ctmc.draw_add`, `ctmc.draw_remove`, `ctmc.draw_tool`."""
 
 from __future__ import annotations
 
 import bpy
+from bpy.props import StringProperty
 
 from ... import jobs
 from ...needs import Needs
 from ...state import drawings
 from ...translations import translate
+from ..scene.slice_object import in_object_mode
 from .needs import can_draw, has_structure
 
 
@@ -44,4 +46,21 @@ class CTMC_OT_draw_remove(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_add, CTMC_OT_draw_remove))
+class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
+    """Take a tool, and show the slice that it draws on."""
+
+    bl_idname = "ctmc.draw_tool"
+    bl_label = "Take Tool"
+    bl_description = "Take this tool, which is in the toolbar too (T)"
+
+    tool: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (can_draw, in_object_mode)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        context.scene.ctmc_view.show_slice = True
+        bpy.ops.wm.tool_set_by_id(name=self.tool)
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_add, CTMC_OT_draw_remove, CTMC_OT_draw_tool))
