@@ -37,8 +37,10 @@ lint: setup  ## ruff: rules and layout
 	@.venv/bin/ruff check
 	@.venv/bin/ruff format --check
 
-types: setup  ## mypy, strict
+types: setup  ## mypy, strict, as Linux, Windows and macOS are
 	@.venv/bin/mypy
+	@.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32
+	@.venv/bin/mypy --platform darwin --cache-dir .mypy_cache/darwin
 
 build: setup  ## the extension's zips, one for each platform, in dist, with their sizes
 	@$(python) tools/build_extension.py
@@ -65,8 +67,8 @@ experiments: setup  ## the paper's tables on phantoms and a real CT, for docs/ex
 figures: setup  ## the pictures of docs/figures.md, by the commands on that page
 	@$(python) tools/make_figures.py $(ARGS)
 
-readme-pictures: setup  ## the pictures of README, rendered from the phantom; five minutes
-	@$(python) tools/make_readme_pictures.py
+readme-pictures: setup  ## the pictures of README, rendered from the CT of a chest: CT=FOLDER; a quarter of an hour
+	@$(python) tools/make_readme_pictures.py "$(CT)" $(ARGS)
 
 sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
 	@PYTHONPATH=tests $(python) -m window.sidebar_pictures $(ARGS)

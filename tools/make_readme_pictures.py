@@ -1,25 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pictures of README: the phantom cut open, alpha and the threshold moving. `make readme-pictures`, five minutes.
+"""The pictures of README, rendered from the CT of a chest: `make readme-pictures CT=FOLDER`, a quarter of an hour.
 
-Blender renders them with Cycles on the processor. The phantom is made here from its seed; nothing else is read.
+Blender renders them with Cycles on the processor. The CT has to have skin all around and both lungs, such as
+LIDC-IDRI-0314 of The Cancer Imaging Archive (CC BY 3.0), of which the committed pictures are.
+`ARGS="--only hero --quick"` makes one of them, small and coarse.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
 from mathutils import Vector
+from numpy.typing import NDArray
 from PIL import Image
 
 from ctmc_addon.blender.surface import add_reconstruction
-from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
-from ctmc_addon.core.phantom import Phantom, phantom_steps
+from ctmc_addon.core import CtmcError, ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core.segmentation import connected_steps, islands_steps, margin_steps
+from ctmc_addon.readers import read_volume
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "readme"
 BACKGROUND = (0.012, 0.014, 0.02, 1.0)
@@ -30,44 +35,111 @@ LIGHTS = (
     (700.0, 3.0, (1.0, 1.0, 1.0), (0.0, -6.0, 5.0)),
 )
 SCALE = 0.01  # Blender units of 1 mm
-SKIN, BONE, LIVER, TUMOR = (0.80, 0.52, 0.40), (0.86, 0.78, 0.62), (0.40, 0.06, 0.04), (0.95, 0.62, 0.10)
+SKIN, BONE, LUNG, VESSEL = (0.80, 0.52, 0.40), (0.86, 0.78, 0.62), (0.85, 0.42, 0.38), (0.45, 0.02, 0.02)
+AIR, SOFT, BONE_HU = -1000, -300, 180  # HU
+Mask = NDArray[np.bool_]
+
+
+class Chest(NamedTuple):
+    """A CT of a chest, without the table, and what is known of it.
+
+    Parameters
+    ----------
+    volume : Volume
+        HU; outside of the body air.
+    lungs, filled : (slices, rows, columns) bool
+        Air in the lungs, and the lungs with their vessels.
+    middle : (3,) float
+        Middle of the body in Blender units.
+    """
+
+    volume: Volume
+    lungs: Mask
+    filled: Mask
+    middle: Vector
 
 
 def main() -> int:
-    """Render all three pictures."""
+    """Render the pictures; 0 if all went well."""
+    parser = argparse.ArgumentParser(description="Render the pictures of README from the CT of a chest.")
+    parser.add_argument("ct", type=Path, help="the CT's folder")
+    parser.add_argument("--only", choices=("hero", "alpha", "threshold"))
+    parser.add_argument("--quick", action="store_true", help="a quarter of the size, few samples, coarse voxels")
+    args = parser.parse_args()
+    try:
+        chest = chest_of(read_volume(args.ct), 3 if args.quick else 1)
+    except CtmcError as error:
+        print(f"readme-pictures: {error}", file=sys.stderr)
+        return 1
     PICTURES.mkdir(parents=True, exist_ok=True)
-    phantom = finish(phantom_steps(slices=110, size=320))
-    render_hero(phantom)
-    save_gif(alpha_frames(phantom.volume), PICTURES / "alpha.gif", 90)
-    frames = list(threshold_frames(phantom.volume))
-    save_gif([*frames, *frames[::-1]], PICTURES / "threshold.gif", 110)
+    if args.only in (None, "hero"):
+        render_hero(chest, args.quick)
+    if args.only in (None, "alpha"):
+        save_gif(alpha_frames(chest), PICTURES / "alpha.gif", 90)
+    if args.only in (None, "threshold"):
+        frames = list(threshold_frames(chest.volume, chest.middle))
+        save_gif([*frames, *frames[::-1]], PICTURES / "threshold.gif", 110)
     return 0
 
 
-def render_hero(phantom: Phantom) -> None:
-    """Skin, bone, liver and tumors above the slice at their feet."""
-    scene = new_scene((1200, 640), samples=96)
-    volume, labels = phantom.volume, phantom.labels
+def chest_of(volume: Volume, stride: int) -> Chest:
+    """Find body and lungs, and take away what lies around: table, clothes, cables."""
+    affine = volume.affine @ np.diag([stride, stride, stride, 1.0])
+    values = np.ascontiguousarray(volume.values[::stride, ::stride, ::stride])
+    spacing = tuple(np.linalg.norm(affine[:3, :3], axis=0).tolist())
+    voxel_mm3 = float(np.prod(spacing))
+    body = finish(islands_steps(values > SOFT, voxel_mm3, largest=1))
+    last = np.array(values.shape) - 1
+    corners = [(z, y, x) for z in (0, int(last[0])) for y in (0, int(last[1])) for x in (0, int(last[2]))]
+    air = ~body
+    inside = air & ~finish(connected_steps(air, [corner for corner in corners if air[corner]], spacing))
+    lungs = finish(islands_steps(inside & (values < -500), voxel_mm3, largest=2))
+    wide = finish(margin_steps(lungs, spacing, 6.0))
+    filled = finish(margin_steps(wide, spacing, -8.0))
+    outside = air & ~inside
+    values = np.where(outside, AIR, values).astype(np.int16)
+    rows = np.argwhere(body.any(axis=0))  # (row, column)
+    middle = np.array([*(rows.min(axis=0) + rows.max(axis=0))[::-1] / 2, last[0] / 2, 1.0])
+    return Chest(Volume(values, affine, name=volume.name), lungs, filled, Vector((affine @ middle)[:3] * SCALE))
+
+
+def render_hero(chest: Chest, quick: bool) -> None:
+    """Half of the skin, bones, lungs and what is in them, above the slice at their feet."""
+    scene = new_scene((480, 270) if quick else (1920, 1080), samples=12 if quick else 32)
+    volume = chest.volume
     slices, rows, columns = volume.values.shape
-    liver = Volume((labels.values > 0).astype(np.uint8), labels.affine, kind="label", name="liver")
-    back_half = (0.0, rows * 0.52, 0.0, columns - 1.0, rows - 1.0, slices - 1.0)
-    add(scene, volume, SKIN, threshold=-300, smoothing="gaussian", smoothing_mm=1, keep_parts=1, region=back_half)
-    add(scene, volume, BONE, threshold=180, smoothing="gaussian", smoothing_mm=0.8, min_part_mm3=200)
-    shader_of(add(scene, liver, LIVER, label=1)).inputs["Alpha"].default_value = 0.38
-    add(scene, labels, TUMOR, label=2)
-    add_slice(scene, volume, 3)
-    look(scene, (0.05, 0.75, 0.05), azimuth=-22, elevation=27, distance=11, lens=76)
+    back_half = (0.0, rows * 0.55, 0.0, columns - 1.0, rows - 1.0, slices - 1.0)
+    solid = volume_of(volume, np.where(chest.lungs, 0, volume.values))
+    add(scene, solid, SKIN, threshold=SOFT, smoothing="gaussian", smoothing_mm=1.5, keep_parts=1, region=back_half)
+    add(scene, volume, BONE, threshold=BONE_HU, smoothing="gaussian", smoothing_mm=0.8, min_part_mm3=1500)
+    vessels = volume_of(volume, np.where(chest.filled, volume.values, AIR))
+    add(scene, vessels, VESSEL, threshold=-450, smoothing="gaussian", smoothing_mm=0.6, min_part_mm3=150)
+    lungs = Volume(chest.lungs.astype(np.uint8), volume.affine, kind="label", name="lungs")
+    shader_of(add(scene, lungs, LUNG, label=1)).inputs["Alpha"].default_value = 0.16
+    add_slice(scene, volume, 0)
+    look(scene, chest.middle, azimuth=-24, elevation=20, distance=16.3, lens=95)
     picture = render(scene)
-    picture.save(PICTURES / "hero.jpg", quality=88, optimize=True)
+    picture.save(PICTURES / "hero.jpg", quality=86, optimize=True)
 
 
-def alpha_frames(volume: Volume) -> list[Image.Image]:
+def volume_of(like: Volume, values: NDArray[Any]) -> Volume:
+    """Other values at the places of a volume."""
+    return Volume(values.astype(np.int16), like.affine, name=like.name)
+
+
+def alpha_frames(chest: Chest) -> list[Image.Image]:
     """The spine at large voxels, from edge midpoints to linear interpolation and back, by its shape key."""
     scene = new_scene((440, 330), samples=10)
-    settings = {"smoothing": "gaussian", "smoothing_mm": 1, "stride": (4, 4, 3), "min_part_mm3": 300, "normals": "mesh"}
-    obj = add(scene, volume, BONE, threshold=180, **settings)
+    settings = {
+        "smoothing": "gaussian",
+        "smoothing_mm": 1,
+        "stride": (5, 5, 4),
+        "min_part_mm3": 3000,
+        "normals": "mesh",
+    }
+    obj = add(scene, chest.volume, BONE, threshold=BONE_HU, **settings)
     obj.data.polygons.foreach_set("use_smooth", np.zeros(len(obj.data.polygons), bool))
-    look(scene, (0.2, -0.9, -0.1), azimuth=205, elevation=22, distance=7, lens=105)
+    look(scene, chest.middle + Vector((0.3, -0.7, 0.2)), azimuth=205, elevation=15, distance=8, lens=105)
     frames = []
     for step in range(11):
         share = step / 10
@@ -76,14 +148,14 @@ def alpha_frames(volume: Volume) -> list[Image.Image]:
     return [*frames, *frames[::-1]]
 
 
-def threshold_frames(volume: Volume) -> Iterator[Image.Image]:
+def threshold_frames(volume: Volume, middle: Vector) -> Iterator[Image.Image]:
     """One surface for each threshold, from skin to bone."""
     scene = new_scene((440, 330), samples=10)
-    look(scene, (0.0, 0.0, 0.1), azimuth=-24, elevation=26, distance=11, lens=92)
+    look(scene, middle, azimuth=-24, elevation=18, distance=14, lens=105)
     for threshold in (-400, -300, -200, -120, -60, -30, 0, 20, 40, 60, 80, 100, 120, 140, 170, 200, 250, 300, 350):
         share = (threshold + 400) / 750
         color = tuple(low + (high - low) * share for low, high in zip(SKIN, BONE, strict=True))
-        settings = {"smoothing": "gaussian", "smoothing_mm": 2.5, "stride": (3, 3, 1), "min_part_mm3": 1500}
+        settings = {"smoothing": "gaussian", "smoothing_mm": 2.5, "stride": (3, 3, 2), "min_part_mm3": 3000}
         obj = add(scene, volume, color, threshold=threshold, **settings)
         yield render(scene)
         bpy.data.objects.remove(obj)
@@ -148,7 +220,7 @@ def add_slice(scene: bpy.types.Scene, volume: Volume, number: int) -> None:
 
 def look(
     scene: bpy.types.Scene,
-    middle: tuple[float, float, float],
+    middle: Vector,
     azimuth: float,
     elevation: float,
     distance: float,
@@ -157,13 +229,13 @@ def look(
     """Aim the camera at `middle` from these angles (degrees, 0 is the patient's front), and light it."""
     turn, rise = math.radians(azimuth), math.radians(elevation)
     direction = Vector((math.sin(turn) * math.cos(rise), math.cos(turn) * math.cos(rise), math.sin(rise)))
-    aim(scene.camera, Vector(middle), direction * distance)
+    aim(scene.camera, middle, direction * distance)
     scene.camera.data.lens = lens
     for watts, side, color, offset in LIGHTS:
         light = bpy.data.lights.new("light", "AREA")
         light.energy, light.size, light.color = watts, side, color
         obj = bpy.data.objects.new("light", light)
-        aim(obj, Vector(middle), Vector(offset))
+        aim(obj, middle, Vector(offset))
         scene.collection.objects.link(obj)
 
 

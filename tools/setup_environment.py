@@ -111,7 +111,7 @@ def install_packages(packages: list[str]) -> None:
     if shutil.which("apt-get") is None:
         raise SetupError(f"System libraries are missing, which Debian would install with: {by_hand}")
     sudo: list[str] = []
-    if os.geteuid() != 0:
+    if sys.platform != "win32" and os.geteuid() != 0:
         sudo = ["sudo", "-n"]
         may = shutil.which("sudo") and subprocess.run([*sudo, "true"], capture_output=True, check=False).returncode == 0
         if not may:

@@ -86,12 +86,16 @@ def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[
 
 def give_back() -> None:
     """Give what was freed back to the system, where the C library keeps it and it counts as used."""
-    with suppress(OSError, AttributeError):  # not on Windows, and in glibc alone
+    if sys.platform == "win32":
+        return
+    with suppress(OSError, AttributeError):  # in glibc alone
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def resident_bytes() -> int | None:
     """Return the bytes of memory that this process has now; None where the system does not tell (not Linux)."""
+    if sys.platform == "win32":
+        return None
     words = "".join(_lines(Path("/proc/self/statm"))).split()
     if len(words) < 2 or not words[1].isdigit():
         return None
@@ -181,6 +185,8 @@ def address_space_available(root: Path = Path("/")) -> int | None:
 
 def _half_of_physical() -> int | None:
     """Return half of the installed memory, for macOS, where the count of free pages says little."""
+    if sys.platform == "win32":
+        return None
     with suppress(OSError, ValueError):
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     return None

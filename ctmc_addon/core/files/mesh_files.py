@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,20 +63,20 @@ def write_mesh(
         writer(file, vertices, faces, normals)
 
 
-def write_stl(file: BinaryIO, vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+def write_stl(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
     """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
         write_stl_facets(file, vertices[faces[part]])
 
 
-def write_stl_head(file: BinaryIO, face_count: int) -> None:
+def write_stl_head(file: IO[bytes], face_count: int) -> None:
     """The beginning of a binary STL with so many facets."""
     file.write(b"CTMC surface, mm".ljust(80))
     file.write(np.uint32(face_count).astype("<u4").tobytes())
 
 
-def write_stl_facets(file: BinaryIO, corners: Vectors) -> None:
+def write_stl_facets(file: IO[bytes], corners: Vectors) -> None:
     """Facets of a binary STL from their corners, (n, 3, 3)."""
     rows = np.zeros(len(corners), STL_FACE)
     rows["corners"] = corners
@@ -87,7 +87,7 @@ def write_stl_facets(file: BinaryIO, corners: Vectors) -> None:
     file.write(rows.tobytes())
 
 
-def write_ply(file: BinaryIO, vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+def write_ply(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
     """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
     write_ply_head(file, len(vertices), len(faces))
     if normals is None:
@@ -98,7 +98,7 @@ def write_ply(file: BinaryIO, vertices: Vectors, faces: NDArray[np.int32], norma
         write_ply_faces(file, faces[part])
 
 
-def write_ply_head(file: BinaryIO, vertex_count: int, face_count: int) -> None:
+def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int) -> None:
     """The beginning of a binary PLY: its vertices follow, then its faces."""
     properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
     file.write(
@@ -108,12 +108,12 @@ def write_ply_head(file: BinaryIO, vertex_count: int, face_count: int) -> None:
     )
 
 
-def write_ply_vertices(file: BinaryIO, vertices: Vectors, normals: Vectors) -> None:
+def write_ply_vertices(file: IO[bytes], vertices: Vectors, normals: Vectors) -> None:
     """Vertices of a binary PLY, (n, 3), and their normals."""
     file.write(np.concatenate([vertices, normals], axis=1).astype("<f4", copy=False).tobytes())
 
 
-def write_ply_faces(file: BinaryIO, faces: NDArray[np.int32]) -> None:
+def write_ply_faces(file: IO[bytes], faces: NDArray[np.int32]) -> None:
     """Faces of a binary PLY, (n, 3)."""
     rows = np.empty(len(faces), PLY_FACE)
     rows["count"], rows["vertices"] = 3, faces
@@ -135,7 +135,7 @@ def parts_of(count: int) -> Iterator[slice]:
     return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))
 
 
-WRITERS: dict[str, Callable[[BinaryIO, Vectors, NDArray[np.int32], Vectors | None], None]] = {
+WRITERS: dict[str, Callable[[IO[bytes], Vectors, NDArray[np.int32], Vectors | None], None]] = {
     ".stl": write_stl,
     ".ply": write_ply,
 }

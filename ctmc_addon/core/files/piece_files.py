@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Generic, TypeVar
+from typing import IO, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ def write_pieces_steps(
         pieces.close()
 
 
-def _stl_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
+def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
     """The number of facets stands before them, so it is written last."""
     write_stl_head(file, 0)
     source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
@@ -104,7 +104,7 @@ def _stl_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[Wr
     return WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
 
 
-def _ply_steps(file: BinaryIO, pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
+def _ply_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
     """All vertices stand before all faces and their numbers before both, so both wait in files without a name."""
     folder = Path(file.name).parent
     with tempfile.TemporaryFile(dir=folder) as of_vertices, tempfile.TemporaryFile(dir=folder) as of_faces:
@@ -176,6 +176,6 @@ def _normal_sums_steps(mesh: TriangleMesh, sums: NDArray[np.float64]) -> Steps[N
     return out
 
 
-WRITERS: dict[str, Callable[[BinaryIO, SurfacePieces[T], str], Steps[WrittenPieces[T]]]] = dict(
+WRITERS: dict[str, Callable[[IO[bytes], SurfacePieces[T], str], Steps[WrittenPieces[T]]]] = dict(
     zip(SUFFIXES, (_stl_steps, _ply_steps), strict=True)
 )

@@ -47,10 +47,10 @@ def serve(memory: int) -> None:
 
 def limit_memory(most: int) -> None:
     """Let allocations beyond `most` bytes fail; not on Windows, and macOS does not keep to it."""
-    try:
-        import resource
-    except ImportError:
+    if sys.platform == "win32":
         return
+    import resource
+
     try:
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         within = most if hard == resource.RLIM_INFINITY else min(most, hard)
