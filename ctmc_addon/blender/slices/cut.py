@@ -7,6 +7,7 @@ ask an arrow on the slice: moving the slice moves the cut, and turning the arrow
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import bpy
@@ -21,6 +22,7 @@ from .material import picture_coordinates
 from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
+IN_PLANE = 1e-4  # of a slice's diagonal: nearer to its plane lies in it
 ARROW = 0.1  # length of the arrow, of the slice's diagonal
 
 
@@ -61,6 +63,46 @@ def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeT
     tree = cut_nodes(name, arrow, plane, picture_coordinates(corners), diagonal)
     tree[CUT] = plane
     return tree
+
+
+def cuts_of(obj: bpy.types.Object | None) -> list[bpy.types.NodeTree]:
+    """Return the node groups of the cuts of a surface, or at a slice, in the order in which they were made."""
+    if obj is None:
+        return []
+    if is_slice(obj):
+        return [tree for tree in bpy.data.node_groups if tree.get(CUT) == obj]
+    groups = [modifier.node_group for modifier in obj.modifiers if modifier.type == "NODES"]
+    return [tree for tree in groups if tree is not None and is_slice(tree.get(CUT))]
+
+
+def flip(cut: bpy.types.NodeTree) -> None:
+    """Let a cut keep the other half, of every surface that it cuts."""
+    plane = cut[CUT]
+    arrows = [node.inputs["Object"].default_value for node in cut.nodes if node.type == "OBJECT_INFO"]
+    arrow = next((obj for obj in arrows if obj is not None and obj != plane), None)
+    if arrow is None:
+        raise MeshError(f"the arrow of {cut.name} was deleted; remove the modifier {CUT} and cut again")
+    arrow.matrix_local = arrow.matrix_local @ Matrix.Rotation(math.pi, 4, "X")
+
+
+def is_cut_in(scene: bpy.types.Scene, corners: NDArray[np.float64]) -> bool:
+    """Return whether a surface that is seen is cut open in the plane of a slice.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    corners : (4, 3) float64
+        Of the slice, world space.
+    """
+    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+    normal /= np.linalg.norm(normal)
+    reach = float(np.linalg.norm(corners[2] - corners[0]))
+    for cut in {cut for obj in scene.objects if obj.type == "MESH" and obj.visible_get() for cut in cuts_of(obj)}:
+        plane = cut[CUT]
+        others = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
+        if np.abs((others - corners[0]) @ normal).max() < IN_PLANE * reach:
+            return True
+    return False
 
 
 def frame(corners: NDArray[np.float64]) -> NDArray[np.float64]:

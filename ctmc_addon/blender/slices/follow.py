@@ -36,6 +36,16 @@ def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Ob
             yield obj
 
 
+def at_corners(
+    scene: bpy.types.Scene, fingerprint: str, corners_mm: NDArray[np.float64], scale: float
+) -> bpy.types.Object | None:
+    """Return the slice of a CT whose corners, (4, 3) RAS+ mm, are these; None where there is none."""
+    for obj in slices_of(scene, fingerprint):
+        if np.abs(corners_of(obj, scale) - corners_mm).max() < STILL:
+            return obj
+    return None
+
+
 def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: float, *, again: bool = False) -> int:
     """Take the pictures of a CT's slices where they stand now; return how many slices had moved.
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The panel Results, below the button: what is known of the active surface, and what can be done with it.
 
-Its lines are the same with and without a surface, so that nothing below it jumps when one is selected.
+Its lines are the same with and without a surface, so that nothing below it jumps when one is selected. While something
+else is active, such as a slice, the surface that was active last stays, dimmed.
 """
 
 from __future__ import annotations
@@ -27,18 +28,21 @@ class CTMC_PT_results(Step, bpy.types.Panel):
     bl_label = "Results"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, obj = self.layout, context.view_layer.objects.active
+        layout, obj = self.layout.column(), surfaces.surface_of_results(context)
+        prepare(self.layout)
         prepare(layout)
+        is_active = obj is not None and obj == context.view_layer.objects.active
+        layout.active = is_active or obj is None
         provenance = read_provenance(obj)
-        name = translate("No surface is selected") if provenance is None else obj.name
+        name = translate("No surface is selected") if obj is None else obj.name
         row = layout.split(factor=0.8)
         row.use_property_split = False
         row.label(text=name, icon="OUTLINER_OB_MESH", translate=False)
         color = row.row()
-        color.active = provenance is not None
+        color.enabled = is_active
         color.prop(context.scene.ctmc, "color", text="")
         opacity = layout.row()
-        opacity.active = provenance is not None
+        opacity.enabled = is_active
         opacity.prop(context.scene.ctmc, "opacity", slider=True)
         measurement = None if provenance is None else measurements.of(obj)
         unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""

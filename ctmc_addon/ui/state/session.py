@@ -33,6 +33,8 @@ class Session:
     cost : CostEstimates or None
         None while it is counted.
     rotation : RotationTable or None
+    last_surface : int or None
+        `session_uid` of the surface that Results showed last.
     table : (tuple of StructureRow, ValueKind) or None
         What was measured of all surfaces, and what the values of their CT are.
     """
@@ -42,6 +44,7 @@ class Session:
     full: dict[Origin, Reconstruction] = field(default_factory=dict)
     cost: Any = None
     rotation: Any = None
+    last_surface: int | None = None
     table: Any = None
 
 

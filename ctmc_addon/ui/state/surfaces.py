@@ -62,6 +62,16 @@ def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
     return sorted(selected, key=lambda obj: obj != active)
 
 
+def surface_of_results(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Return the active surface; while something else is active, such as a slice, the surface that was last."""
+    obj, scene_session = context.view_layer.objects.active, session.of(context.scene)
+    if is_surface(obj):
+        scene_session.last_surface = obj.session_uid
+        return obj
+    last = session.object_of(scene_session.last_surface)
+    return last if last is not None and is_surface(last) and last.name in context.view_layer.objects else None
+
+
 def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the scene's active object, if it was reconstructed by us and is not another file's."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
@@ -70,8 +80,8 @@ def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 
 def active_color(scene: bpy.types.Scene) -> Color:
-    """Return the color of the scene's active surface, that of bone without one."""
-    obj = of_scene(scene)
+    """Return the color of the surface that Results shows, that of bone without one."""
+    obj = of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return BONE if obj is None else material_color(obj)
 
 
@@ -83,8 +93,8 @@ def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
 
 
 def active_opacity(scene: bpy.types.Scene) -> float:
-    """Return the opacity of the scene's active surface, 1 without one."""
-    obj = of_scene(scene)
+    """Return the opacity of the surface that Results shows, 1 without one."""
+    obj = of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return 1.0 if obj is None else material_opacity(obj)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ...blender.slices import is_cut_in
 from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
@@ -84,6 +85,15 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     return last
 
 
+def shows_slice(scene: bpy.types.Scene, volume: Volume) -> bool:
+    """Return whether the slice is drawn: not in the plane of a cut, which shows the same picture where it cuts."""
+    view = scene.ctmc_view
+    if not view.show_slice:
+        return False
+    corners = slice_corners(volume, slice_at(volume, view.plane, view.position))
+    return not is_cut_in(scene, corners * machine().scale)
+
+
 def draw_in_space() -> None:
     """Draw the slice and the box of the region, which objects may hide."""
     context = bpy.context
@@ -94,7 +104,7 @@ def draw_in_space() -> None:
         return
     scale, settings = machine().scale, context.scene.ctmc
     size = (context.region.width, context.region.height)
-    if context.scene.ctmc_view.show_slice:
+    if shows_slice(context.scene, volume):
         slice_picture(context.scene, volume).draw(context.region_data)
     draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOR, size, 1.0)
     if settings.use_region:

@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from ....blender.slices import add_slice, cut_at_slice, is_slice
+from ....blender.slices import add_slice, at_corners, cut_at_slice, cuts_of, flip, is_slice
 from ....core import MeshError
-from ....core.volume import PLANES, slice_at, slice_through, value_at
+from ....core.volume import PLANES, SliceIndex, slice_at, slice_corners, slice_through, value_at
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.view import positions_of, window_and_level
@@ -59,15 +59,34 @@ class CTMC_OT_add_slice(bpy.types.Operator):
             sections = {plane: slice_at(ct.volume, plane, position) for plane, position in chosen}
         else:
             sections = {view.plane: slice_at(ct.volume, view.plane, view.position)}
-        bpy.ops.object.select_all(action="DESELECT")
-        for plane, section in sections.items():
-            window, level = window_and_level(view)
-            obj = add_slice(scene, ct.volume, section, plane, window, level, scale, ct.statistics.fingerprint)
+        known = {plane: known_slice(scene, section) for plane, section in sections.items()}
+        for obj in known.values():
+            if obj is not None:
+                obj.hide_set(False)
+        missing = [plane for plane in sections if known[plane] is None]
+        if missing:
+            bpy.ops.object.select_all(action="DESELECT")
+        for plane in missing:
+            obj = new_slice(scene, plane, sections[plane])
             obj.select_set(True)
             context.view_layer.objects.active = obj
         slice_objects.show_pictures()
-        self.report({"INFO"}, translate("Slices that were added: {count}").format(count=len(sections)))
+        text = translate("Slices that were added: {count}").format(count=len(missing))
+        self.report({"INFO"}, text if missing else translate("The slice stands there already; it is shown"))
         return {"FINISHED"}
+
+
+def known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
+    """Return the slice object that stands at a slice of the scene's CT; None where there is none."""
+    ct = volumes.require_loaded(scene)
+    return at_corners(scene, ct.statistics.fingerprint, slice_corners(ct.volume, section), machine().scale)
+
+
+def new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.types.Object:
+    """Add a slice of the scene's CT, with window and level as the sidebar has them."""
+    ct = volumes.require_loaded(scene)
+    window, level = window_and_level(scene.ctmc_view)
+    return add_slice(scene, ct.volume, section, plane, window, level, machine().scale, ct.statistics.fingerprint)
 
 
 class CTMC_OT_cut_at_slice(bpy.types.Operator):
@@ -93,13 +112,9 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         surfaces = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_slice(obj)]
         if not is_slice(context.object):
-            active = context.object
-            bpy.ops.ctmc.add_slice()
-            plane = context.object
-            for obj in surfaces:
-                obj.select_set(True)
-            plane.select_set(False)
-            context.view_layer.objects.active = active
+            view = context.scene.ctmc_view
+            section = slice_at(volumes.require_loaded(context.scene).volume, view.plane, view.position)
+            plane = known_slice(context.scene, section) or new_slice(context.scene, view.plane, section)
         else:
             plane = context.object
         try:
@@ -113,4 +128,30 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_add_slice, CTMC_OT_cut_at_slice))
+class CTMC_OT_flip_cut(bpy.types.Operator):
+    """Keep the other half of a cut."""
+
+    bl_idname = "ctmc.flip_cut"
+    bl_label = "Flip Cut"
+    bl_description = (
+        "Keep the other half: of the last cut of the active surface, or of the cut at the active slice object. "
+        "Surfaces that are cut at the same slice follow"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not cuts_of(context.view_layer.objects.active):
+            cls.poll_message_set("Make a surface active that was cut at a slice")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            flip(cuts_of(context.view_layer.objects.active)[-1])
+        except MeshError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_add_slice, CTMC_OT_cut_at_slice, CTMC_OT_flip_cut))

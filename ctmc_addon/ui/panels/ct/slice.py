@@ -68,6 +68,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row = draw_pair(column, context)
         row.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
         row.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
+        column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
         obj = context.view_layer.objects.active
         if is_slice(obj) or surfaces.is_surface(obj):
             draw_shape_change(layout, context, obj)

@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.blender.slices.material import WINDOW, picture_of
 from ctmc_addon.core.volume import slice_at, slice_corners, transform_points
 from ctmc_addon.ui.state import volumes
+from ctmc_addon.ui.viewport import overlays
 
 
 @pytest.fixture
@@ -115,3 +116,58 @@ def test_a_slice_that_is_moved_by_hand_shows_the_ct_there_and_is_saved_so(scene,
     images = [image for image in bpy.data.images if image.type != "RENDER_RESULT"]
     assert all(image.packed_file is not None for image in images)
     assert str(tmp_path) not in "".join(image.filepath for image in images)
+
+
+def kept_mm(surface):
+    """The lowest and the highest place of the evaluated surface, millimetres towards the head."""
+    mesh = surface.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    heights = [(surface.matrix_world @ vertex.co).z for vertex in mesh.vertices]
+    return min(heights) / 0.01, max(heights) / 0.01
+
+
+def test_a_cut_can_be_flipped_and_flipped_back(scene, surface):
+    low, high = kept_mm(surface)
+    assert not bpy.ops.ctmc.flip_cut.poll()
+    bpy.ops.ctmc.cut_at_slice()
+    plane = surface.modifiers[0].node_group["CTMC Cut"]
+    at = plane.location.z / 0.01
+    assert kept_mm(surface) == pytest.approx((low, at), abs=0.01)
+    bpy.ops.ctmc.flip_cut()
+    bpy.context.view_layer.update()
+    assert kept_mm(surface) == pytest.approx((at, high), abs=0.01)
+    plane.hide_set(False)
+    bpy.context.view_layer.objects.active = plane
+    bpy.ops.ctmc.flip_cut()
+    bpy.context.view_layer.update()
+    assert kept_mm(surface) == pytest.approx((low, at), abs=0.01)
+
+
+def test_after_a_cut_add_slice_shows_its_slice_and_keeps_the_selection(scene, surface):
+    bpy.ops.ctmc.cut_at_slice()
+    plane = surface.modifiers[0].node_group["CTMC Cut"]
+    count = len(scene.objects)
+    assert plane.hide_get()
+    assert bpy.ops.ctmc.add_slice() == {"FINISHED"}
+    assert len(scene.objects) == count
+    assert not plane.hide_get()
+    assert (bpy.context.object, bpy.context.selected_objects) == (surface, [surface])
+    scene.ctmc_view.position = 0.2
+    bpy.ops.ctmc.add_slice()
+    assert len(scene.objects) == count + 1
+    assert bpy.context.object != surface
+
+
+def test_the_drawn_slice_does_not_cover_a_cut_that_shows_the_same(scene, surface):
+    volume = volumes.current(scene)
+    assert overlays.shows_slice(scene, volume)
+    bpy.ops.ctmc.cut_at_slice()
+    bpy.context.view_layer.update()
+    assert not overlays.shows_slice(scene, volume)
+    scene.ctmc_view.position = 0.2
+    assert overlays.shows_slice(scene, volume)
+    scene.ctmc_view.position = 0.5
+    scene.ctmc_view.plane = "coronal"
+    assert overlays.shows_slice(scene, volume)
+    scene.ctmc_view.plane = "axial"
+    surface.hide_set(True)
+    assert overlays.shows_slice(scene, volume)

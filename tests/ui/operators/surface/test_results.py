@@ -8,11 +8,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ui.drawing import meshes_in
+from ui.drawing import drawn, meshes_in
 
 from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import measurements, session, surfaces
 
 
@@ -271,3 +272,16 @@ def test_results_name_a_goal_that_was_not_met(loaded):
     loaded.ctmc.target_faces = 4
     bpy.ops.ctmc.reconstruct()
     assert f"{len(active().data.polygons)} triangles are left instead of 4" in " ".join(drawn(CTMC_PT_results).texts)
+
+
+def test_results_keep_the_last_surface_while_a_slice_is_active(loaded):
+    assert "No surface is selected" in drawn(CTMC_PT_results).texts
+    bpy.ops.ctmc.reconstruct()
+    loaded.ctmc.color = (0.1, 0.2, 0.3)
+    name, shown = active().name, drawn(CTMC_PT_results).texts
+    bpy.ops.ctmc.add_slice()
+    assert active().name != name
+    assert drawn(CTMC_PT_results).texts == shown
+    assert tuple(loaded.ctmc.color) == pytest.approx((0.1, 0.2, 0.3))
+    bpy.data.objects.remove(bpy.data.objects[name])
+    assert "No surface is selected" in drawn(CTMC_PT_results).texts
