@@ -20,6 +20,7 @@ from .dicom.labels.classes import label_class
 from .file_formats import files_below, format_of, natural_key, segmentation_sibling, stem, suffix
 from .images import folder as image_folder
 from .labels import masks
+from .labels.beside import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
     FOLDER,
@@ -53,6 +54,7 @@ __all__ = [
     "folder_format",
     "holds_slices",
     "is_volume_file",
+    "labels_beside",
     "natural_key",
     "open_volume",
     "open_volume_steps",

@@ -8,24 +8,12 @@ def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
     from .properties import drawing, figure, preferences, settings, view
-    from .state import drawings, label_looks, session, volumes
+    from .state import drawings, label_looks, session, structures, volumes
     from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (
-        *(
-            translations,
-            preferences,
-            session,
-            volumes,
-            settings,
-            view,
-            drawing,
-            drawings,
-            figure,
-            jobs,
-            label_looks,
-            live,
-        ),
+        *(translations, preferences, session, volumes, structures, settings),
+        *(view, drawing, drawings, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
         *(region, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),

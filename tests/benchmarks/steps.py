@@ -152,7 +152,7 @@ class Panel:
         """What happens when nothing changes: the cost estimate, then a finer preview."""
         live.live.stop_work()
         uid, settings = self.scene.session_uid, self.scene.ctmc.to_settings()
-        yield from live.cost_steps(uid, live.live.fields, (settings,))
+        yield from live.cost_steps(uid, [(live.live.fields, settings)])
         yield from preview.refine_steps(uid, settings)
 
     def jobs(self) -> Iterator[tuple[str, Callable[[], Steps[Any]]]]:

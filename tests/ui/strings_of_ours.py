@@ -17,7 +17,7 @@ import ctmc_addon
 from ctmc_addon.ui import translations
 from ctmc_addon.ui.properties import drawing as drawing_properties
 from ctmc_addon.ui.properties import figure as figure_properties
-from ctmc_addon.ui.properties import preferences
+from ctmc_addon.ui.properties import preferences, structures
 from ctmc_addon.ui.properties import settings as properties
 from ctmc_addon.ui.properties import view as view_properties
 
@@ -29,7 +29,8 @@ SHOWN_NAMED = {"text", "heading"}
 STEPS = {"Step", "said", "in_batches", "decoded_steps", "quiet_batches_steps"}
 GROUPS = (
     properties.CTMCSettings,
-    properties.CTMCLabel,
+    structures.CTMCLabel,
+    structures.CTMCLabelSource,
     view_properties.CTMCView,
     drawing_properties.CTMCDrawing,
     drawing_properties.CTMCDrawnStructure,

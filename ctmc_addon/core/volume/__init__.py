@@ -17,6 +17,7 @@ from .histogram import (
     tissue_bands,
 )
 from .inside import InsideValues, inside_values_steps, lie_in_one_place, range_values_steps
+from .label_sources import combined_labels, free_offset, placed_labels_steps
 from .labels import (
     ALL,
     LabelExtent,
@@ -45,9 +46,11 @@ from .reslice import resliced, value_at
 from .slice_reader import SliceReader, ValuesInMemory, as_slice, fitting_stride
 from .slices import (
     PLANES,
+    TINT_SHARE,
     SliceIndex,
     default_window,
     in_label_colors,
+    label_slices,
     position_through,
     slice_at,
     slice_corners,
@@ -57,6 +60,7 @@ from .slices import (
     stepped_position,
     where_ray_meets,
     windowed,
+    with_labels,
 )
 from .statistics import (
     ValueFacts,
@@ -78,6 +82,7 @@ __all__ = [
     "ALL",
     "EDGES",
     "PLANES",
+    "TINT_SHARE",
     "TISSUES",
     "Anatomy",
     "Band",
@@ -98,11 +103,13 @@ __all__ = [
     "as_slice",
     "box_of",
     "chosen_labels_steps",
+    "combined_labels",
     "converted_region",
     "default_window",
     "ends_of_body",
     "finish_of",
     "fitting_stride",
+    "free_offset",
     "grabbed_limit",
     "histogram_bars",
     "histogram_picture",
@@ -110,6 +117,7 @@ __all__ = [
     "inside_values_steps",
     "label_extents_steps",
     "label_rgb",
+    "label_slices",
     "labels_region",
     "lie_in_one_place",
     "linear",
@@ -117,6 +125,7 @@ __all__ = [
     "moved_region",
     "otsu",
     "outside_air",
+    "placed_labels_steps",
     "position_through",
     "quick_threshold",
     "range_values_steps",
@@ -156,5 +165,6 @@ __all__ = [
     "volume_statistics_steps",
     "where_ray_meets",
     "windowed",
+    "with_labels",
     "with_moved_face",
 ]

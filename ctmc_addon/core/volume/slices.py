@@ -200,6 +200,49 @@ def in_label_colors(
     return picture
 
 
+def label_slices(volume: Volume, section: SliceIndex) -> tuple[NDArray[Any], ...]:
+    """Return the labels of a slice, (rows, columns) for each layer of a label volume."""
+    return tuple(slice_values(layer, section) for layer in volume.each_layer)
+
+
+def with_labels(
+    picture: NDArray[np.float32],
+    layers: Sequence[NDArray[Any]],
+    colors: Mapping[int, Sequence[float]],
+    chosen: Collection[int],
+    share: float = 1.0,
+) -> NDArray[np.float32]:
+    """Return a picture with labels over it in this share of their colors; where layers overlap, half of each.
+
+    With a share below 1 only the chosen labels are laid over it, with all of it the others are dim, as by
+    `in_label_colors`.
+
+    Parameters
+    ----------
+    picture : (rows, columns, 4) float32, 0 to 1
+    layers : sequence of (rows, columns)
+        Labels, 0 where there is none.
+
+    Examples
+    --------
+    >>> black = np.zeros((1, 3, 4), np.float32)
+    >>> layers = np.array([[[0, 1, 1]], [[0, 0, 2]]])
+    >>> with_labels(black, layers, {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[1, 2])[0, :, :2].tolist()
+    [[0.0, 0.0], [1.0, 0.0], [0.5, 0.5]]
+    """
+    out = picture.copy()
+    covered = np.zeros(picture.shape[:2], bool)
+    for values in layers:
+        inside = values != 0 if share == 1.0 else np.isin(values, list(chosen))
+        if not inside.any():
+            continue
+        own = in_label_colors(values[inside][None], colors, chosen)[0, :, :3]
+        shares = np.where(covered[inside], np.float32(share / 2), np.float32(share))[:, None]
+        out[inside, :3] = out[inside, :3] * (1 - shares) + own * shares
+        covered |= inside
+    return out
+
+
 def default_window(volume: Volume, low: float, high: float) -> tuple[float, float]:
     """Return the window and level to begin with, for values from `low` to `high`."""
     if volume.kind == ValueKind.HU:

@@ -7,12 +7,24 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
-    from .ct import histogram, load, region, slice, threshold, view
+    from .ct import histogram, load, load_labels, region, slice, structure_list, threshold, view
     from .draw import edits, grow, radius, scissors, stroke, structures
     from .scene import pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, reconstruct, results, simplify, table
 
-    viewing = (load, view, threshold, histogram, slice, slice_object, pick_point, volume_object, region)
+    viewing = (
+        load,
+        load_labels,
+        structure_list,
+        view,
+        threshold,
+        histogram,
+        slice,
+        slice_object,
+        pick_point,
+        volume_object,
+        region,
+    )
     return (
         *viewing,
         *(structures, stroke, grow, scissors, edits, radius),

@@ -15,14 +15,14 @@ from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
 from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
-from .ct.volume import LOAD, draw_load
+from .ct.volume import LOAD, LOAD_LABELS, draw_load
 from .draw import CTMC_PT_draw
 from .figure import OPERATORS
 from .layout import SidePanel, Step, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
 from .table import TABLE
 
-ELSEWHERE = (LOAD, TABLE, "ctmc.rotation_test", *OPERATORS.values())
+ELSEWHERE = (LOAD, LOAD_LABELS, TABLE, "ctmc.rotation_test", *OPERATORS.values())
 """Jobs that show how far they are in a place of their own."""
 
 
@@ -200,7 +200,7 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if scene_session.message:
         draw_text(layout.box(), context, scene_session.message, "ERROR")
     try:
-        settings.to_settings()
+        settings.all_settings()
     except SettingsError as error:
         draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:
@@ -210,8 +210,8 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):
         draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
-    if settings.preview and sum(item.chosen for item in settings.labels) > 1:
-        text = translate("The preview shows the first label that is ticked")
+    if settings.preview and settings.use_label and sum(item.chosen for item in settings.labels) > 1:
+        text = translate("The preview shows the first structure that is ticked")
         draw_text(layout, context, text, "INFO")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The block of the main panel that says where the surface is sought: threshold with histogram, or labels."""
+"""The block of the main panel that says where the surface is sought: threshold with histogram, or structures."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from ..operators.ct import threshold
 from ..state import volumes
 from ..translations import translate
 from ..viewport import histogram
-from .layout import draw_setting, draw_text, holds_hu
+from .layout import draw_setting, holds_hu
+from .structures import draw_structures
 
 
 def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Threshold with histogram, Otsu and tissues, or labels."""
+    """Threshold with histogram, Otsu and tissues, or structures."""
     column = layout.column()
     row = column.row(align=True)
     row.use_property_split = False
     row.prop(settings, "surface_from", expand=True)
     if settings.use_label:
-        draw_labels(column, context, settings)
+        draw_structures(column, context, settings)
     else:
         icon = threshold.histogram_icon(context.scene)
         if icon:
@@ -81,52 +82,3 @@ def threshold_label(scene: bpy.types.Scene) -> str:
     if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")
     return "HU" if volume.kind == ValueKind.HU else translate("Gray Value")
-
-
-def draw_labels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The labels to choose from, several at once."""
-    if not len(settings.labels):
-        layout.prop(settings, "label")
-        volume = volumes.current(context.scene)
-        if volume is not None and volume.kind == ValueKind.HU:
-            draw_text(layout, context, translate("This CT holds HU; labels are in a volume of their own"), "INFO")
-        return
-    rows = min(6, max(3, len(settings.labels)))
-    layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
-
-
-class CTMC_UL_labels(bpy.types.UIList):
-    """A label in a line: whether a surface is made of it, its color, opacity, value and name."""
-
-    bl_idname = "CTMC_UL_labels"
-
-    def draw_item(
-        self,
-        _context: Any,
-        layout: Any,
-        _data: Any,
-        item: Any,
-        _icon: int,
-        _active_data: Any,
-        _active_property: str,
-        _index: int,
-        _flag: int,
-    ) -> None:
-        """Draw the line of a label."""
-        row = layout.row(align=True)
-        row.use_property_split = False
-        row.prop(item, "chosen", text="")
-        color = row.row()
-        color.ui_units_x = 1.2
-        color.prop(item, "color", text="")
-        opacity = row.row()
-        opacity.ui_units_x = 2.2
-        opacity.prop(item, "opacity", text="", slider=True)
-        number = row.row()
-        number.ui_units_x = 1.6
-        number.alignment = "RIGHT"
-        number.label(text=str(item.value), translate=False)
-        row.prop(item, "name", text="", emboss=False, placeholder=translate("Name"))
-
-
-register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

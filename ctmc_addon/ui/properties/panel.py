@@ -24,9 +24,14 @@ def current_volume(properties: Any) -> Any:
 
 def fit_region(properties: Any) -> None:
     """Put the region around the ticked labels, else around the whole CT; without a CT it stays."""
-    volume = current_volume(properties)
+    from ..state import structures
+
+    volume = structures.label_volume(properties.id_data) if properties.use_label else None
+    volume = volume or current_volume(properties)
     if volume is not None:
-        labels = [item.value for item in properties.labels if item.chosen] if properties.use_label else []
+        ticked = [item for item in properties.labels if item.chosen] if properties.use_label else []
+        is_whole = any(item.kind == "threshold" for item in ticked)
+        labels = [] if is_whole else [item.value for item in ticked]
         properties.region = labels_region(volume, labels, properties.region_unit)
 
 
@@ -140,10 +145,14 @@ def panel_properties() -> dict[str, Any]:
     return {
         "surface_from": choice(
             "Surface From",
-            "Whether the surface is sought at a gray value or around labels",
+            "Whether one surface is sought at a gray value, or those of structures",
             items=[
                 ("threshold", "Threshold", "At a gray value: what is at or above it is inside"),
-                ("label", "Labels", "Around the structures of a label volume"),
+                (
+                    "label",
+                    "Structures",
+                    "Several structures at once: labels, and thresholds that were added to the list",
+                ),
             ],
             get=get_surface_from,
             set=set_surface_from,

@@ -53,11 +53,12 @@ class CostEstimates:
         return self.error or next((estimate.sentence for estimate in self.estimates if not estimate.fits), "")
 
 
-def estimate_steps(fields: FieldCache, settings: tuple[ReconstructionSettings, ...]) -> Steps[CostEstimates]:
-    """Count what these settings will cost."""
+def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -> Steps[CostEstimates]:
+    """Count what surfaces will cost, each with these settings in these fields."""
     estimates: list[CostEstimate] = []
+    settings = tuple(surface_settings for _, surface_settings in works)
     try:
-        for surface_settings in settings:
+        for fields, surface_settings in works:
             estimates.append((yield from cost_estimate_steps(fields, surface_settings)))
     except CtmcError as error:
         return CostEstimates(settings, error=str(error))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A name, color or opacity that a label is given in the list goes to the surfaces that were made of it."""
+"""A name, color or opacity that a structure is given in the list goes to the surfaces that were made of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 from ...blender.materials import recolor
 from ...blender.surface import call, read_provenance
 from ...blender.tissue import set_opacity
+from ..properties.structures import called
 from . import change_events
 
 NAME, COLOR, OPACITY = "label_name", "label_color", "label_opacity"
@@ -18,16 +19,15 @@ def follow(properties: Any, name: str) -> None:
     if name not in (NAME, COLOR, OPACITY):
         return
     scene = properties.id_data
-    items = {item.value: item for item in properties.labels}
     for obj in scene.objects:
         provenance = read_provenance(obj)
         if provenance is None or provenance.fingerprint != properties.volume_fingerprint or obj.library is not None:
             continue
-        item = items.get(provenance.settings.label)
+        item = properties.structure_of(provenance.settings)
         if item is None:
             continue
-        if name == NAME:
-            call(obj, f"{properties.volume_name} {properties.name_of(item.value)}".strip())
+        if name == NAME and called(item):
+            call(obj, f"{properties.volume_name} {called(item)}".strip())
         elif name == OPACITY:
             set_opacity(obj, round(float(item.opacity), 3))
         else:

@@ -37,6 +37,8 @@ class Session:
         `session_uid` of the surface that Results showed last.
     table : (tuple of StructureRow, ValueKind) or None
         What was measured of all surfaces, and what the values of their CT are.
+    ticked_names : frozenset of str
+        Of the structures that were ticked in the last list, for the next one.
     """
 
     message: str = ""
@@ -46,6 +48,7 @@ class Session:
     rotation: Any = None
     last_surface: int | None = None
     table: Any = None
+    ticked_names: frozenset[str] = frozenset()
 
 
 _sessions: dict[int, Session] = {}

@@ -21,6 +21,7 @@ from ...blender.surface import (
 )
 from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
+from ..properties.structures import is_made_of
 from ..translations import translate, translate_sentence
 from . import session, volumes
 
@@ -111,6 +112,16 @@ def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
     return loaded is not None and provenance is not None and provenance.fingerprint == loaded.statistics.fingerprint
 
 
+def of_structure(scene: bpy.types.Scene, item: Any) -> list[bpy.types.Object]:
+    """Return the surfaces in a scene that are of a line of the list of structures."""
+    out = []
+    for obj in scene.objects:
+        provenance = read_provenance(obj)
+        if provenance is not None and provenance.fingerprint == scene.ctmc.volume_fingerprint:
+            out += [obj] * is_made_of(item, provenance.settings)
+    return out
+
+
 def require_settings(obj: bpy.types.Object) -> ReconstructionSettings:
     """Return the settings that a surface was made with."""
     return require_provenance(obj).settings
@@ -166,10 +177,15 @@ def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin
     return fingerprint, plain
 
 
+def made_of(settings: ReconstructionSettings) -> tuple[float | None, ...]:
+    """Return what tells the surface of one structure from another's: label, threshold, upper limit."""
+    return settings.label, settings.threshold, settings.upper
+
+
 def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> dict[ReconstructionSettings, int]:
     """Return which selected object each of the surfaces to make goes into; those not in it get a new object.
 
-    A single surface goes into the active one, several into those with the same label.
+    A single surface goes into the active one, several into those of the same structures.
 
     Raises
     ------
@@ -180,8 +196,8 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     if len(runs) == 1:
         objects = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:
-        by_label = {settings_of(obj).label: obj for obj in reversed(selected)}
-        objects = {run: by_label[run.label] for run in runs if run.label in by_label}
+        known = {made_of(settings_of(obj)): obj for obj in reversed(selected)}
+        objects = {run: known[made_of(run)] for run in runs if made_of(run) in known}
     for obj in objects.values():
         require_updatable(obj)
     return {run: obj.session_uid for run, obj in objects.items()}

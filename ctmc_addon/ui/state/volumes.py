@@ -29,8 +29,8 @@ class Loaded:
         Whether the files say spacing and orientation; else the panel asks.
     series_number : int
         Which of the series it is.
-    sibling : Path or None
-        Its label volume, where one lies beside it.
+    labels_beside : tuple of Path
+        Files and folders of labels that lie with it.
     file : Volume or None
         The CT in its file, where it does not fit in memory: `volume` is then a coarse copy, and surfaces are made from
         the file.
@@ -45,7 +45,7 @@ class Loaded:
     reading: ReadingOptions = field(default_factory=ReadingOptions)
     geometry: bool = True
     series_number: int = 1
-    sibling: Path | None = None
+    labels_beside: tuple[Path, ...] = ()
     file: Volume | None = None
     shown_stride: tuple[int, int, int] = (1, 1, 1)
 
@@ -185,15 +185,20 @@ def stored_path(path: Path, blend_path: str = "") -> str:
         return str(path)
 
 
-_absolute: dict[int, str] = {}  # of the scenes whose path is relative, while the file is saved
+_absolute: dict[int, list[str]] = {}  # of each scene, the paths that are relative, while the file is saved
+
+
+def noted(scene: bpy.types.Scene) -> list[tuple[Any, str]]:
+    """Return where a scene notes paths: what holds each, and its name there."""
+    return [(scene.ctmc, "volume_path"), *((source, "path") for source in scene.ctmc.label_sources)]
 
 
 def before_save(target: str, *_: Any) -> None:
     """Make paths near the .blend relative to the place that it is saved to."""
     _absolute.clear()
     for scene in bpy.data.scenes:
-        if scene.ctmc.volume_path.startswith("//"):
-            _absolute[scene.session_uid] = bpy.path.abspath(scene.ctmc.volume_path)
+        paths = [getattr(owner, name) for owner, name in noted(scene)]
+        _absolute[scene.session_uid] = [bpy.path.abspath(path) if path.startswith("//") else "" for path in paths]
     relate_paths(target)
 
 
@@ -206,8 +211,9 @@ def after_save(*_: Any) -> None:
 def relate_paths(blend: str) -> None:
     """Note the paths relative to a .blend."""
     for scene in bpy.data.scenes:
-        if blend and scene.session_uid in _absolute:
-            scene.ctmc.volume_path = stored_path(Path(_absolute[scene.session_uid]), blend)
+        for (owner, name), path in zip(noted(scene), _absolute.get(scene.session_uid, []), strict=False):
+            if blend and path:
+                setattr(owner, name, stored_path(Path(path), blend))
 
 
 HANDLERS = {"load_post": discard_unused, "save_pre": before_save, "save_post": after_save, "save_post_fail": after_save}

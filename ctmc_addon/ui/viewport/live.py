@@ -19,7 +19,7 @@ from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
 from ..properties.described import as_written
 from ..properties.preferences import machine
-from ..state import change_events, label_looks, session, volumes
+from ..state import change_events, label_looks, session, structures, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, preview
 
@@ -46,6 +46,7 @@ class Live:
 
     scene: int = 0
     fields: FieldCache | None = None
+    others: FieldCache | None = None
     changed: float | None = None
     stale: bool = False
     alpha_moved: bool = False
@@ -112,9 +113,11 @@ def tick() -> float | None:
 def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     """Follow with the preview; when nothing changes, count, then refine, a few steps at a time."""
     budget = machine().budget
-    if live.fields is None or live.fields.volume is not loaded.volume or live.fields.budget != budget:
-        preview.prepare(loaded)
-        live.fields = FieldCache(loaded.volume, budget)
+    wanted = preview.settings_of(scene)
+    volume = (None if wanted is None else structures.shown_volume_of(scene, wanted)) or loaded.volume
+    if live.fields is None or live.fields.volume is not volume or live.fields.budget != budget:
+        preview.prepare(volume)
+        live.fields, live.others = FieldCache(volume, budget), None
     if live.stale:
         live.stale = False
         preview.follow(scene)
@@ -126,10 +129,11 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         alpha.settle(scene)
     if not live.work:
         settings = tuple(scene.ctmc.all_settings())
-        counting = [cost_steps(live.scene, live.fields, settings)] if loaded.file is None else []
+        works = [(fields_of(scene, run), run) for run in settings]
+        counting = [cost_steps(live.scene, works)] if loaded.file is None else []
         live.work = [
             *counting,
-            preview.refine_steps(live.scene, preview.settings_of(scene)),
+            preview.refine_steps(live.scene, wanted),
         ]
     stop = time.perf_counter() + TICK
     while live.work:
@@ -144,9 +148,21 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     return None
 
 
-def cost_steps(scene_uid: int, fields: FieldCache, settings: tuple[ReconstructionSettings, ...]) -> Steps[None]:
-    """Count what the settings would cost, for the panel."""
-    cost = yield from estimate_steps(fields, settings)
+def fields_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> FieldCache:
+    """Return the fields to count the cost of a surface in: labels and gray values have their own."""
+    volume = structures.shown_volume_of(scene, settings)
+    assert live.fields is not None, "advance has made them"
+    assert volume is not None, "a CT is loaded"
+    if live.fields.volume is volume:
+        return live.fields
+    if live.others is None or live.others.volume is not volume:
+        live.others = FieldCache(volume, live.fields.budget)
+    return live.others
+
+
+def cost_steps(scene_uid: int, works: list[tuple[FieldCache, ReconstructionSettings]]) -> Steps[None]:
+    """Count what surfaces would cost, for the panel."""
+    cost = yield from estimate_steps(works)
     scene = session.scene_of(scene_uid)
     if scene is not None:
         session.of(scene).cost = cost
@@ -155,7 +171,7 @@ def cost_steps(scene_uid: int, fields: FieldCache, settings: tuple[Reconstructio
 def clear(*_: Any) -> None:
     """Drop all work and what is shown, as another file is loaded."""
     live.stop_work()
-    live.changed = live.fields = None
+    live.changed = live.fields = live.others = None
     preview.state.shown = preview.state.maker = None
     preview.state.requested = False
 

@@ -7,17 +7,20 @@ and draw nothing where no volume is loaded or the viewport's overlays are switch
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...blender.slices import is_cut_in
 from ...blender.viewport import Picture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
     EDGES,
+    TINT_SHARE,
     ValueKind,
-    in_label_colors,
+    label_slices,
     region_corners,
     side_positions,
     slice_at,
@@ -25,11 +28,13 @@ from ...core.volume import (
     slice_values,
     volume_box,
     windowed,
+    with_labels,
 )
 from ..operators.ct.threshold import used_threshold
 from ..properties.preferences import machine
+from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
-from ..state import volumes
+from ..state import structures, volumes
 from . import deviation
 from .drawn import tool_of
 
@@ -54,31 +59,55 @@ def wanted_labels(settings: Any) -> tuple[int, ...]:
     """Return the labels that the next surfaces are made of; none where it is a threshold."""
     if not settings.use_label:
         return ()
-    return tuple(item.value for item in settings.labels if item.chosen) or (settings.label,)
+    ticked = [item for item in settings.labels if item.chosen]
+    return tuple(item.value for item in ticked if item.kind == LABEL) or (() if ticked else (settings.label,))
 
 
 def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
-    """Return the colors of the list of labels, as they appear: what is stored are amounts of light."""
-    return {item.value: tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color) for item in settings.labels}
+    """Return the colors of the labels of the list, as they appear: what is stored are amounts of light."""
+    return {item.value: as_it_appears(item.color) for item in settings.labels if item.kind == LABEL}
+
+
+def as_it_appears(color: Any) -> tuple[float, ...]:
+    """Return a color as the screen shows it, of amounts of light."""
+    return tuple(light ** (1 / DISPLAY_GAMMA) for light in color)
+
+
+def ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]], ...]:
+    """Return the thresholds of the list that are ticked: lowest and highest value, and the color as it appears."""
+    if not settings.use_label:
+        return ()
+    return tuple(
+        (item.threshold, item.upper if item.use_upper else math.inf, as_it_appears(item.color))
+        for item in settings.labels
+        if item.chosen and item.kind == THRESHOLD
+    )
 
 
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     """Return the slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
-    labels = wanted_labels(settings)
+    labels, bands = wanted_labels(settings), ticked_bands(settings)
     draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
-    above = None if labels or draws else used_threshold(scene)
+    above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
     scale = machine().scale
-    colors = label_colors(settings) if labels and volume.kind == ValueKind.LABEL else {}
-    key = (shown_slice, window, level, above, upper, labels, scale, tuple(colors.items()))
+    of_labels = shown_labels(scene, volume) if settings.use_label else None
+    colors = label_colors(settings) if of_labels is not None else {}
+    key = (shown_slice, window, level, above, upper, labels, bands, scale, tuple(colors.items()), id(of_labels))
     if _last.get("volume") is not volume or _last.get("key") != key:
         values = slice_values(volume, shown_slice)
-        shown = windowed(values, window, level, above, labels, upper)
-        if colors:
-            shown = in_label_colors(values, colors, labels)
+        tinted = labels if volume.kind != ValueKind.HU and of_labels is None else ()
+        shown = windowed(values, window, level, above, tinted, upper)
+        for low, high, color in bands:
+            shown = with_labels(shown, [(values >= low) & (values <= high)], {1: color}, (1,), TINT_SHARE)
+        if of_labels is not None:
+            is_gray = volume.kind != ValueKind.LABEL
+            below = shown if is_gray else np.zeros_like(shown) + np.array([0, 0, 0, 1], np.float32)
+            layers = label_slices(of_labels, shown_slice)
+            shown = with_labels(below, layers, colors, labels, TINT_SHARE if is_gray else 1.0)
         drawn = Picture(shown, slice_corners(volume, shown_slice) * scale)
         _last.update(volume=volume, key=key, picture=drawn)
     last: Picture = _last["picture"]
@@ -92,6 +121,12 @@ def shows_slice(scene: bpy.types.Scene, volume: Volume) -> bool:
         return False
     corners = slice_corners(volume, slice_at(volume, view.plane, view.position))
     return not is_cut_in(scene, corners * machine().scale)
+
+
+def shown_labels(scene: bpy.types.Scene, volume: Volume) -> Volume | None:
+    """Return the labels on the samples of the volume that is shown; None where there are none on these."""
+    labels = volume if volumes.is_coarse(scene) else structures.label_volume(scene)
+    return labels if labels is not None and labels.kind == ValueKind.LABEL and len(scene.ctmc.labels) else None
 
 
 def draw_in_space() -> None:

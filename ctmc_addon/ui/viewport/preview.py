@@ -12,7 +12,7 @@ import bpy
 from ...blender.colors import BONE, color_of
 from ...blender.surface import read_provenance
 from ...blender.viewport import PreviewSurface
-from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps
+from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, Steps, Volume
 from ...core.volume import quick_threshold
 from ..properties.preferences import machine
 from ..state import session, volumes
@@ -45,11 +45,11 @@ class State:
 state = State()
 
 
-def prepare(loaded: volumes.Loaded) -> None:
+def prepare(volume: Volume) -> None:
     """Forget what was shown and get ready for another volume."""
     limits = machine()
     state.shown, state.requested = None, False
-    state.maker = Preview(loaded.volume, limits.preview_seconds, limits.budget)
+    state.maker = Preview(volume, limits.preview_seconds, limits.budget)
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
@@ -94,9 +94,9 @@ def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
 
 def recolor(scene: bpy.types.Scene) -> None:
     """Show the preview in the color that its surface will have."""
-    settings = scene.ctmc
-    label = settings.label if settings.use_label else None
-    state.color = settings.color_of(label) or color_of(label)
+    settings = settings_of(scene)
+    item = None if settings is None else scene.ctmc.structure_of(settings)
+    state.color = color_of(None if settings is None else settings.label) if item is None else tuple(item.color)
     session.redraw_viewports()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,11 +25,13 @@ from ....reporting.formatting import in_lines
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
-from ...state import change_events, session, surfaces, volumes
-from ...translations import OURS, translate
+from ...properties.structures import called, follow_ticks, tick
+from ...state import change_events, session, structures, surfaces, volumes
+from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
 from .view import frame_everywhere
 
+LABELS = "Reading labels"
 STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
 # Blender looks at the last suffix only, and folders cannot be dropped.
 DROPPED = ";".join(sorted({"." + end.rpartition(".")[2] for end in KNOWN_SUFFIXES if end not in FOLDER_SUFFIXES}))
@@ -104,16 +107,24 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
         chosen = len(self.files) if path == self.directory else 0
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen)
+        wanted = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
+        wanted = [(key, source) for key, source in wanted if expected and source.name]
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, wanted)
 
     def steps(
-        self, path: Path, reading: ReadingOptions, scene: int, expected: str, chosen: int
+        self,
+        path: Path,
+        reading: ReadingOptions,
+        scene: int,
+        expected: str,
+        chosen: int,
+        wanted: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
-        So many files of the folder were `chosen`; all of it is read.
+        So many files of the folder were `chosen`; all of it is read. Sources of labels are read `wanted` with it.
         """
-        stages = Stages(STAGES)
+        stages = Stages(STAGES | ({LABELS: 40} if wanted else {}))
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
         selected = source.selected_series(reading.series)
@@ -144,11 +155,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             reading,
             source.has_geometry,
             1 if selected is None else selected.number,
-            readers.segmentation_sibling(path),
+            () if volume.kind == ValueKind.LABEL else readers.labels_beside(path),
             file,
             stride,
         )
-        return lambda: conclude(loaded, scene, expected)
+        labels: list[tuple[str, structures.PlacedLabels | str]] = []
+        if wanted and statistics.fingerprint == expected:
+            labels = yield from stages.run(LABELS, structures.read_again_steps(wanted, volume))
+        return lambda: conclude(loaded, scene, expected, labels)
 
 
 def last_folder(scene: bpy.types.Scene) -> Path | None:
@@ -164,8 +178,10 @@ def known_reading(scene: bpy.types.Scene) -> ReadingOptions:
     return options_of_scene(scene.ctmc) if loaded is None else loaded.reading
 
 
-def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
-    """Make a volume the scene's."""
+def conclude(
+    loaded: volumes.Loaded, uid: int, expected: str, labels: Sequence[tuple[str, structures.PlacedLabels | str]] = ()
+) -> str:
+    """Make a volume the scene's, with the labels that were read again for it."""
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
@@ -180,6 +196,9 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
         stored.region_for = stored.volume_fingerprint
     if is_another_ct:
         stored.volume_name = stored.volume_name if is_another_time else ""
+        goes_by_number = is_another_time or not len(stored.labels)
+        if not goes_by_number:
+            session.of(scene).ticked_names = frozenset(called(item) for item in stored.labels if item.chosen)
         names, colors = loaded.volume.label_names, loaded.volume.label_colors
         stored.show_labels(
             [
@@ -187,13 +206,22 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
                 for value, _ in loaded.statistics.labels
             ]
         )
-    if is_another_ct:
-        follow_kind(stored, loaded)
+        follow_kind(stored, loaded, goes_by_number)
+        if not goes_by_number:
+            tick_by_name(stored, session.of(scene).ticked_names)
     scene_session = session.of(scene)
     scene_session.message = scene_session.load_message = ""
     if expected not in ("", loaded.statistics.fingerprint):
         text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
         scene_session.load_message = translate(text).format(name=loaded.path.name)
+    for key, read in labels:
+        if isinstance(read, str):
+            scene_session.load_message = translate_sentence(read)
+            continue
+        structures.put(key, read.labels)
+        if read.key != key:
+            text = "These are not the labels the file knew: {name} has changed since"
+            scene_session.load_message = translate(text).format(name=read.path.name)
     change_events.notify(stored, "volume")
     cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
     if cube is not None:
@@ -209,14 +237,25 @@ def conclude(loaded: volumes.Loaded, uid: int, expected: str) -> str:
     return text
 
 
-def follow_kind(stored: Any, loaded: volumes.Loaded) -> None:
-    """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU."""
+def follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> None:
+    """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU.
+
+    The number of the label that was chosen before holds where it `goes_by_number`: a preset's, or that of another time.
+    """
     labels = [value for value, _ in loaded.statistics.labels]
-    if loaded.volume.kind == ValueKind.LABEL and labels and not (stored.use_label and stored.label in labels):
-        stored.label = labels[0]
+    if loaded.volume.kind == ValueKind.LABEL and labels:
+        if not (goes_by_number and stored.use_label and stored.label in labels):
+            stored.label = labels[0]
     elif loaded.volume.kind == ValueKind.HU and stored.use_label:
         stored.use_label = False
         stored.use_threshold = stored.is_property_set("threshold")
+
+
+def tick_by_name(stored: Any, names: frozenset[str]) -> None:
+    """Tick the labels of a label volume whose names were ticked in the list before; without any it stays as it is."""
+    if stored.use_label and any(called(item) in names for item in stored.labels):
+        tick(stored, lambda item: called(item) in names)
+        follow_ticks(stored)
 
 
 def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:

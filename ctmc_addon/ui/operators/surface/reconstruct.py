@@ -31,7 +31,8 @@ from ....core import (
 from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
-from ...state import cost_estimates, session, surfaces, volumes
+from ...properties.structures import called, chosen_opacity
+from ...state import cost_estimates, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
@@ -86,25 +87,30 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         runs = scene.ctmc.all_settings()
         targets = {} if self.new else surfaces.targets(context, runs)
         fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
+        volume_name = scene.ctmc.volume_name.strip()
+        name = volume_name or loaded.volume.name
+        labels = None
         for run in runs:
             if run.label is not None:
-                require_labels(loaded.volume, run.label)
+                labels = structures.require_volume_of(scene, run)
+                require_labels(labels, run.label)
+        items = [scene.ctmc.structure_of(run) for run in runs]
         beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
             SurfaceRequest(
                 run,
-                scene.ctmc.color_of(run.label),
+                None if item is None else tuple(item.color),
                 targets.get(run),
-                "" if run.label is None else scene.ctmc.name_of(run.label),
+                scene.ctmc.name_of(run.label) if run.label is not None else "" if item is None else called(item),
                 fingerprint,
                 kind,
-                scene.ctmc.volume_name.strip(),
-                scene.ctmc.opacity_of(run.label) if beside else None,
+                volume_name,
+                chosen_opacity(item) if beside else None,
             )
-            for run in runs
+            for run, item in zip(runs, items, strict=True)
         ]
-        volume = replace(loaded.full, name=scene.ctmc.volume_name.strip() or loaded.volume.name)
-        return surfaces_steps(volume, requests, scene.session_uid)
+        labels = None if labels is None else replace(labels, name=name)
+        return surfaces_steps(replace(loaded.full, name=name), requests, scene.session_uid, labels=labels)
 
 
 def surfaces_steps(
@@ -112,18 +118,25 @@ def surfaces_steps(
     requests: Sequence[SurfaceRequest],
     scene_uid: int,
     full: Reconstruction | None = None,
+    *,
+    labels: Volume | None = None,
 ) -> Steps[jobs.Conclusion]:
-    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction."""
+    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction.
+
+    Those of labels are made from `labels`, where they are not in the volume itself.
+    """
     stages = Stages(JOB_STAGES)
     reconstructing, adding = JOB_STAGES
-    if volume is None or len(requests) == 1:
+    if len(requests) == 1:
         [request], budget = requests, machine().budget
-        making = surface_steps(volume, request, full, budget)
-        if full is None and volume is not None:
-            making = advised_steps(making, volume, request.settings, budget)
+        source = volume if request.settings.label is None else labels or volume
+        making = surface_steps(source, request, full, budget)
+        if full is None and source is not None:
+            making = advised_steps(making, source, request.settings, budget)
         finished = [(yield from stages.run(reconstructing, making))]
     else:
-        finished = yield from stages.run(reconstructing, labels_steps(volume, requests))
+        assert volume is not None, "several surfaces are extracted"
+        finished = yield from stages.run(reconstructing, structures_steps(volume, labels or volume, requests))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
     def conclude() -> str:
@@ -137,10 +150,24 @@ def surfaces_steps(
     return conclude
 
 
+def structures_steps(
+    volume: Volume, labels: Volume, requests: Sequence[SurfaceRequest]
+) -> Steps[list[FinishedSurface]]:
+    """Make the surfaces of several structures, in their order: labels as one work, each threshold by itself."""
+    of_labels = [request for request in requests if request.settings.label is not None]
+    works = [labels_steps(labels, of_labels)] if of_labels else []
+    works += [labels_steps(volume, [request]) for request in requests if request.settings.label is None]
+    made: dict[SurfaceRequest, FinishedSurface] = {}
+    for number, work in enumerate(works):
+        for surface in (yield from equal_part(work, number, len(works))):
+            made[surface.request] = surface
+    return [made[request] for request in requests]
+
+
 def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
     """Make the surfaces of several labels: together where they share their interfaces, else side by side."""
     runs = [request.settings for request in requests]
-    if all(run.interfaces == "shared" and run.label is not None for run in runs):
+    if len(runs) > 1 and all(run.interfaces == "shared" for run in runs):
         return (yield from shared_steps(volume, requests))
 
     def work_steps(number: int, budget: Budget) -> Steps[FinishedSurface]:

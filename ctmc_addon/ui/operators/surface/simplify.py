@@ -13,7 +13,7 @@ from ....blender.surface import apply_shape_and_modifiers, require_provenance, r
 from ....core import GOALS, CtmcError, MeshError, Steps
 from ... import jobs
 from ...needs import Needs
-from ...state import surfaces, volumes
+from ...state import structures, surfaces
 from ...translations import translate
 from .placing import SurfaceRequest
 from .reconstruct import surfaces_steps
@@ -50,7 +50,7 @@ def from_full_steps(
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
     request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
-    return surfaces_steps(volumes.current_full(scene), [request], scene.session_uid, full)
+    return surfaces_steps(structures.volume_of(scene, settings), [request], scene.session_uid, full)
 
 
 class CTMC_OT_apply_shape(Needs, bpy.types.Operator):

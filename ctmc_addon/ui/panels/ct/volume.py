@@ -13,20 +13,23 @@ from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
 from ...state import session, volumes
 from ...translations import translate, translate_sentence
-from ..layout import draw_job, draw_name, draw_table, draw_text
+from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
 
-LOAD = "ctmc.load"
+LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
+MOST_BESIDE = 6  # buttons for labels that lie with the CT
 SIDES_OF_AXES = {"x": "L - R", "y": "A - P", "z": "S - I"}
 NAMES = 0.32  # of the width: three spacings with four digits each have room beside them
 
 
 def draw_load(layout: Any, context: bpy.types.Context) -> None:
     """Load, what went wrong, and what the CT is."""
-    scene, job = context.scene, jobs.running(LOAD)
+    scene, job = context.scene, jobs.running(LOAD, LOAD_LABELS)
     if job is not None:
         draw_job(layout, job)
     else:
-        layout.operator("ctmc.load", icon="FILE_FOLDER")
+        row = draw_pair(layout, context)
+        row.operator("ctmc.load", icon="FILE_FOLDER")
+        row.operator("ctmc.load_labels", icon="OUTLINER_OB_GROUP_INSTANCE")
     scene_session = session.of(scene)
     if scene_session.load_message:
         draw_text(layout.box(), context, scene_session.load_message, "ERROR")
@@ -101,9 +104,19 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         )
     for note in volume.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
-    if loaded.sibling is not None:
-        button = layout.operator("ctmc.load", text="Load Its Labels", icon="OUTLINER_OB_GROUP_INSTANCE")
-        button.filepath = str(loaded.sibling)
+    draw_labels_beside(layout, context, loaded)
+
+
+def draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+    """Draw a button for labels that lie with the CT and are not in its list yet, by name where they are several."""
+    known = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
+    found = [path for path in loaded.labels_beside if str(path) not in known]
+    for path in found[:MOST_BESIDE]:
+        text = "Load Its Labels" if len(found) == 1 else path.name
+        button = layout.operator(
+            "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(found) == 1
+        )
+        button.filepath = str(path)
 
 
 def draw_views(layout: Any) -> None:

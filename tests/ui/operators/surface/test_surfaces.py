@@ -17,6 +17,7 @@ from ctmc_addon.core import (
     Budget,
     MemoryLimitError,
     ReconstructionSettings,
+    SettingsError,
     finish,
     reconstruct,
 )
@@ -140,7 +141,7 @@ def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, to
     loaded.ctmc.reduction = 0.9
     settings = loaded.ctmc.to_settings()
     volume = read_volume(ball_file, spacing=(1, 1, 2))
-    assert finish(estimate_steps(FieldCache(volume, too_large), (settings,))).refusal == ""
+    assert finish(estimate_steps([(FieldCache(volume, too_large), settings)])).refusal == ""
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
     expected = reconstruct(volume, settings, too_large)
     seen = evaluated_triangles(active())
@@ -249,10 +250,12 @@ def test_ticks_and_the_label_setting_go_together(scene, labels_file):
     scene.ctmc.labels[1].chosen = False
     assert (scene.ctmc.label, scene.ctmc.use_label) == (1, True)
     scene.ctmc.labels[0].chosen = False
-    assert not scene.ctmc.use_label
+    with pytest.raises(SettingsError, match="no structure is ticked"):
+        scene.ctmc.all_settings()
     scene.ctmc.labels[2].chosen = True
     scene.ctmc.threshold = 3.0
-    assert not any(item.chosen for item in scene.ctmc.labels)
+    assert not scene.ctmc.use_label
+    assert [settings.threshold for settings in scene.ctmc.all_settings()] == [3.0]
 
 
 def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file, monkeypatch):

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The labels that lie with a CT: LiTS' segmentation, DICOM SEG and RTSTRUCT, and folders of masks beside it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ..dicom.labels.classes import label_class
+from ..file_formats import files_below, natural_key, segmentation_sibling
+
+NAMES = ("mask", "segment", "label")
+"""Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
+MOST_FILES = 5000  # looked at in a folder
+
+
+def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Return the files and folders of labels that lie with a CT; whether they fit it shows when they are read.
+
+    Parameters
+    ----------
+    path : path
+        File or folder of the CT.
+    """
+    ct = Path(path).absolute()
+    sibling = segmentation_sibling(ct)
+    if sibling is not None:
+        return (sibling,)
+    try:
+        folder = ct if ct.is_dir() else ct.parent
+        below = [file for _, file in zip(range(MOST_FILES), files_below(folder), strict=False)]
+        labels = [file for file in below if file != ct and label_class(file)]
+        folders = [ct.parent, ct] if ct.is_dir() else [ct.parent]
+        inner = [entry for around in folders for entry in around.iterdir() if entry.is_dir() and entry != ct]
+    except OSError:
+        return ()
+    masks = [entry for entry in inner if any(word in entry.name.casefold() for word in NAMES)]
+    return (*sorted(labels, key=natural_key), *sorted(masks, key=natural_key))

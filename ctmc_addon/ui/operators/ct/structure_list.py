@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of structures: ticks, thresholds as structures, removal, and the eyes of their surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+from ....blender.colors import BONE, color_of
+from ....core import CtmcError, ReconstructionSettings, finish
+from ....core.volume import anatomy_of, tissue_name, used_threshold_steps
+from ... import jobs
+from ...needs import Needs
+from ...properties.structures import follow_ticks, tick
+from ...state import change_events, surfaces, volumes
+from ...translations import translate
+
+
+def has_structures(operator: Any, context: bpy.types.Context) -> bool:
+    """Return whether the list has a line, with the reason if not."""
+    if not len(context.scene.ctmc.labels):
+        operator.poll_message_set("The list has no structure; load labels or add a threshold")
+        return False
+    return True
+
+
+class CTMC_OT_tick_structures(Needs, bpy.types.Operator):
+    """Tick all structures, none, or those that are not ticked."""
+
+    bl_idname = "ctmc.tick_structures"
+    bl_label = "Tick Structures"
+    bl_description = "Tick all structures of the list, none of them, or those that are not ticked"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    which: EnumProperty(
+        name="Which",
+        items=[
+            ("all", "All", "Tick all"),
+            ("none", "None", "Tick none"),
+            ("invert", "Invert", "Tick those that are not ticked"),
+        ],
+    )
+
+    needs = (has_structures,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        stored = context.scene.ctmc
+        if self.which == "invert":
+            tick(stored, lambda item: not item.chosen)
+        else:
+            tick(stored, lambda _: self.which == "all")
+        follow_ticks(stored)
+        return {"FINISHED"}
+
+
+class CTMC_OT_add_threshold(Needs, bpy.types.Operator):
+    """Add the threshold of the panel to the structures."""
+
+    bl_idname = "ctmc.add_threshold"
+    bl_label = "Add Threshold"
+    bl_description = (
+        "Add a structure to the list: what lies at or above the threshold of the panel, Otsu's where none is set, and "
+        "below its upper limit"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (volumes.has_volume,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene, stored = context.scene, context.scene.ctmc
+        ct = volumes.require_loaded(scene)
+        try:
+            value, upper = limits_of_panel(scene)
+        except CtmcError as error:
+            return jobs.refuse(self, scene.session_uid, error)
+        name = tissue_name(ct.volume.kind, value, upper)
+        color = BONE if anatomy_of(name) is None else color_of(1, None, name)
+        item = stored.add_threshold(translate(name), color, value, upper)
+        stored.label_index = len(stored.labels) - 1
+        item.chosen = True
+        return {"FINISHED"}
+
+
+def limits_of_panel(scene: bpy.types.Scene) -> tuple[float, float | None]:
+    """Return the threshold and upper limit of the panel; Otsu's threshold where it has none."""
+    stored, ct = scene.ctmc, volumes.require_loaded(scene)
+    is_set = stored.use_threshold or (stored.use_label and stored.is_property_set("threshold"))
+    otsu = used_threshold_steps(ct.volume, ct.for_copy(ReconstructionSettings()))
+    return stored.threshold if is_set else finish(otsu), stored.upper if stored.use_upper else None
+
+
+class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
+    """Remove the marked structure from the list; surfaces stay."""
+
+    bl_idname = "ctmc.remove_structure"
+    bl_label = "Remove Structure"
+    bl_description = "Remove the marked structure from the list. Its surface stays, and so do the files"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (has_structures,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        stored = context.scene.ctmc
+        index = min(stored.label_index, len(stored.labels) - 1)
+        source = stored.labels[index].source
+        stored.labels.remove(index)
+        stored.label_index = max(0, index - 1)
+        if source and not any(item.source == source for item in stored.labels):
+            stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+        change_events.notify(stored, "label")
+        return {"FINISHED"}
+
+
+class CTMC_OT_structure_eye(Needs, bpy.types.Operator):
+    """Hide or show the surface of a structure."""
+
+    bl_idname = "ctmc.structure_eye"
+    bl_label = "Show Structure"
+    bl_description = "Hide or show the surface of the structure, in the viewport and in renders"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    index: IntProperty(name="Structure", options={"SKIP_SAVE", "HIDDEN"})
+
+    needs = (has_structures,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        item = context.scene.ctmc.labels[self.index]
+        objects = surfaces.of_structure(context.scene, item)
+        is_shown = any(is_visible(obj) for obj in objects)
+        for obj in objects:
+            obj.hide_set(is_shown)
+            obj.hide_viewport, obj.hide_render = obj.hide_viewport and is_shown, is_shown
+        return {"FINISHED"}
+
+
+def is_visible(obj: bpy.types.Object) -> bool:
+    """Return whether nobody has hidden an object."""
+    return not (obj.hide_get() or obj.hide_viewport)
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        CTMC_OT_tick_structures,
+        CTMC_OT_add_threshold,
+        CTMC_OT_remove_structure,
+        CTMC_OT_structure_eye,
+    )
+)

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of structures in the panel Surface: what each is made of, its look, and which of them are made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...core.volume import ValueKind
+from ..operators.ct.structure_list import is_visible
+from ..properties.structures import LABEL, called
+from ..state import measurements, structures, surfaces, volumes
+from ..translations import translate
+from .layout import draw_name, draw_text, holds_hu, is_narrow
+
+ROWS = (3, 6)  # lines of the list, at least and at most
+
+
+def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """The list, what can be done with it, and what the marked structure is."""
+    if not len(settings.labels):
+        draw_none(layout, context, settings)
+        return
+    row = layout.row()
+    row.use_property_split = False
+    rows = min(ROWS[1], max(ROWS[0], len(settings.labels)))
+    row.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
+    side = row.column(align=True)
+    side.operator("ctmc.add_threshold", text="", icon="ADD")
+    side.operator("ctmc.remove_structure", text="", icon="REMOVE")
+    row = layout.row(align=True)
+    for which, text in (("all", "All"), ("none", "None"), ("invert", "Invert")):
+        row.operator("ctmc.tick_structures", text=text).which = which
+    draw_marked(layout, context, settings)
+    if structures.missing(context.scene):
+        draw_text(layout, context, translate("Labels of the list are not in memory; press Load Again"), "INFO")
+        if volumes.loaded(context.scene) is not None:
+            layout.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
+
+
+def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """What can be added while the list is empty."""
+    volume = volumes.current(context.scene)
+    if volume is None or volume.kind == ValueKind.LABEL:
+        layout.prop(settings, "label")
+        return
+    layout.operator("ctmc.add_threshold", icon="ADD")
+    draw_text(layout, context, translate("Load labels, or add a threshold"), "INFO")
+
+
+def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """What the marked structure is made of, how opaque it is, and its volume."""
+    if not 0 <= settings.label_index < len(settings.labels):
+        return
+    item = settings.labels[settings.label_index]
+    column = layout.column(align=True)
+    if item.kind == LABEL:
+        column.label(text=made_of_text(item), translate=False)
+    else:
+        unit = "HU" if holds_hu(context.scene) else translate("Gray Value")
+        draw_name(column, f"{translate('From')} [{unit}]", 0.45).prop(item, "threshold", text="")
+        limit = draw_name(column, f"{translate('To')} [{unit}]", 0.45)
+        limit.prop(item, "use_upper", text="")
+        number = limit.row(align=True)
+        number.active = item.use_upper
+        number.prop(item, "upper", text="")
+    if is_narrow(context):
+        layout.prop(item, "opacity", slider=True)
+        text = volume_text(context.scene, item)
+        if text:
+            layout.label(text=text, translate=False)
+
+
+def made_of_text(item: Any) -> str:
+    """Return what a label is: its number and its name."""
+    number = translate("Label {number}").format(number=item.value)
+    return f"{number}, {item.name}" if item.name else number
+
+
+def volume_text(scene: bpy.types.Scene, item: Any) -> str:
+    """Return the volume of the surface of a structure, once it is made and measured."""
+    objects = surfaces.of_structure(scene, item)
+    measurement = measurements.of(objects[0]) if objects else None
+    if measurement is None:
+        return ""
+    return f"{measurement.measures.milliliters:.3g} ml" if measurement.measures.closed else translate("open")
+
+
+class CTMC_UL_labels(bpy.types.UIList):
+    """A structure in a line: whether it is made, its eye, color, name, opacity, and volume once made."""
+
+    bl_idname = "CTMC_UL_labels"
+
+    def draw_item(
+        self,
+        context: Any,
+        layout: Any,
+        _data: Any,
+        item: Any,
+        _icon: int,
+        _active_data: Any,
+        _active_property: str,
+        index: int,
+        _flag: int,
+    ) -> None:
+        """Draw the line of a structure."""
+        row = layout.row(align=True)
+        row.use_property_split = False
+        row.prop(item, "chosen", text="")
+        objects = surfaces.of_structure(context.scene, item)
+        is_shown = any(is_visible(obj) for obj in objects)
+        eye = row.row(align=True)
+        eye.enabled = bool(objects)
+        eye.operator(
+            "ctmc.structure_eye", text="", icon="HIDE_OFF" if is_shown else "HIDE_ON", emboss=False
+        ).index = index
+        color = row.row()
+        color.ui_units_x = 1.0
+        color.prop(item, "color", text="")
+        row.prop(item, "name", text="", emboss=False, placeholder=called(item) or translate("Name"))
+        if is_narrow(context):
+            return
+        if objects:
+            volume = row.row()
+            volume.ui_units_x = 2.6
+            volume.alignment = "RIGHT"
+            volume.label(text=volume_text(context.scene, item), translate=False)
+        opacity = row.row()
+        opacity.ui_units_x = 2.0
+        opacity.prop(item, "opacity", text="", slider=True)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The structures of a scene's CT: the list `scene.ctmc.labels`, and `scene.ctmc.label_sources`, where labels come from.
+
+A line of the list is a label (`kind` is "label", `value` its number in the label volume of the scene) or a threshold
+(`threshold` and perhaps `upper`). Name, color, opacity and tick are the same for both, and Reconstruct makes what is
+ticked. `state.structures` holds the voxels: `label_volume(scene)` is one label volume on the grid of the CT, of all
+sources. A structure from elsewhere, such as a drawn mask, is added by `state.structures.add_labels`.
+
+As in settings.py, this module must not hold `bpy` itself, nor anything that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from bpy.types import PropertyGroup
+
+from ...core import ReconstructionSettings, SettingsError
+from ...core.volume import structure_color
+from ..state.change_events import notify
+from .described import as_written
+from .kinds import boolean, choice, collection, decimal, decimals, integer, text
+
+LABEL, THRESHOLD = "label", "threshold"
+Line = tuple[int, str, tuple[float, float, float]]
+"""Of the list: a label's value, name and color."""
+
+_ticking: list[bool] = []  # not empty while ticks are set by code
+_filling: list[bool] = []  # not empty while code fills the list
+
+
+def tick_only(properties: Any, label: int | None) -> None:
+    """Tick this label in the list, and no other structure."""
+    tick(properties, lambda item: item.kind == LABEL and item.value == label)
+
+
+def tick(properties: Any, wanted: Callable[[Any], bool]) -> None:
+    """Tick the structures that are wanted, and no other; the setting `label` stays what it is."""
+    if _ticking:
+        return
+    _ticking.append(True)
+    for item in properties.labels:
+        if item.chosen != wanted(item):
+            item.chosen = wanted(item)
+    _ticking.clear()
+
+
+def on_tick(item: Any, _context: Any) -> None:
+    """Make structures of the list once one is ticked; the first ticked label becomes the setting `label`."""
+    if not _ticking:
+        follow_ticks(item.id_data.ctmc)
+
+
+def follow_ticks(properties: Any) -> None:
+    """Bring the setting `label` to the ticks, and tell who follows the settings."""
+    ticked = [item for item in properties.labels if item.chosen]
+    labels = [item.value for item in ticked if item.kind == LABEL]
+    _ticking.append(True)
+    if labels and properties.label not in labels:
+        properties.label = labels[0]
+    if ticked and not properties.use_label:
+        properties.use_label = True
+    _ticking.clear()
+    notify(properties, "label")
+
+
+def on_look(event: str) -> Callable[[Any, Any], None]:
+    """Give the surfaces of a structure its new name or color."""
+
+    def update(item: Any, _context: Any) -> None:
+        if not _filling:
+            notify(item.id_data.ctmc, event)
+
+    return update
+
+
+def on_opacity(item: Any, context: Any) -> None:
+    """Give the surfaces of a structure its new opacity; one that is opaque now was made so by hand."""
+    if not _filling:
+        item.opaque = item.opacity == 1.0
+    _on_opacity(item, context)
+
+
+_on_opacity = on_look("label_opacity")
+
+
+def on_limits(item: Any, _context: Any) -> None:
+    """Follow a threshold of the list."""
+    if not _filling:
+        notify(item.id_data.ctmc, "label")
+
+
+class CTMCLabel(PropertyGroup):
+    """A structure: what it is made of, its name, color and opacity, and whether a surface is made of it."""
+
+    kind: choice(
+        "Made Of",
+        "What tells the structure from the rest",
+        items=[(LABEL, "Label", "Voxels that have its number"), (THRESHOLD, "Threshold", "Values of the CT")],
+    )
+    value: integer("Value", "Value of the label in the volume")
+    threshold: decimal("Threshold", "What is at or above it is inside [HU or gray value]", update=on_limits)
+    use_upper: boolean("Upper Limit", "Whether there is an upper limit", update=on_limits)
+    upper: decimal("Upper Limit", "What is above it is outside [HU or gray value]", update=on_limits)
+    source: text("Source", "Which of the sources of labels it is of; empty for the CT's own", options={"HIDDEN"})
+    chosen: boolean("Reconstruct", "Make a surface of this structure", update=on_tick)
+    name: text(
+        "Name",
+        "What the structure is; its surface is called so. Double-click to change it",
+        update=on_look("label_name"),
+    )
+    color: decimals(
+        "Color",
+        "Color of the structure's surface",
+        subtype="COLOR",
+        size=3,
+        min=0.0,
+        max=1.0,
+        update=on_look("label_color"),
+    )
+    opacity: decimal(
+        "Opacity",
+        "How opaque the structure's surface is, in the viewport, renders, figures and exports; "
+        "made alone, a surface begins opaque",
+        subtype="FACTOR",
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        precision=2,
+        update=on_opacity,
+    )
+    opaque: boolean("Opaque", "Whether an opacity of 1 was chosen in the list", options={"HIDDEN"})
+
+
+class CTMCLabelSource(PropertyGroup):
+    """A file or mask whose labels are structures of the CT; `state.structures` holds its voxels by the key."""
+
+    key: text("Key", "To know its labels again by", options={"HIDDEN"})
+    path: text("Path", "File or folder that the labels were read from; empty where they were made here")
+    offset: integer("Offset", "What is added to its numbers, so that no label has another's", options={"HIDDEN"})
+
+
+class StructureMethods:
+    """What `scene.ctmc` can do with its structures."""
+
+    labels: Any
+    label_sources: Any
+    label: Any
+    use_label: Any
+
+    def structure_of(self, settings: ReconstructionSettings) -> Any:
+        """Return the line of the list that a surface of these settings is of; None where there is none."""
+        return next((item for item in self.labels if is_made_of(item, settings)), None)
+
+    def ticked_settings(self, settings: ReconstructionSettings) -> list[ReconstructionSettings]:
+        """Return these settings for each structure that is ticked; of a label that is not in the list, for that one.
+
+        Raises
+        ------
+        SettingsError
+            If no structure of the list is ticked.
+        """
+        ticked = [item for item in self.labels if item.chosen]
+        labels = [item.value for item in self.labels if item.kind == LABEL]
+        if not ticked and len(self.labels) and (not labels or self.label in labels):
+            raise SettingsError("no structure is ticked; tick one in the list")
+        return [of_structure(item, settings) for item in ticked] or [replace(settings, label=self.label)]
+
+    def color_of(self, label: int | None) -> tuple[float, float, float] | None:
+        """Return the color chosen in the list for a label; None for one that is not in it."""
+        return next((tuple(item.color) for item in self.labels if item.kind == LABEL and item.value == label), None)
+
+    def name_of(self, label: int) -> str:
+        """Return what a label's surface is called: its name in the list, else its number."""
+        return next(
+            (called(item) for item in self.labels if item.kind == LABEL and item.value == label), f"Label {label}"
+        )
+
+    def show_labels(self, labels: Iterable[Line]) -> None:
+        """Fill the list with the labels of a CT that has just been loaded, and nothing else."""
+        self.labels.clear()
+        self.label_sources.clear()
+        self.add_labels(labels)
+        tick_only(self, self.label if self.use_label else None)
+
+    def add_labels(self, labels: Iterable[Line], source: str = "") -> list[Any]:
+        """Add labels to the list, none of them ticked; those of a source have its key."""
+        _filling.append(True)
+        first = len(self.labels)
+        for value, name, color in labels:
+            item = self.labels.add()
+            item.value, item.name, item.color, item.source = value, name, color, source
+            item.opacity = structure_color(value, None, name).opacity
+        _filling.clear()
+        return list(self.labels[first:])
+
+    def add_threshold(
+        self, name: str, color: tuple[float, float, float], threshold: float, upper: float | None = None
+    ) -> Any:
+        """Add a structure between two values of the CT to the list, and return its line, not ticked."""
+        _filling.append(True)
+        item = self.labels.add()
+        item.kind, item.name, item.color, item.threshold = THRESHOLD, name, color, threshold
+        item.use_upper = upper is not None
+        item.upper = item.threshold if upper is None else upper
+        _filling.clear()
+        return item
+
+
+def called(item: Any) -> str:
+    """Return what the surface of a line is called: its name, else its label's number; empty for a threshold."""
+    return str(item.name) or (f"Label {item.value}" if item.kind == LABEL else "")
+
+
+def chosen_opacity(item: Any) -> float | None:
+    """Return the opacity that the name or the list has chosen; None where nobody has."""
+    return None if item is None or (item.opacity == 1.0 and not item.opaque) else round(float(item.opacity), 3)
+
+
+def of_structure(item: Any, settings: ReconstructionSettings) -> ReconstructionSettings:
+    """Return the settings of a structure's surface: its label, or its threshold smoothed as a threshold can be."""
+    if item.kind == LABEL:
+        return replace(settings, label=item.value)
+    smoothing = "auto" if settings.smoothing == "constrained" else settings.smoothing
+    upper = as_written(item.upper) if item.use_upper else None
+    return replace(settings, label=None, threshold=as_written(item.threshold), upper=upper, smoothing=smoothing)
+
+
+def is_made_of(item: Any, settings: ReconstructionSettings) -> bool:
+    """Return whether a surface of these settings is that of a line of the list."""
+    if item.kind == LABEL:
+        return bool(item.value == settings.label)
+    return settings.label is None and (settings.threshold, settings.upper) == (
+        as_written(item.threshold),
+        as_written(item.upper) if item.use_upper else None,
+    )
+
+
+def structure_properties() -> dict[str, Any]:
+    """Return what the file knows of the structures of its CT."""
+    return {
+        "labels": collection("Structures", "Structures of the CT", type=CTMCLabel),
+        "label_index": integer("Structure", "Line of the list that is marked"),
+        "label_sources": collection("Label Sources", "Where the labels come from", type=CTMCLabelSource),
+    }
+
+
+CLASSES = (CTMCLabel, CTMCLabelSource)

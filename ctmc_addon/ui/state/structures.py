@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The voxels of a scene's structures: one label volume on the grid of its CT, made of all sources of labels.
+
+The list `scene.ctmc.labels` and the sources `scene.ctmc.label_sources` are the file's, so undo, saving and opening need
+nothing here; the voxels of a source are kept by its key while the session lasts. What is combined is derived from both.
+
+A structure from elsewhere (a drawn mask, a click) is a source without a path: `add_labels(scene, labels, key)`. Where
+its voxels change later, hand the new ones to `put(key, labels)`, and call `change_events.notify(scene.ctmc, "labels")`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import bpy
+
+from ... import readers
+from ...blender.colors import color_of
+from ...core import CtmcError, LabelError, ReconstructionSettings, Stages, Steps, Volume, equal_part, finish
+from ...core.volume import (
+    ValueKind,
+    combined_labels,
+    free_offset,
+    label_extents_steps,
+    placed_labels_steps,
+    volume_statistics_steps,
+)
+from ...readers import ReadingOptions
+from ..properties.preferences import machine
+from . import volumes
+
+STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20, "Counting the labels": 10}
+
+
+class PlacedLabels(NamedTuple):
+    """Labels on the grid of a CT, where they were read from, and the key to know them again by."""
+
+    path: Path
+    labels: Volume
+    key: str
+
+
+_sources: dict[str, Volume] = {}
+_combined: dict[
+    int, tuple[tuple[Any, ...], Volume]
+] = {}  # by the scene's session_uid: of which sources, and the labels
+
+
+def label_volume(scene: bpy.types.Scene) -> Volume | None:
+    """Return the labels of a scene's CT on its grid: its own where it is a label volume, and all that were added.
+
+    None where there are none in memory.
+    """
+    ct = volumes.loaded(scene)
+    if ct is None:
+        return None
+    own = [(ct.full, 0)] if ct.volume.kind == ValueKind.LABEL else []
+    added = [(_sources[source.key], source.offset) for source in scene.ctmc.label_sources if source.key in _sources]
+    if not added:
+        return own[0][0] if own else None
+    key = tuple((id(volume), offset) for volume, offset in (own + added))
+    known = _combined.get(scene.session_uid)
+    if known is None or known[0] != key:
+        known = (key, combined_labels(own + added))
+        _combined[scene.session_uid] = known
+    return known[1]
+
+
+def volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:
+    """Return what a surface of these settings is made from: the labels, or the values of the CT.
+
+    Parameters
+    ----------
+    settings : ReconstructionSettings
+        Of which only the label matters.
+    """
+    labels = label_volume(scene) if settings.label is not None else None
+    return labels or volumes.current_full(scene)
+
+
+def shown_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:
+    """Do what `volume_of` does for what the viewport shows: of a CT that does not fit in memory, the coarse copy."""
+    return volumes.current(scene) if volumes.is_coarse(scene) else volume_of(scene, settings)
+
+
+def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume:
+    """Return what a surface of these settings is made from.
+
+    Raises
+    ------
+    LabelError
+        If it is of a label of a file that is not in memory.
+    ReadError
+        If the CT is not in memory.
+    """
+    item = scene.ctmc.structure_of(settings)
+    if item is not None and item.source and item.source not in _sources:
+        raise LabelError(f"the labels of {item.name or settings.label} are not in memory; press Load Again")
+    return volume_of(scene, settings) or volumes.require_loaded(scene).full
+
+
+def missing(scene: bpy.types.Scene) -> list[Any]:
+    """Return the sources that the file knows and this session has not read."""
+    return [source for source in scene.ctmc.label_sources if source.key not in _sources]
+
+
+def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
+    """Read labels and place them on the grid of a CT.
+
+    Raises
+    ------
+    LabelError
+        If the file holds gray values.
+    VolumeError
+        If the labels do not lie on the grid.
+    """
+    stages = Stages(STAGES)
+    headers, reading, placing, counting = STAGES
+    source = yield from stages.run(headers, readers.open_volume_steps(path))
+    labels = yield from stages.run(reading, source.read_steps(ReadingOptions(), budget=machine().budget))
+    if labels.kind != ValueKind.LABEL:
+        raise LabelError(f"{labels.name} holds {labels.kind} and not labels; load it as a CT")
+    if not source.has_geometry and labels.shape == ct.shape:  # such as slices painted over those of the CT
+        labels = replace(labels, affine=ct.affine)
+    placed = yield from stages.run(placing, placed_labels_steps(labels, ct))
+    statistics = yield from stages.run(counting, volume_statistics_steps(placed))
+    if not placed.label_names and len(statistics.labels) == 1:  # a mask, called after its file
+        placed = replace(placed, label_names={statistics.labels[0][0]: labels.name})
+    return PlacedLabels(path, placed, statistics.fingerprint)
+
+
+def read_again_steps(wanted: Sequence[tuple[str, Path]], ct: Volume) -> Steps[list[tuple[str, PlacedLabels | str]]]:
+    """Read the labels of sources again, each with its key; in place of those that cannot be read, why."""
+    out: list[tuple[str, PlacedLabels | str]] = []
+    for number, (key, path) in enumerate(wanted):
+        try:
+            out.append((key, (yield from equal_part(read_steps(path, ct), number, len(wanted)))))
+        except CtmcError as error:
+            out.append((key, str(error)))
+    return out
+
+
+def put(key: str, labels: Volume) -> None:
+    """Keep the voxels of a source; those it had before are dropped."""
+    _sources[key] = labels
+
+
+def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | None = None) -> list[Any]:
+    """Add labels on the grid of the scene's CT to its structures; return their lines of the list, not ticked.
+
+    Parameters
+    ----------
+    labels : Volume
+        As `placed_labels_steps` returns them; its `label_names` and `label_colors` go to the list.
+    key : str
+        No other source of the scene has it.
+    path : Path, optional
+        Where they were read from, to read them again with the file; without one nothing reads them again.
+    """
+    stored = scene.ctmc
+    values = list(finish(label_extents_steps(labels)))
+    used = [item.value for item in stored.labels if item.kind == "label"]
+    offset = free_offset(used, values)
+    put(key, labels)
+    source = stored.label_sources.add()
+    source.key, source.offset = key, offset
+    source.path = "" if path is None else volumes.stored_path(path)
+    names, colors = labels.label_names, labels.label_colors
+    lines = [
+        (value + offset, names.get(value, ""), color_of(value + offset, colors.get(value), names.get(value, "")))
+        for value in values
+    ]
+    return list(stored.add_labels(lines, key))
+
+
+def discard_unused(*_: Any) -> None:
+    """Release the labels that no scene of a newly opened file refers to."""
+    used = {source.key for scene in bpy.data.scenes for source in scene.ctmc.label_sources}
+    for key in set(_sources) - used:
+        del _sources[key]
+    _combined.clear()
+
+
+def register() -> None:
+    """Listen for files that are opened."""
+    bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(discard_unused))
+
+
+def unregister() -> None:
+    """Stop listening, and release all labels."""
+    bpy.app.handlers.load_post.remove(discard_unused)
+    _sources.clear()
+    _combined.clear()

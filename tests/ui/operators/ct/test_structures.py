@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One CT with structures of labels and thresholds, from several files, made in one press."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+nibabel = pytest.importorskip("nibabel")
+from ui.drawing import drawn, meshes_in
+
+from ctmc_addon.blender.surface import read_provenance
+from ctmc_addon.ui.panels import main as panels
+from ctmc_addon.ui.state import measurements, structures, surfaces, volumes
+
+AFFINE = np.diag([-1.0, -1.0, 2.0, 1.0])
+
+
+def cube(*low, size=4):
+    """A mask (x, y, z) of 24 x 20 x 12 samples with a cube in it."""
+    values = np.zeros((24, 20, 12), np.uint8)
+    x, y, z = low
+    values[x : x + size, y : y + size, z : z + size] = 1
+    return values
+
+
+def save(path, values, affine=AFFINE):
+    nibabel.Nifti1Image(values, affine).to_filename(path)
+    return path
+
+
+@pytest.fixture
+def patient(scene, tmp_path):
+    """A CT with a bone of 400 HU in a body of 40, and masks of two organs that overlap."""
+    body = np.full((24, 20, 12), -1000, np.int16)
+    body[2:22, 2:18, 1:11] = 40
+    body[cube(16, 4, 4) > 0] = 400
+    save(tmp_path / "ct.nii.gz", body)
+    (tmp_path / "masks").mkdir()
+    save(tmp_path / "masks" / "liver.nii.gz", cube(4, 4, 3, size=6))
+    save(tmp_path / "masks" / "tumor.nii.gz", cube(5, 5, 4, size=3))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "ct.nii.gz"))
+    return tmp_path
+
+
+def load_labels(path):
+    return bpy.ops.ctmc.load_labels(filepath=str(path))
+
+
+def test_labels_and_a_threshold_are_made_in_one_press_and_each_has_its_volume(scene, patient):
+    load_labels(patient / "masks")
+    assert [(item.name, item.chosen) for item in scene.ctmc.labels] == [("liver", True), ("tumor", True)]
+    scene.ctmc.threshold = 200.0
+    bpy.ops.ctmc.add_threshold()
+    bone = scene.ctmc.labels[2]
+    assert (bone.name, bone.threshold, bone.chosen, scene.ctmc.use_label) == ("Bone", 200.0, True, True)
+    scene.ctmc.smoothing = "none"
+    bpy.ops.ctmc.reconstruct()
+    assert sorted(obj.name for obj in meshes_in(scene)) == ["Bone", "liver", "tumor"]
+    assert {read_provenance(obj).fingerprint for obj in meshes_in(scene)} == {scene.ctmc.volume_fingerprint}
+    found = {}
+    for item in scene.ctmc.labels:
+        (obj,) = surfaces.of_structure(scene, item)
+        found[item.name] = measurements.of(obj).measures.volume
+    # Voxels are 2 mm3; the corners that the surface cuts off are less than a fifth of a small cube.
+    for name, voxels in (("liver", 216), ("tumor", 27), ("Bone", 64)):
+        assert 0.75 * 2 * voxels < found[name] < 2 * voxels
+
+
+def test_a_press_again_updates_every_structure_and_adds_none(scene, patient):
+    load_labels(patient / "masks")
+    scene.ctmc.threshold = 200.0
+    bpy.ops.ctmc.add_threshold()
+    bpy.ops.ctmc.reconstruct()
+    before = {obj.name for obj in meshes_in(scene)}
+    scene.ctmc.alpha = 0.5
+    bpy.ops.ctmc.reconstruct()
+    assert {obj.name for obj in meshes_in(scene)} == before
+
+
+def test_files_one_by_one_have_numbers_of_their_own_and_the_voxels_of_their_masks(scene, patient):
+    for name in ("liver", "tumor"):
+        load_labels(patient / "masks" / f"{name}.nii.gz")
+    assert [(item.value, item.name) for item in scene.ctmc.labels] == [(1, "liver"), (2, "tumor")]
+    labels = structures.label_volume(scene)
+    assert [int((layer.values == value).sum()) for value, layer in enumerate(labels.each_layer, 1)] == [216, 27]
+    assert labels.values.shape == volumes.current(scene).values.shape
+    load_labels(patient / "masks" / "liver.nii.gz")
+    assert len(scene.ctmc.labels) == 2, "the same labels are added once"
+
+
+@pytest.mark.parametrize("way", ["mirrored", "part"])
+def test_labels_in_another_order_or_of_a_part_lie_where_they_belong(scene, patient, way):
+    mask, affine = cube(5, 5, 4, size=3), AFFINE.copy()
+    if way == "mirrored":
+        affine[0] = [1.0, 0.0, 0.0, -23.0]
+        save(patient / "m.nii.gz", mask[::-1].copy(), affine)
+    else:
+        affine[:3, 3] = AFFINE[:3, :3] @ [3, 2, 1]
+        save(patient / "m.nii.gz", mask[3:12, 2:12, 1:9].copy(), affine)
+    load_labels(patient / "m.nii.gz")
+    load_labels(patient / "masks" / "tumor.nii.gz")
+    assert len(scene.ctmc.label_sources) == 1, "they are the same voxels"
+
+
+def test_labels_beside_the_grid_are_refused_with_their_distance(scene, patient):
+    moved = AFFINE.copy()
+    moved[2, 3] = 0.8
+    save(patient / "moved.nii.gz", cube(5, 5, 4), moved)
+    with pytest.raises(RuntimeError, match=r"lies up to 0\.8 mm beside the samples of the CT; resample"):
+        load_labels(patient / "moved.nii.gz")
+    save(patient / "coarse.nii.gz", cube(5, 5, 4), AFFINE * 1.5)
+    with pytest.raises(RuntimeError, match=r"every 1\.5 x 1\.5 x 3 mm"):
+        load_labels(patient / "coarse.nii.gz")
+    with pytest.raises(RuntimeError, match=r"holds HU and not labels"):
+        load_labels(patient / "ct.nii.gz")
+    assert not len(scene.ctmc.labels)
+
+
+def test_labels_come_back_with_undo_and_with_the_file(scene, patient, tmp_path):
+    load_labels(patient / "masks")
+    scene.ctmc.labels[0].color = (0.1, 0.2, 0.3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    structures._sources.clear()
+    volumes._loaded.clear()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "case.blend"))
+    scene = bpy.context.scene
+    assert [item.name for item in scene.ctmc.labels] == ["liver", "tumor"]
+    assert len(structures.missing(scene)) == 1
+    bpy.ops.ctmc.load(again=True)
+    assert structures.missing(scene) == []
+    assert tuple(scene.ctmc.labels[0].color) == pytest.approx((0.1, 0.2, 0.3))
+    bpy.ops.ctmc.reconstruct()
+    assert sorted(obj.name for obj in meshes_in(scene)) == ["liver", "tumor"]
+
+
+def test_ticks_go_by_name_from_load_to_load(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.tick_structures(which="none")
+    scene.ctmc.labels[1].chosen = True
+    assert [item.name for item in scene.ctmc.labels if item.chosen] == ["tumor"]
+    other = patient / "other"
+    other.mkdir()
+    for number, name in enumerate(("aorta", "spleen", "tumor")):
+        save(other / f"{name}.nii.gz", cube(2 + 6 * number, 4, 4))
+    bpy.ops.ctmc.load(directory=str(other))
+    assert [item.name for item in scene.ctmc.labels if item.chosen] == ["tumor"]
+    assert scene.ctmc.label == 3
+
+
+def test_all_none_and_invert(scene, patient):
+    load_labels(patient / "masks")
+    ticks = lambda: [item.chosen for item in scene.ctmc.labels]  # noqa: E731
+    bpy.ops.ctmc.tick_structures(which="none")
+    assert ticks() == [False, False]
+    with pytest.raises(RuntimeError, match=r"no structure is ticked"):
+        bpy.ops.ctmc.reconstruct()
+    scene.ctmc.labels[0].chosen = True
+    bpy.ops.ctmc.tick_structures(which="invert")
+    assert ticks() == [False, True]
+    bpy.ops.ctmc.tick_structures(which="all")
+    assert ticks() == [True, True]
+
+
+def test_an_eye_hides_a_structure_and_removal_leaves_its_surface(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.reconstruct()
+    liver = bpy.data.objects["liver"]
+    bpy.ops.ctmc.structure_eye(index=0)
+    assert (liver.hide_get(), liver.hide_render) == (True, True)
+    bpy.ops.ctmc.structure_eye(index=0)
+    assert (liver.hide_get(), liver.hide_render) == (False, False)
+    for _ in range(2):
+        bpy.ops.ctmc.remove_structure()
+    assert (len(scene.ctmc.labels), len(scene.ctmc.label_sources)) == (0, 0)
+    assert len(meshes_in(scene)) == 2
+
+
+def test_a_folder_of_masks_beside_the_ct_is_offered(scene, patient):
+    assert "ctmc.load_labels Load Its Labels" in drawn(*panels.STEPS).buttons
+    load_labels(patient / "masks")
+    assert "ctmc.load_labels Load Its Labels" not in drawn(*panels.STEPS).buttons
+    assert "Label 1, liver" in drawn(*panels.STEPS).texts
