@@ -9,7 +9,6 @@ or got when they were made later: numbers of the log, which compacting the mesh 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -28,34 +27,52 @@ Indices = NDArray[np.int64]
 class Round:
     """What some changes, no two of which touch one face, found before them.
 
-    count : int
-        Number of changes.
+    count, first : int
+        Number of changes, and of those in rounds before.
+    start : int
+        Number of faces touched in rounds before, once for each time.
     faces, owner : (s,) int32
-        The faces touched, and by which change.
+        The faces touched, or made by a cut, and by which change.
+    before : (s,) int32
+        When each was last touched, counted as in `start`; -1 for never.
     corners, face_edges : (3, s) int32
-        Their corners and edges.
+        Their corners and edges; -1 of those that a cut makes.
     moved, moved_owner : (m,) int32
         Vertices moved or dropped, and by which change.
     positions, normals : (3, m) float32
         Where they were; normals may be None.
-    new_faces, new_edges, new_owner : (2, k), (3, k) and (k,) int32
+    new_edges, new_owner : (3, k) and (k,) int32
         Made by k cuts, and by which change.
-    undone : (count,) bool
     """
 
     count: int
+    first: int
+    start: int
     faces: Ints
     owner: Ints
+    before: Ints
     corners: Ints
     face_edges: Ints
     moved: Ints
     moved_owner: Ints
     positions: Floats
     normals: Floats | None
-    new_faces: Ints
     new_edges: Ints
     new_owner: Ints
-    undone: Flags
+
+
+@dataclass(frozen=True, eq=False)
+class Undone:
+    """What of a round is undone.
+
+    faces, moved, cuts : (n,) int64
+        Places in the round's arrays of faces, of moved vertices and of cuts.
+    """
+
+    round: Round
+    faces: Indices
+    moved: Indices
+    cuts: Indices
 
 
 class Numbered(Protocol):
@@ -85,10 +102,12 @@ class CollapseLog:
     def __init__(self, mesh: Numbered, crossing: Ints | None = None) -> None:
         self.crossing, self.face_count = crossing, mesh.face_count
         self.rounds: list[Round] = []
+        self._index: _Index | None = None  # of all rounds, once something is undone
         self.face_number = np.arange(mesh.faces.shape[1], dtype=np.int32)
         self.edge_number = np.arange(mesh.edges.shape[1], dtype=np.int32)
         self.vertex_number = np.arange(len(mesh.locked), dtype=np.int32)
         self.faces, self.edges, self.vertices = mesh.faces.shape[1], mesh.edges.shape[1], len(mesh.locked)
+        self.last = np.full(self.faces, -1, np.int32)  # when each face was last touched by a change that stands
         # Of each vertex, by the log's numbers.
         self.locked, self.component, self.original_vertex = mesh.locked, mesh.component, mesh.original_vertex
 
@@ -109,7 +128,7 @@ class CollapseLog:
         count = len(collapses.kept)
         moved = np.concatenate([collapses.kept, collapses.dropped])
         owner = np.tile(np.arange(count, dtype=np.int32), 2)
-        self._add(mesh, count, (collapses.faces, collapses.owner), (moved, owner), 0, np.zeros(0, np.int32))
+        self._add(mesh, count, (collapses.faces, collapses.owner), (moved, owner), np.zeros(0, np.int32))
 
     def add_cuts(self, mesh: Numbered, loops: Ints) -> None:
         """Record the cuts of handles at loops (n, 3) before they are done. Those that meet one face are one change."""
@@ -127,7 +146,7 @@ class CollapseLog:
             for corner in of_corner:
                 np.minimum.at(change, corner[corner >= 0], lowest[corner >= 0])
         owner = change[of_corner].min(axis=0)
-        self._add(mesh, count, (faces, owner), (loops.ravel(), np.repeat(change[:-1], 3)), count, change[:-1])
+        self._add(mesh, count, (faces, owner), (loops.ravel(), np.repeat(change[:-1], 3)), change[:-1])
         copies = np.arange(3 * count, dtype=np.int32)
         self.append(self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies))
         self.faces, self.edges, self.vertices = (
@@ -141,76 +160,121 @@ class CollapseLog:
         self.original_vertex = np.append(self.original_vertex, np.full(3 * count, -1, np.int32))
 
     def _add(
-        self,
-        mesh: Numbered,
-        count: int,
-        touched: tuple[NDArray[Any], Ints],
-        moved: tuple[Ints, Ints],
-        cuts: int,
-        new_owner: Ints,
+        self, mesh: Numbered, count: int, touched: tuple[NDArray[Any], Ints], moved: tuple[Ints, Ints], cuts: Ints
     ) -> None:
+        """Record so many changes: the faces they touch, the vertices they move, and which changes cut how often."""
         faces, owner = touched
         vertices, moved_owner = moved
+        numbers = np.take(self.face_number, faces)
+        corners = np.take(self.vertex_number, np.take(mesh.faces, faces, axis=1))
+        face_edges = np.take(self.edge_number, np.take(mesh.face_edges, faces, axis=1))
+        new = len(cuts)
+        if new:
+            made = np.arange(self.faces, self.faces + 2 * new, dtype=np.int32)
+            nothing = np.full((3, len(made)), -1, np.int32)
+            numbers, owner = np.append(numbers, made), np.concatenate([owner, cuts, cuts])
+            corners, face_edges = np.append(corners, nothing, axis=1), np.append(face_edges, nothing, axis=1)
+            self.last = np.append(self.last, nothing[0])
+        first, start = (0, 0) if not self.rounds else self._ends()
+        before = np.take(self.last, numbers)
+        self.last[numbers] = np.arange(start, start + len(numbers), dtype=np.int32)
+        self._index = None
         self.rounds.append(
             Round(
                 count,
-                np.take(self.face_number, faces),
+                first,
+                start,
+                numbers,
                 owner,
-                np.take(self.vertex_number, np.take(mesh.faces, faces, axis=1)),
-                np.take(self.edge_number, np.take(mesh.face_edges, faces, axis=1)),
+                before,
+                corners,
+                face_edges,
                 np.take(self.vertex_number, vertices),
                 moved_owner,
                 np.take(mesh.positions, vertices, axis=1),
                 None if mesh.normals is None else np.take(mesh.normals, vertices, axis=1),
-                np.arange(self.faces, self.faces + 2 * cuts, dtype=np.int32).reshape(2, -1),
-                np.arange(self.edges, self.edges + 3 * cuts, dtype=np.int32).reshape(-1, 3).T,
-                new_owner,
-                np.zeros(count, bool),
+                np.arange(self.edges, self.edges + 3 * new, dtype=np.int32).reshape(-1, 3).T,
+                cuts,
             )
         )
 
+    def _ends(self) -> tuple[int, int]:
+        """How many changes there are, and how often faces were touched."""
+        last = self.rounds[-1]
+        return last.first + last.count, last.start + len(last.faces)
+
     def touched(self) -> Flags:
-        """Which faces a change has touched, by the log's numbers; undone or not."""
-        touched = np.zeros(self.faces, bool)
-        for each in self.rounds:
-            touched[each.faces] = touched[each.new_faces] = True
-        return touched
+        """Which faces a change that stands has touched, by the log's numbers."""
+        return self.last >= 0
 
-    def last_changes(self) -> Ints:
-        """The last change that stands, numbered through all rounds, that touched each face; -1 for none."""
-        last = np.full(self.faces, -1, np.int32)
-        for first, each in self._numbered():
-            stands = np.flatnonzero(~np.take(each.undone, each.owner))
-            last[each.faces[stands]] = each.owner[stands] + np.int32(first)
-            last[each.new_faces] = np.where(each.undone[each.new_owner], -1, each.new_owner + np.int32(first))
-        return last
+    def last_changes(self, faces: NDArray[Any]) -> Ints:
+        """The last change that stands, numbered through all rounds, that touched each of these faces; -1 for none."""
+        when = np.take(self.last, faces)
+        if not self.rounds:
+            return when
+        return np.where(when >= 0, np.take(self._indexed().change, when), np.int32(-1))
 
-    def undo(self, changes: Ints) -> list[tuple[Round, Flags]]:
-        """Mark these changes, and all that depend on them, as undone; which of each round, (count,) bool."""
-        wanted = np.zeros(sum(each.count for each in self.rounds), bool)
-        wanted[changes] = True
-        tainted = np.zeros(self.faces, bool)
-        undone = []
-        for first, each in self._numbered():
-            asked = wanted[first : first + each.count]
-            asked[each.owner[np.take(tainted, each.faces)]] = True
-            asked &= ~each.undone
-            if asked.any():
-                each.undone[asked] = True
-                tainted[each.faces[asked[each.owner]]] = True
-                tainted[each.new_faces[:, asked[each.new_owner]]] = True
-                undone.append((each, asked))
-        return undone
+    def undo(self, changes: NDArray[Any]) -> list[Undone]:
+        """Mark these changes, which stand, and all that depend on them, as undone; what of each round they are."""
+        index = self._indexed()
+        undone = np.zeros(self._ends()[0], bool)
+        touches = [np.zeros(0, np.int64)]
+        asked = np.unique(changes)
+        while len(asked):
+            undone[asked] = True
+            now = index.touches_of(asked)
+            touches.append(now)
+            # All changes that touched these faces later, back from the last.
+            when, depending = np.take(self.last, np.take(index.faces, now)), [np.zeros(0, np.int32)]
+            while len(later := np.flatnonzero(when > now)):
+                when, now = when[later], now[later]
+                depending.append(np.take(index.change, when))
+                when = np.take(index.before, when)
+            asked = np.unique(np.concatenate(depending))
+            asked = asked[~undone[asked]]
+        at = np.sort(np.concatenate(touches))
+        self.last[index.faces[at[::-1]]] = index.before[at[::-1]]  # of several the first, which is written last
+        ends = np.searchsorted(at, [each.start for each in self.rounds[1:]])
+        out = []
+        for each, places in zip(self.rounds, np.split(at, ends), strict=True):
+            if len(places):
+                here = undone[each.first : each.first + each.count]
+                moved, cuts = np.flatnonzero(here[each.moved_owner]), np.flatnonzero(here[each.new_owner])
+                out.append(Undone(each, places - each.start, moved, cuts))
+        return out
 
     def vertices_of(self, changes: Ints) -> Ints:
         """Numbers of the vertices that these changes move, (m,)."""
-        wanted = np.zeros(sum(each.count for each in self.rounds), bool)
+        wanted = np.zeros(self._ends()[0], bool)
         wanted[changes] = True
-        moved = [each.moved[wanted[first + each.moved_owner]] for first, each in self._numbered()]
-        return np.concatenate(moved)
+        return np.concatenate([each.moved[wanted[each.first + each.moved_owner]] for each in self.rounds])
 
-    def _numbered(self) -> Iterator[tuple[int, Round]]:
-        first = 0
-        for each in self.rounds:
-            yield first, each
-            first += each.count
+    def _indexed(self) -> _Index:
+        if self._index is None:
+            self._index = _Index(self.rounds)
+        return self._index
+
+
+class _Index:
+    """All rounds as one, to find a few changes in: each time that a face was touched is a touch, in their order.
+
+    faces, change, before : (n,) int32
+        Of each touch: the face, the change, and the touch of the face before it.
+    """
+
+    def __init__(self, rounds: list[Round]) -> None:
+        self.faces = np.concatenate([each.faces for each in rounds])
+        self.change = np.concatenate([each.owner + np.int32(each.first) for each in rounds])
+        self.before = np.concatenate([each.before for each in rounds])
+        # The touches of each change follow one another. Numbers of 16 bits are sorted several times faster.
+        sorts = [each.owner.astype(np.uint16 if each.count <= 1 << 16 else np.uint32) for each in rounds]
+        order = [np.argsort(owner, kind="stable") + each.start for owner, each in zip(sorts, rounds, strict=True)]
+        self._touches = np.concatenate(order)
+        self._counts = np.bincount(self.change, minlength=rounds[-1].first + rounds[-1].count)
+        self._ends = np.cumsum(self._counts)
+
+    def touches_of(self, changes: NDArray[Any]) -> Indices:
+        """The touches of these changes."""
+        counts = self._counts[changes]
+        ends = np.cumsum(counts)
+        return self._touches[np.arange(counts.sum()) + np.repeat(self._ends[changes] - ends, counts)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
-from .collapse_log import CollapseLog, Round
+from .collapse_log import CollapseLog, Undone
 from .edge_collapse import CollapsingMesh
 from .quadrics import vertex_quadrics_steps
 
@@ -53,16 +53,16 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
 
 def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[tuple[Ints, bool]]:
     """Do so; returns the faces of the mesh that cross as before, (2, n), and whether anything was undone."""
-    touched = log.touched()
     left, selected = [np.zeros((2, 0), np.int32)], None
     if log.crossing is not None:
+        touched = log.touched()
         left = [log.crossing[:, ~touched[log.crossing].any(axis=0)]]
         selected = np.take(touched, log.face_number)
     asked: list[Ints] = []
     moved = np.zeros(len(mesh.locked), bool)
     while True:
         pairs = log.face_number[(yield from _crossing_steps(mesh, selected))]
-        last = log.last_changes()[pairs]
+        last = log.last_changes(pairs)
         yield PAUSE
         left.append(pairs[:, (last < 0).all(axis=0)])
         last = np.unique(last[last >= 0])
@@ -89,31 +89,29 @@ def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indic
     return alive[found.T]
 
 
-def _restored(
-    mesh: CollapsingMesh, log: CollapseLog, undone: list[tuple[Round, Flags]], moved: Flags
-) -> tuple[Flags, Flags]:
+def _restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved: Flags) -> tuple[Flags, Flags]:
     """Bring back what these changes have changed; which faces of the mesh are as before, and which vertices moved."""
     corners, sides = np.empty((3, log.faces), np.int32), np.empty((3, log.faces), np.int32)
     positions = np.empty((3, log.vertices), np.float32)
     normals = None if mesh.normals is None else np.empty((3, log.vertices), np.float32)
-    back, made = np.zeros(log.faces, bool), np.zeros(log.faces, bool)
-    placed, made_edges = np.zeros(log.vertices, bool), [np.zeros(0, np.int32)]
-    for each, asked in reversed(undone):  # the last first: what was before the first stays
-        at = np.flatnonzero(asked[each.owner])
-        faces = each.faces[at]
-        corners[:, faces], sides[:, faces], back[faces] = each.corners[:, at], each.face_edges[:, at], True
-        at = np.flatnonzero(asked[each.moved_owner])
-        vertices = each.moved[at]
-        positions[:, vertices], placed[vertices] = each.positions[:, at], True
-        if normals is not None and each.normals is not None:
-            normals[:, vertices] = each.normals[:, at]
-        cuts = asked[each.new_owner]
-        made[each.new_faces[:, cuts]] = True
-        made_edges.append(each.new_edges[:, cuts].ravel())
-        mesh.handles_cut -= int(cuts.sum())
-    back &= ~made
+    back, placed = np.zeros(log.faces, bool), np.zeros(log.vertices, bool)
+    made_edges = [np.zeros(0, np.int32)]
+    for each in reversed(undone):  # the last first: what was before the first stays
+        before = each.round
+        faces, vertices = before.faces[each.faces], before.moved[each.moved]
+        for to, of in zip((*corners, *sides), (*before.corners, *before.face_edges), strict=True):
+            to[faces] = of[each.faces]
+        back[faces], placed[vertices] = True, True
+        positions[:, vertices] = before.positions[:, each.moved]
+        if normals is not None and before.normals is not None:
+            normals[:, vertices] = before.normals[:, each.moved]
+        made_edges.append(before.new_edges[:, each.cuts].ravel())
+        mesh.handles_cut -= len(each.cuts)
     faces, vertices = np.flatnonzero(back), np.flatnonzero(placed)
     corners, sides = corners[:, faces], sides[:, faces]
+    made = corners[0] < 0
+    gone, faces = faces[made], faces[~made]
+    corners, sides = corners[:, ~made], sides[:, ~made]
     _append(mesh, log, faces, np.unique(sides), vertices)
     moved = np.append(moved, np.zeros(len(mesh.locked) - len(moved), bool))
 
@@ -123,7 +121,7 @@ def _restored(
     mesh.positions[:, here], moved[here] = positions[:, vertices], True
     if mesh.normals is not None and normals is not None:
         mesh.normals[:, here] = normals[:, vertices]
-    gone = at_face[np.flatnonzero(made)]
+    gone = at_face[gone]
     gone = gone[gone >= 0]
     mesh.face_count -= int((mesh.faces[0, gone] != mesh.dummy).sum())
     mesh.faces[:, gone] = mesh.dummy

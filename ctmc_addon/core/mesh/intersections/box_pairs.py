@@ -16,7 +16,8 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int32]
 
-BRANCH = 4  # boxes in a box
+SHIFT = 2
+BRANCH = 1 << SHIFT  # boxes in a box
 BLOCK = 1 << 13  # pairs that are compared together
 _FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # of a box with itself every pair of children once
 
@@ -69,9 +70,10 @@ class BoxTree:
             near &= np.take(selected, first, axis=1)[:, None] | np.take(selected, second, axis=1)
         itself = np.flatnonzero(first == second)
         near[:, :, itself] &= _FORWARD[:, :, None]
-        pair, child = np.divmod(np.flatnonzero(near.reshape(BRANCH * BRANCH, -1).T).astype(np.int32), BRANCH * BRANCH)
-        one, other = np.divmod(child, BRANCH)
-        return first[pair] * BRANCH + one, second[pair] * BRANCH + other
+        found = np.flatnonzero(near.reshape(BRANCH * BRANCH, -1).T).astype(np.int32)
+        pair = found >> 2 * SHIFT
+        one, other = found >> SHIFT & BRANCH - 1, found & BRANCH - 1
+        return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
 
 
 def _fours(rows: NDArray[Any], fill: float) -> NDArray[Any]:

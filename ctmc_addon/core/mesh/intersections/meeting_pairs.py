@@ -13,6 +13,7 @@ exactly (`triangle_pairs`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -22,18 +23,25 @@ from ...progress import PAUSE, Steps, finish
 from ..distance.triangle_tree import CODE_BITS, morton_codes
 from ..vectors import cross, dot
 from .box_pairs import BoxTree
-from .near import near_boxes
+from .near import near_faces_steps
 from .orientation import EPSILON
 from .stars import flat_stars_steps
-from .triangle_pairs import have_no_area, triangles_at_edge_meet, triangles_at_vertex_meet, triangles_meet
+from .triangle_pairs import (
+    have_no_area,
+    surely_apart,
+    triangles_at_edge_meet,
+    triangles_at_vertex_meet,
+    triangles_meet,
+)
 
+Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
-FEW = 10  # times as many triangles as selected ones, from which on those far away are left out first
+FEW = 30  # times as many triangles as selected ones, from which on those far away are left out first
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
 
@@ -70,17 +78,26 @@ def self_intersections_steps(
     """
     if not len(faces) or (selected is not None and not selected.any()):
         return np.zeros((0, 2), np.int64)
-    near = None
+    columns, rows = np.ascontiguousarray(vertices.T, np.float32), np.ascontiguousarray(faces.T, np.int32)
+    numbers = None
     if selected is not None and FEW * selected.sum() < len(selected):
-        near = np.flatnonzero((yield from _near_steps(vertices, faces, selected)))
-        faces, selected = faces[near], selected[near]
-    mesh = _Ordered()
-    yield from mesh.prepare_steps(vertices, faces, selected)
-    if near is not None:
-        mesh.order = near[mesh.order]
-    found = [np.stack([mesh.flat, mesh.flat])]
+        numbers = np.flatnonzero((yield from near_faces_steps(columns, rows, selected)))
+        rows, selected = np.take(rows, numbers, axis=1), selected[numbers]
+    order = yield from _order_steps(columns, rows)
+    numbers = order if numbers is None else numbers[order]
+    rows, selected = np.take(rows, order, axis=1), None if selected is None else selected[order]
+    yield PAUSE
+    low, high = yield from _boxes_steps(columns, rows)
+    blocks = BoxTree(low, high, selected).pairs()
+    if selected is not None:
+        blocks, kept = yield from _kept_steps(blocks, selected)
+        numbers, selected = numbers[kept], selected[kept]
+        columns, rows = _used(columns, np.take(rows, kept, axis=1))
+    mesh = _Measured(columns, rows)
+    yield from mesh.measure_steps()
+    flat = mesh.flat if selected is None else mesh.flat[selected[mesh.flat]]
+    found = [np.stack([flat, flat])]
     doubtful: list[list[Indices]] = []
-    blocks = mesh.tree.pairs()
     while (block := next(blocks, None)) is not None:
         doubtful.append(mesh.doubtful(*block))
         if len(doubtful) == TOGETHER:
@@ -88,56 +105,79 @@ def self_intersections_steps(
             doubtful = []
         yield PAUSE
     found += mesh.meeting(_joined(doubtful))
-    pairs = np.sort(mesh.order[np.concatenate(found, axis=1)], axis=0)
+    pairs = np.sort(numbers[np.concatenate(found, axis=1)], axis=0)
     return np.ascontiguousarray(pairs[:, np.lexsort(pairs[::-1])].T)
 
 
-def _near_steps(vertices: NDArray[Any], faces: NDArray[Any], selected: Flags) -> Steps[Flags]:
-    """Which triangles may meet one of a few selected ones."""
-    columns, rows = np.ascontiguousarray(vertices.T, np.float32), np.ascontiguousarray(faces.T)
-    low, high = np.empty((2, 3, len(faces)), np.float32)
-    yield PAUSE
+def _boxes_steps(columns: Floats, faces: Ints) -> Steps[tuple[Floats, Floats]]:
+    """Lowest and highest coordinates of triangles, (3, F) each."""
+    low, high = np.empty((2, 3, faces.shape[1]), np.float32)
     for axis, along in enumerate(columns):
-        a, b, c = (np.take(along, corner) for corner in rows)
+        a, b, c = (np.take(along, corner) for corner in faces)
         low[axis], high[axis] = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    yield PAUSE
-    return near_boxes(low, high, selected)
+        yield PAUSE
+    return low, high
 
 
-class _Ordered:
-    """The triangles of a mesh in an order that keeps neighbors together, in columns, and what is known of each."""
+def _kept_steps(blocks: Iterator[tuple[Ints, Ints]], selected: Flags) -> Steps[tuple[Iterator[tuple[Ints, Ints]], Indices]]:
+    """The same pairs, of triangles that are numbered anew, and which triangles these are: selected ones and partners."""
+    pairs, kept = [], selected.copy()
+    for first, second in blocks:
+        pairs.append((first, second))
+        kept[first] = kept[second] = True
+        yield PAUSE
+    number = np.cumsum(kept, dtype=np.int32) - np.int32(1)
+    return ((np.take(number, first), np.take(number, second)) for first, second in pairs), np.flatnonzero(kept)
 
-    def prepare_steps(self, vertices: NDArray[Any], faces: NDArray[Any], selected: Flags | None) -> Steps[None]:
-        """Take in a mesh."""
-        columns, rows = np.ascontiguousarray(vertices.T, np.float32), np.ascontiguousarray(faces.T, np.int32)
-        self.order = yield from _order_steps(columns, rows)
-        self.faces, self.columns = np.take(rows, self.order, axis=1), columns
+
+def _used(columns: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Only the vertices that triangles have, and these with the new numbers."""
+    used = np.zeros(columns.shape[1], bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return np.compress(used, columns, axis=1), np.take(number, faces)
+
+
+class _Measured:
+    """Triangles in columns, and what is known of each.
+
+    columns : (3, V) float32
+    faces : (3, F) int32
+    """
+
+    def __init__(self, columns: Floats, faces: Ints) -> None:
+        self.columns, self.faces = columns, faces
+
+    def measure_steps(self) -> Steps[None]:
+        """Find planes, triangles without area, and the corners that are proved to be the only common point."""
+        columns, faces = self.columns, self.faces
+        self.corners = [np.take(columns, corner, axis=1) for corner in faces]
         yield PAUSE
-        self.corners = [np.take(columns, corner, axis=1) for corner in self.faces]
+        start, b, c = (corner.astype(np.float64) for corner in self.corners)
+        to_b, to_c = b - start, c - start
+        size = np.maximum(np.abs(to_b).max(axis=0), np.abs(to_c).max(axis=0))
+        error = PLANE_ERROR * size * size  # of a normal's product with an offset, for every unit of that
         yield PAUSE
-        a, b, c = self.corners
-        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        size = (high.astype(np.float64) - low).max(axis=0)
-        self.error = PLANE_ERROR * size * size  # of a normal's product with an offset, for every unit of that
+        self.normals = cross(to_b, to_c)
+        self.offsets = dot(self.normals, start)
+        # No offset is longer than twice the largest coordinate; that again for what the products lose.
+        self.errors = error * (4 * float(np.abs(columns).max()))
         yield PAUSE
-        start = a.astype(np.float64)
-        self.normals = cross(b - start, c - start)
-        yield PAUSE
-        thin = np.flatnonzero(np.abs(self.normals).max(axis=0) <= self.error)
-        twice = (self.faces == self.faces[[1, 2, 0]]).any(axis=0)
+        thin = np.flatnonzero(np.abs(self.normals).max(axis=0) <= error)
+        twice = (faces == faces[[1, 2, 0]]).any(axis=0)
         self.flat = thin[have_no_area(_doubles(self.corners, thin)) | twice[thin]]
-        stars = yield from flat_stars_steps(self.corners, self.faces, columns.shape[1], self.normals, self.error)
-        proved = [np.take(stars, corner).view(np.uint8) << np.uint8(row) for row, corner in enumerate(self.faces)]
+        self.is_flat = np.zeros(faces.shape[1], bool)
+        self.is_flat[self.flat] = True
+        stars = yield from flat_stars_steps(self.corners, faces, columns.shape[1], self.normals, error)
+        proved = [np.take(stars, corner).view(np.uint8) << np.uint8(row) for row, corner in enumerate(faces)]
         self.proved = proved[0] | proved[1] | proved[2]
-        low[:, self.flat], high[:, self.flat] = np.inf, -np.inf
-        chosen = None if selected is None else selected[self.order]
-        if chosen is not None:
-            self.flat = self.flat[chosen[self.flat]]
         yield PAUSE
-        self.tree = BoxTree(low, high, chosen)
 
     def doubtful(self, first: Ints, second: Ints) -> list[Indices]:
         """Of pairs of triangles whose boxes overlap those that may meet: (2, n) for 0, 1, 2 and 3 common vertices."""
+        if len(self.flat):
+            solid = ~(np.take(self.is_flat, first) | np.take(self.is_flat, second))
+            first, second = first[solid], second[solid]
         ours, theirs = np.take(self.faces, first, axis=1), np.take(self.faces, second, axis=1)
         common = np.zeros(len(first), np.uint8)  # a bit for every corner of the first that the second has too
         for row, corner in enumerate(ours):
@@ -145,11 +185,12 @@ class _Ordered:
             common |= same.view(np.uint8) << np.uint8(row)
         left = np.flatnonzero(common & np.take(self.proved, first) == 0)
         count = _COUNT[common[left]]
+        for planes, others in ((first, second), (second, first)):
+            near = ~self._one_side(planes[left], others[left], _OWN[count])
+            left, count = left[near], count[near]
         of_count = [left[count == number] for number in range(4)]
         apart = of_count[0]
-        for planes, others in ((first, second), (second, first)):
-            apart = apart[~self._one_side(planes[apart], self._corners(others[apart]))]
-        of_count[0] = apart
+        of_count[0] = apart[~surely_apart(self._corners(first[apart]), self._corners(second[apart]))]
         return [np.stack([first[at], second[at]]) for at in of_count]
 
     def meeting(self, doubtful: list[Indices]) -> list[Indices]:
@@ -160,20 +201,19 @@ class _Ordered:
     def _corners(self, triangles: Ints) -> list[Doubles]:
         return _doubles(self.corners, triangles)
 
-    def _one_side(self, planes: Ints, points: list[Doubles]) -> Flags:
-        """Whether points are surely on one side of the planes of triangles, none on it."""
-        normal, place = np.take(self.normals, planes, axis=1), _doubles(self.corners[:1], planes)[0]
-        least, most = np.full(len(planes), np.inf), np.full(len(planes), -np.inf)
-        reach = np.zeros(len(planes))
-        for point in points:
-            offset = point - place
-            height = dot(normal, offset)
-            np.minimum(least, height, out=least)
-            np.maximum(most, height, out=most)
-            for along in offset:
-                np.maximum(reach, np.abs(along), out=reach)
-        error = np.take(self.error, planes) * reach
-        return (least > error) | (most < -error)
+    def _one_side(self, planes: Ints, triangles: Ints, own: NDArray[np.uint8]) -> Flags:
+        """Whether so many corners of triangles are surely on one side of planes: all but those that it is through."""
+        x, y, z = np.take(self.normals, planes, axis=1)
+        least, error = np.take(self.offsets, planes), np.take(self.errors, planes)
+        most = least + error
+        least -= error
+        above, below = np.zeros((2, len(planes)), np.uint8)
+        for corner in self.corners:
+            along = np.take(corner, triangles, axis=1)
+            height = x * along[0] + y * along[1] + z * along[2]
+            above += height > most
+            below += height < least
+        return (np.maximum(above, below) == own) & (np.minimum(above, below) == 0)
 
     def _meet(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs without a common vertex meet."""
@@ -188,11 +228,7 @@ class _Ordered:
             column = np.arange(len(corner))
             turned.append([numbers[(corner + turn) % 3, column] for turn in range(3)])
         sides = [[_doubles([self.columns], corner)[0] for corner in triangle] for triangle in turned]
-        at = np.flatnonzero(~self._one_side(first, sides[1][1:]))
-        at = at[~self._one_side(second[at], [corner[:, at] for corner in sides[0][1:]])]
-        out = np.zeros(len(first), bool)
-        out[at] = triangles_at_vertex_meet(*([corner[:, at] for corner in triangle] for triangle in sides))
-        return out
+        return triangles_at_vertex_meet(*sides)
 
     def _meet_beyond_edge(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs with a common edge lie on each other."""
@@ -216,9 +252,10 @@ def _joined(blocks: list[list[Indices]]) -> list[Indices]:
 
 
 _COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # bits set
+_OWN = np.array([3, 2, 1, 4], np.uint8)  # corners that are not common; two triangles of the same corners always meet
 
 
-def _order_steps(columns: NDArray[np.float32], faces: NDArray[Any]) -> Steps[Indices]:
+def _order_steps(columns: Floats, faces: Ints) -> Steps[Indices]:
     """The order of the triangles (3, F) along a curve that keeps neighbors together, (F,)."""
     low, high = columns.min(axis=1), columns.max(axis=1)
     extent = float((high.astype(np.float64) - low).max()) or 1.0

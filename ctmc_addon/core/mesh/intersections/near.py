@@ -1,44 +1,50 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes that may overlap some selected ones, from a coarse grid in which these are marked."""
+"""Triangles that may meet some selected ones, from a coarse grid in which these are marked."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...progress import PAUSE, Steps
+
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int32]
 
-CELLS = 64  # of the grid, along each axis
+CELLS = 128  # of the grid, along each axis
 
 
-def near_boxes(low: Floats, high: Floats, selected: Flags) -> Flags:
-    """Which boxes are in a cell that a selected one is in, (n,) bool: all that overlap one, and some more.
+def near_faces_steps(columns: Floats, faces: Ints, selected: Flags) -> Steps[Flags]:
+    """Which triangles are near a selected one, (F,) bool: all whose box meets that of one, and some more.
 
     Parameters
     ----------
-    low, high : (3, n) float32
-    selected : (n,) bool
+    columns : (3, V) float32
+        Positions.
+    faces : (3, F) int32
+    selected : (F,) bool
         Not very many.
     """
-    lowest = low.min(axis=1)
-    cell = float((high.max(axis=1).astype(np.float64) - lowest).max()) / CELLS or 1.0
-    ends = [((side - lowest[:, None]) * np.float32(1 / cell)).astype(np.int32) for side in (low, high)]
-    first, last = (np.clip(end, 0, CELLS - 1) for end in ends)  # rising, so boxes that overlap share a cell
-    marked = np.zeros((CELLS, CELLS, CELLS), bool)
-    for x, y, z, right, back, top in np.unique(np.concatenate([first, last])[:, selected], axis=1).T.tolist():
-        marked[x : right + 1, y : back + 1, z : top + 1] = True
-    # How many cells are marked up to each corner of the grid: eight of them give how many are in a box.
-    below = np.zeros((CELLS + 1,) * 3, np.int32)
-    below[1:, 1:, 1:] = (
-        marked.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32)
-    )
-    flat = below.ravel()
-    step = np.array([(CELLS + 1) ** 2, CELLS + 1, 1], np.int32)[:, None]
-    first, last = first * step, (last + 1) * step
-    count = np.zeros(low.shape[1], np.int32)
-    for corner in range(8):
-        x, y, z = ((last if corner >> axis & 1 else first)[axis] for axis in range(3))
-        number = np.take(flat, x + y + z)
-        count += number if corner.bit_count() % 2 else -number
-    return count > 0
+    low = columns.min(axis=1)
+    extent = float((columns.max(axis=1).astype(np.float64) - low).max()) or 1.0
+    yield PAUSE
+    cells = (columns - low[:, None]) * np.float32(CELLS / extent)  # rising, so boxes that overlap share a cell
+    cells = np.minimum(cells, CELLS - 1, out=cells).astype(np.uint8)
+    yield PAUSE
+    corners = np.take(cells, np.compress(selected, faces, axis=1), axis=1).astype(np.int64)  # (3, 3, selected)
+    first, last = np.maximum(corners.min(axis=1) - 1, 0), corners.max(axis=1) + 2
+    marked = np.zeros((CELLS,) * 3, bool)  # where they are, and a cell around
+    for x, y, z, right, back, top in np.unique(np.concatenate([first, last]), axis=1).T.tolist():
+        marked[x:right, y:back, z:top] = True
+    x, y, z = cells.astype(np.int32)
+    marked_vertices = np.take(marked.ravel(), (x * CELLS + y) * CELLS + z)
+    yield PAUSE
+    a, b, c = (np.take(marked_vertices, corner) for corner in faces)
+    near = a | b | c
+    yield PAUSE
+    for along in cells:  # a triangle in three cells or more may pass through what is marked with no corner there
+        a, b, c = (np.take(along, corner) for corner in faces)
+        near |= np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c) > 1
+        yield PAUSE
+    return near

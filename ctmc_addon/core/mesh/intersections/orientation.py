@@ -2,11 +2,17 @@
 """On which side of a plane or line a point lies, exactly, for float32 positions.
 
 float64 decides where its result is larger than its rounding can be (the bounds of Shewchuk 1997,
-doi:10.1007/PL00009321); the few others are worked out with whole numbers, as a float32 is one over a power of two.
+doi:10.1007/PL00009321); the others are worked out with whole numbers, as a float32 is one over a power of two. Where
+the float64 result is nearly 0, so is the whole one, which then fits 64 bits even if the products in it do not: what
+overflows goes a multiple of 2^64 wrong, and comes back. Only where the points themselves need too many bits, which takes
+one that is far nearer to a plane of coordinates than to the others, Python's whole numbers do it.
 All arrays stand in columns: (3, n) float64 that hold float32 values.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +24,7 @@ EPSILON = 2.0**-53
 SIDE_ERROR = 8 * EPSILON  # of the sum of the absolute products: (7 + 56 eps) eps, rounded up
 TURN_ERROR = 4 * EPSILON  # (3 + 16 eps) eps, rounded up
 WHOLE = 2.0**149  # times any float32 is a whole number, which float64 holds
+BITS = 36  # of a difference of coordinates, so that a doubtful volume is below 2^62
 
 
 def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:
@@ -41,8 +48,9 @@ def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:
     size += np.abs(uz) * (np.abs(z) + np.abs(z_back))
     out = -np.sign(volume).astype(np.int8)
     # Where every product has an exact factor 0, the volume is exactly 0.
-    for at in np.flatnonzero((np.abs(volume) <= SIDE_ERROR * size) & (size > 0)).tolist():
-        out[at] = -_exact_volume_sign(*(_whole_numbers(point[:, at]) for point in (a, b, c, d)))
+    at = np.flatnonzero((np.abs(volume) <= SIDE_ERROR * size) & (size > 0))
+    if len(at):
+        out[at] = -_exact_signs([point[:, at] for point in (a, b, c, d)], _volumes)
     return out
 
 
@@ -53,22 +61,40 @@ def turns(a: Doubles, b: Doubles, c: Doubles) -> Signs:
     one, other = ux * vy, uy * vx
     area, size = one - other, np.abs(one) + np.abs(other)
     out = np.sign(area).astype(np.int8)
-    for at in np.flatnonzero((np.abs(area) <= TURN_ERROR * size) & (size > 0)).tolist():
-        (ax, ay), (bx, by), (cx, cy) = (_whole_numbers(point[:, at]) for point in (a, b, c))
-        out[at] = _sign((ax - cx) * (by - cy) - (ay - cy) * (bx - cx))
+    at = np.flatnonzero((np.abs(area) <= TURN_ERROR * size) & (size > 0))
+    if len(at):
+        out[at] = _exact_signs([point[:, at] for point in (a, b, c)], _areas)
     return out
 
 
-def _whole_numbers(point: Doubles) -> list[int]:
-    return [int(value) for value in (point * WHOLE).tolist()]
+def _exact_signs(points: list[Doubles], value: Callable[..., Any]) -> Signs:
+    """Signs of doubtful values of all but the last point from there, (n,)."""
+    *others, last = points
+    _, exponent = np.frexp(np.maximum.reduce([np.abs(point - last) for point in others]))
+    # A factor for each axis changes no sign.
+    scaled = [np.ldexp(point, BITS - exponent) for point in points]
+    whole = np.logical_and.reduce([np.rint(point) == point for point in scaled]).all(axis=0)
+    at = np.flatnonzero(whole)
+    out = np.empty(len(whole), np.int8)
+    origin = scaled[-1][:, at]
+    out[at] = np.sign(value(*((point[:, at] - origin).astype(np.int64) for point in scaled[:-1])))
+    for column in np.flatnonzero(~whole).tolist():
+        place = _whole_numbers(last[:, column])
+        number = value(*(np.subtract(_whole_numbers(point[:, column]), place) for point in others))
+        out[column] = (number > 0) - (number < 0)
+    return out
 
 
-def _exact_volume_sign(a: list[int], b: list[int], c: list[int], d: list[int]) -> int:
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = (
-        [one - other for one, other in zip(p, d, strict=True)] for p in (a, b, c)
-    )
-    return _sign(ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx))
+def _volumes(u: NDArray[Any], v: NDArray[Any], w: NDArray[Any]) -> Any:
+    """Six times the volumes that three vectors span; of whole numbers modulo 2^64."""
+    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = u, v, w
+    return ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
 
 
-def _sign(number: int) -> int:
-    return (number > 0) - (number < 0)
+def _areas(u: NDArray[Any], v: NDArray[Any]) -> Any:
+    """Twice the areas that two vectors span; of whole numbers modulo 2^64."""
+    return u[0] * v[1] - u[1] * v[0]
+
+
+def _whole_numbers(point: Doubles) -> NDArray[Any]:
+    return np.array([int(value) for value in (point * WHOLE).tolist()], object)

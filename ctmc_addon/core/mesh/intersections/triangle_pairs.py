@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .orientation import Doubles, sides, turns
+from ..vectors import cross, dot
+from .orientation import EPSILON, Doubles, sides, turns
 
 Flags = NDArray[np.bool_]
 Triangle = Sequence[Doubles]  # three corners
@@ -27,6 +28,27 @@ def triangles_meet(first: Triangle, second: Triangle) -> Flags:
             edge = [_columns(one[(start + end) % 3], left) for end in range(2)]
             met[left] = _edge_meets(edge[0], edge[1], [_columns(corner, left) for corner in other])
     return met
+
+
+def surely_apart(first: Triangle, second: Triangle) -> Flags:
+    """Whether a plane through an edge of one triangle, across that triangle, surely parts the two, (n,).
+
+    In one plane this finds all that are farther apart than rounding.
+    """
+    apart = np.zeros(first[0].shape[1], bool)
+    if not len(apart):
+        return apart
+    reach = max(float(np.abs(corner).max()) for corner in (*first, *second))
+    for one in (first, second):
+        normal = cross(one[1] - one[0], one[2] - one[0])
+        for start in range(3):
+            # Any direction will do that parts their shadows on it by more than what rounding makes of these.
+            way = cross(one[start] - one[start - 1], normal)
+            error = np.abs(way).max(axis=0)
+            error *= 16 * EPSILON * reach
+            inner, outer = ([dot(way, corner) for corner in corners] for corners in (one, second if one is first else first))
+            apart |= np.maximum.reduce(inner) + error < np.minimum.reduce(outer) - error
+    return apart
 
 
 def triangles_at_vertex_meet(first: Triangle, second: Triangle) -> Flags:
