@@ -132,9 +132,11 @@ def test_no_triangles_have_no_pairs():
     assert self_intersections(np.zeros((3, 3), np.float32), np.zeros((0, 3), np.int32)).shape == (0, 2)
 
 
-def test_sides_are_exact_where_float64_is_not():
+@pytest.mark.parametrize("small", [1.0, 2.0**-40])  # the second takes more bits than 64
+def test_sides_are_exact_where_float64_is_not(small):
     random = np.random.default_rng(1)
     a, b, c = random.random((3, 3, 200)).astype(np.float32)
+    a[:, ::3] *= np.float32(small)
     share = random.integers(0, 5, 200).astype(np.float32) / 4
     d = (a + share * (b - a)).astype(np.float32)  # on an edge but for its rounding
     signs = sides(*(point.astype(np.float64) for point in (a, b, c, d)))
@@ -146,6 +148,15 @@ def test_sides_are_exact_where_float64_is_not():
         assert signs[number] == (volume < 0) - (volume > 0)
         area = (p[0] - s[0]) * (q[1] - s[1]) - (p[1] - s[1]) * (q[0] - s[0])
         assert flat[number] == (area > 0) - (area < 0)
+
+
+def test_flat_triangles_far_from_the_origin_touch_or_not_by_one_last_place():
+    step = np.spacing(np.float32(1000.0))
+    for gap, meets in ((0.0, True), (step, False)):
+        right = 1001 + gap
+        beside = [(right, -700, 300), (right + 1, -700, 300), (right, -699, 300)]
+        corners = [(1000, -700, 300), (1001, -700, 300), (1000, -699, 300), *beside]
+        assert pairs(corners, [(0, 1, 2), (3, 4, 5)]) == [(0, 1)] * meets
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])

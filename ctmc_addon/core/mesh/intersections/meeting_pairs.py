@@ -39,6 +39,7 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Pairs = Iterator[tuple[Ints, Ints]]
 
 TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
 FEW = 30  # times as many triangles as selected ones, from which on those far away are left out first
@@ -88,7 +89,7 @@ def self_intersections_steps(
     rows, selected = np.take(rows, order, axis=1), None if selected is None else selected[order]
     yield PAUSE
     low, high = yield from _boxes_steps(columns, rows)
-    blocks = BoxTree(low, high, selected).pairs()
+    blocks: Pairs = BoxTree(low, high, selected).pairs()
     if selected is not None:
         blocks, kept = yield from _kept_steps(blocks, selected)
         numbers, selected = numbers[kept], selected[kept]
@@ -119,8 +120,8 @@ def _boxes_steps(columns: Floats, faces: Ints) -> Steps[tuple[Floats, Floats]]:
     return low, high
 
 
-def _kept_steps(blocks: Iterator[tuple[Ints, Ints]], selected: Flags) -> Steps[tuple[Iterator[tuple[Ints, Ints]], Indices]]:
-    """The same pairs, of triangles that are numbered anew, and which triangles these are: selected ones and partners."""
+def _kept_steps(blocks: Pairs, selected: Flags) -> Steps[tuple[Pairs, Indices]]:
+    """The pairs with new numbers for the triangles that are in one or selected, and which these are."""
     pairs, kept = [], selected.copy()
     for first, second in blocks:
         pairs.append((first, second))

@@ -3,9 +3,9 @@
 
 float64 decides where its result is larger than its rounding can be (the bounds of Shewchuk 1997,
 doi:10.1007/PL00009321); the others are worked out with whole numbers, as a float32 is one over a power of two. Where
-the float64 result is nearly 0, so is the whole one, which then fits 64 bits even if the products in it do not: what
-overflows goes a multiple of 2^64 wrong, and comes back. Only where the points themselves need too many bits, which takes
-one that is far nearer to a plane of coordinates than to the others, Python's whole numbers do it.
+the float64 result is nearly 0, so is the whole one. It then fits 64 bits even if the products in it do not, since these
+are wrong by multiples of 2^64 only. Python's whole numbers are left for points that need too many bits themselves: one
+has a coordinate that is far smaller than the distance to the others.
 All arrays stand in columns: (3, n) float64 that hold float32 values.
 """
 
