@@ -230,6 +230,11 @@ class VolumeSource(ABC):
         del series
         return self.series[0]
 
+    def images_read(self, options: ReadingOptions) -> list[Path]:
+        """Return the DICOM images that `read_steps` reads; none for other formats."""
+        del options
+        return []
+
     def read_steps(
         self,
         options: ReadingOptions | None = None,

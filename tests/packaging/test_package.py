@@ -43,14 +43,19 @@ def archives(tmp_path_factory):
     return wheel, source
 
 
-def python_of(version):
+def found_python(version):
+    """The path of this Python; None where there is none."""
     spec = importlib.util.spec_from_file_location("setup_environment", ROOT / "tools" / "setup_environment.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     try:
         return module.find_python((version,), "")[0]
     except module.SetupError:
-        return pytest.skip(f"there is no Python {version} here")
+        return None
+
+
+def python_of(version):
+    return found_python(version) or pytest.skip(f"there is no Python {version} here")
 
 
 @pytest.fixture(scope="module", params=PYTHONS)
@@ -106,6 +111,47 @@ def test_every_command_that_needs_no_blender_works(environment, tmp_path):
     ]  # fmt: skip
     ctmc("experiment", "voxels", "ct/segmentation-4.nii.gz", "--label", "1", "--repeats", "1", "-o", "voxels")
     assert len(json.loads((tmp_path / "voxels" / "table.json").read_text("utf-8"))) == 3
+
+
+def test_a_dicom_segmentation_has_the_voxels_the_patient_and_the_images(archives, tmp_path):
+    python = next(path for path in map(found_python, reversed(PYTHONS)) if path)
+    run(python, "-m", "venv", tmp_path / "own")
+    programs = tmp_path / "own" / ("Scripts" if os.name == "nt" else "bin")
+    run(programs / "python", "-m", "pip", "install", "--quiet", "--no-input", f"{archives[0]}[dicom-seg]", cwd=tmp_path)
+
+    def ctmc(*words):
+        return run(programs / "ctmc", *words, cwd=tmp_path)
+
+    ctmc("phantom", "ct", "--slices", "9", "--size", "64", "--seed", "4")
+    words = ["--seed", "liver", "80", "26", "-2", "--seed", "tumor", "40.5", "14.8", "2.8"]
+    ctmc("segment", "ct/dicom", "-o", "one.seg.nrrd", *words)
+    # Both grown by 30 mm overlap.
+    words = ["--from", "one.seg.nrrd", "--margin", "tumor", "30", "--margin", "liver", "30"]
+    ctmc("segment", "ct/dicom", "-o", "both.seg.nrrd", *words)
+    ctmc("segment", "ct/dicom", "-o", "both.dcm", *words, "--with-identity")
+    script = (
+        "import json, pydicom\n"
+        "from pathlib import Path\n"
+        "import numpy as np\n"
+        "from ctmc_addon.readers import read_volume\n"
+        "nrrd, dicom = (read_volume(name) for name in ('both.seg.nrrd', 'both.dcm'))\n"
+        "count = lambda volume: [sum(int((one.values == n).sum()) for one in volume.each_layer) for n in (1, 2)]\n"
+        "place = lambda volume: [sum(((one.values == n).sum() and volume.affine[:3] @ np.append(np.argwhere("
+        "one.values == n)[:, ::-1].mean(axis=0), 1) for one in volume.each_layer)).tolist() for n in (1, 2)]\n"
+        "seg, source = pydicom.dcmread('both.dcm'), pydicom.dcmread(next(Path('ct/dicom').glob('*.dcm')))\n"
+        "print(json.dumps({'voxels': [count(nrrd), count(dicom)], 'layers': len(list(nrrd.each_layer)),\n"
+        "    'far_mm': float(np.abs(np.subtract(place(nrrd), place(dicom))).max()), 'names': dicom.label_names,\n"
+        "    'same': [seg[k].value == source[k].value for k in ('PatientID', 'StudyInstanceUID')],\n"
+        "    'kind': seg.SegmentSequence[1].SegmentedPropertyTypeCodeSequence[0].CodeMeaning,\n"
+        "    'images': len(seg.ReferencedSeriesSequence[0].ReferencedInstanceSequence)}))\n"
+    )
+    found = json.loads(run(programs / "python", "-c", script, cwd=tmp_path))
+    assert found["voxels"][0] == found["voxels"][1]
+    assert min(found["voxels"][0]) > 0
+    assert found["far_mm"] < 1e-3
+    assert found["layers"] == 2
+    assert found["names"] == {"1": "liver", "2": "tumor"}
+    assert (found["same"], found["kind"], found["images"]) == ([True, True], "Lesion", 9)
 
 
 def test_python_knows_the_types_and_makes_a_surface(environment, tmp_path):

@@ -38,11 +38,20 @@ from ...core.segmentation import (
     sample_at,
 )
 from ...core.volume import ValueKind, box_of, structure_color
+from .. import dicom_segmentation
 from ..arguments import UsageError, add_input, add_quiet, reading_of
 from ..described_flags import add_flag
 from ..terminal import Progress, listing
 
-STAGES = {"Reading the CT": 4, "Reading labels": 1, "Segmenting": 4, "Growing": 1, "Writing": 2, "Reading back": 1}
+STAGES = {
+    "Opening the CT": 1,
+    "Reading the CT": 4,
+    "Reading labels": 1,
+    "Segmenting": 4,
+    "Growing": 1,
+    "Writing": 2,
+    "Reading back": 1,
+}
 METHODS = ("compete", "connected")
 DEFAULT_MAX_MM = 65.0
 DEFAULT_HU_PER_MM = 2.0
@@ -82,11 +91,17 @@ def add_parser(commands: Any) -> None:
         "segment",
         help="make labels from points in a CT",
         description="Make structures from points in a CT, and write them as labels: a segmentation of 3D Slicer "
-        "(.seg.nrrd: names, colors, structures that overlap) or NIfTI (.nii, .nii.gz). Points are RAS+ mm, a flag for "
-        "each.",
+        "(.seg.nrrd: names, colors, structures that overlap), NIfTI (.nii, .nii.gz) or a DICOM segmentation (.dcm). "
+        "Points are RAS+ mm, a flag for each.",
     )
     add_input(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="labels: .seg.nrrd, .nrrd, .nii, .nii.gz")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="labels: .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm"
+    )
+    parser.add_argument(
+        "--with-identity", action="store_true",
+        help="let a DICOM segmentation (.dcm) carry the patient's name, birth date and ID, as DICOM asks for",
+    )  # fmt: skip
     parser.add_argument(
         "--seed", action="append", nargs=4, default=[], metavar=("NAME", "X", "Y", "Z"), help="a point in a structure"
     )
@@ -126,14 +141,18 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Make the structures, write them, read them back and print their volumes."""
     request = request_of(args)
-    output = require_writable(args.output, LABEL_SUFFIXES)
+    output = require_writable(args.output, (*LABEL_SUFFIXES, dicom_segmentation.SUFFIX))
     if output.suffix.lower() == ".gz" and not output.name.lower().endswith(".nii.gz"):
-        raise OutputError(f"{output.name} needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz")
+        raise OutputError(f"{output.name} needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm")
+    as_dicom = output.suffix.lower() == dicom_segmentation.SUFFIX
+    check_identity(as_dicom, args.with_identity)
     stages = Stages(STAGES)
-    reading, before, segmenting, growing, writing, back = STAGES
+    opening, reading, before, segmenting, growing, writing, back = STAGES
     with Progress() as progress:
-        steps = readers.read_volume_steps(args.input, reading_of(args))
-        ct = progress.finish(stages.run(reading, steps))
+        options = reading_of(args)
+        source = progress.finish(stages.run(opening, readers.open_volume_steps(args.input, options.allow_outside)))
+        images = dicom_segmentation.images_of(source, options) if as_dicom else []
+        ct = progress.finish(stages.run(reading, source.read_steps(options)))
         if ct.kind == ValueKind.LABEL:
             raise LabelError(f"{Path(args.input).name} has labels; give the CT, and the labels by --from")
         masks: Masks = {}
@@ -149,9 +168,25 @@ def run(args: argparse.Namespace) -> None:
         ]
         with whole_files([output]) as temporary_paths:
             path = temporary_paths[output]
-            progress.finish(stages.run(writing, write_labels_steps(path, layers, segments, ct.affine)))
+            if as_dicom:
+                dicom_segmentation.write(path, masks, segments, ct.affine, images)
+            else:
+                progress.finish(stages.run(writing, write_labels_steps(path, layers, segments, ct.affine)))
             progress.finish(stages.run(back, checked_steps(path, masks, ct)))
     print(text_of(masks, ct, output))
+
+
+def check_identity(as_dicom: bool, with_identity: bool) -> None:
+    """Refuse an identity that is not asked for, and one that is asked for where none can be."""
+    if as_dicom and not with_identity:
+        raise UsageError(
+            "a DICOM segmentation carries the patient's name, birth date and ID, as DICOM asks for; allow it by "
+            "--with-identity, or write a .seg.nrrd, which carries none"
+        )
+    if with_identity and not as_dicom:
+        raise UsageError("--with-identity is for a DICOM segmentation, -o labels.dcm; other files carry no identity")
+    if as_dicom:
+        dicom_segmentation.require_highdicom()
 
 
 def request_of(args: argparse.Namespace) -> Request:
@@ -256,12 +291,20 @@ def labels_steps(path: str, ct: Volume) -> Steps[Masks]:
 
 
 def checked_steps(path: Path, masks: Masks, ct: Volume) -> Steps[None]:
-    """Read the file back; an `OutputError` where a voxel or the grid is not what was written."""
+    """Read the file back; an `OutputError` where a voxel or the grid is not what was written.
+
+    DICOM leaves out slices without a structure, so what comes back may be a part of the CT.
+    """
     back = yield from readers.read_volume_steps(path)
-    same = back.shape == ct.shape and np.allclose(back.affine, ct.affine, rtol=1e-5, atol=1e-3)
+    to_ct = np.linalg.inv(ct.affine) @ back.affine  # index to index
+    first = np.rint(to_ct[:3, 3]).astype(int)
+    x, y, z = (slice(start, start + side) for start, side in zip(first.tolist(), back.size, strict=True))
+    same = np.allclose(to_ct[:3, :3], np.eye(3), atol=1e-3) and np.allclose(to_ct[:3, 3], first, atol=1e-2)
     layers = [layer.values for layer in back.each_layer]
     for number, mask in enumerate(masks.values(), 1):
-        same = same and any(np.array_equal(values == number, mask) for values in layers)
+        part = mask[z, y, x]
+        same = same and np.count_nonzero(part) == np.count_nonzero(mask)
+        same = same and any(np.array_equal(values == number, part) for values in layers)
     if not same:
         raise OutputError(f"{path.name} does not read back as it was written; choose another disk or format")
 

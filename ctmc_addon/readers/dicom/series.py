@@ -18,6 +18,7 @@ from ...core import ReadError, Stages, Steps
 from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
+from ..options import ReadingOptions
 from ..registry import FORMATS
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
@@ -67,6 +68,13 @@ class DicomSource(VolumeSource):
             key=lambda line: (self._has_place(line), line.slices, -line.number),
             default=None,
         )
+
+    def images_read(self, options: ReadingOptions) -> list[Path]:
+        """Return the files of the images that a volume is read from, in the order in which they were taken."""
+        uid, _ = self._selected(str(options.series or ""))
+        slices, _ = one_geometry(self.content.series[uid], self.path)
+        taken = times_of(slices)[self.selected_time(options.series, options.time)[0] - 1]
+        return list(dict.fromkeys(ct_slice.image.path for ct_slice in taken))
 
     def _has_place(self, line: Series) -> bool:
         """Whether slices of a series have positions; pictures without them make no volume."""

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
+
 import nibabel
 import nrrd
 import numpy as np
@@ -162,7 +165,18 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
             "--hu-per-mm is for --method compete",
         ),
         (("--seed", "liver", 20, 0, 3, "--opening-mm", 3), "--opening-mm is for --method connected"),
+        (("--seed", "liver", 20, 0, 3, "-o", "l.dcm"), "allow it by --with-identity, or write a .seg.nrrd"),
+        (("--seed", "liver", 20, 0, 3, "--with-identity"), "--with-identity is for a DICOM segmentation"),
     ],
 )
 def test_flags_that_cannot_be_are_refused_before_the_ct_is_read(misused, tmp_path, words, sentence):
     assert sentence in misused("segment", tmp_path / "none.nii", "-o", tmp_path / "l.nrrd", *words)
+
+
+def test_a_dicom_segmentation_needs_highdicom_and_dicom_images(refused, ct, tmp_path, monkeypatch):
+    words = ("segment", ct, "-o", tmp_path / "l.dcm", "--with-identity", "--seed", "liver", 20, 0, 3)
+    monkeypatch.setitem(sys.modules, "highdicom", None)
+    assert "pip install 'ctmc-addon[dicom-seg]', or write a .seg.nrrd" in refused(*words)
+    monkeypatch.setitem(sys.modules, "highdicom", ModuleType("highdicom"))
+    assert "the DICOM images it was made on, and ct.nii is NIfTI" in refused(*words)
+    assert not (tmp_path / "l.dcm").exists()
