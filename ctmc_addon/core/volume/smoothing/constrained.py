@@ -27,8 +27,9 @@ from .volume_constant import keep_volume_steps
 
 BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
-COARSE_ROUNDS = (40, 100)  # on every other pixel, where slices are refined at most twice, and where more
-FINE_ROUNDS = (30, 30)
+NARROW_PIXELS = 3  # to either side that are smoothed at full resolution, after every other pixel
+COARSE_ROUNDS = (32, 80)  # on every other pixel, where slices are refined at most twice, and where more
+FINE_ROUNDS = 24
 MOST_STEPS = 8
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
@@ -185,9 +186,29 @@ def _smoothed_steps(
     )
     yield from stages.run("Smoothing every other pixel", relaxing)
     doubled(coarse, first.field, refined, start, pool)
-    relaxing = relax_steps(refined, start.field, start.low, start.high, (x, y, z), FINE_ROUNDS[steps > 2], pool)
-    yield from stages.run("Smoothing", relaxing)
+    yield from stages.run("Smoothing", _narrow_steps(refined, start, deep, (x, y, z), pool))
     return refined, start
+
+
+def _narrow_steps(
+    bricks: Bricks,
+    start: Start,
+    deep: NDArray[np.bool_],
+    sides: tuple[float, float, float],
+    pool: ThreadPoolExecutor | None,
+) -> Steps[None]:
+    """Smooth in place what is near the surface now; farther away the field of every other pixel is smooth enough."""
+    near = np.zeros(bricks.shape, bool)
+    distance = np.abs(start.field[: bricks.active]).min(axis=1)
+    near.ravel()[bricks.place[: bricks.active]] = distance <= NARROW_PIXELS * max(sides[:2])
+    narrow = number_bricks(near, deep)
+    own = bricks.number.ravel().take(narrow.place)
+    field = start.field.take(np.append(own, [len(bricks) - 2, len(bricks) - 1]), axis=0)
+    own = own[: narrow.active]
+    low, high = start.low.take(own, axis=0), start.high.take(own, axis=0)
+    yield PAUSE
+    yield from relax_steps(narrow, field, low, high, sides, FINE_ROUNDS, pool)
+    start.field[own] = field[: narrow.active]
 
 
 def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArray[np.bool_], Inside, Inside]:

@@ -50,16 +50,10 @@ def keep_volume_steps(
     """
     whole = np.empty((bricks.shape[0], bricks.shape[1], bricks.shape[2] * WIDTH), np.float32)
     flat = whole.reshape(-1, WIDTH)
-    number = bricks.number.reshape(-1)
-    deep = len(bricks) - 2
-
-    def fill(part: slice) -> None:
-        # A neighbor of the active bricks has one sign: that of the brick it stands for.
-        flat[part] = np.where(number[part] == deep, np.float32(far), np.float32(-far))[:, None]
-
-    parts = pieces(len(flat), 1 << 16)
-    for first in range(0, len(parts), 8):
-        spread(pool, fill, parts[first : first + 8])
+    number = bricks.number.ravel()
+    for part in pieces(len(flat), 1 << 18):  # bricks near the surface get theirs later
+        flat[part] = np.float32(-far)
+        flat[part.start + np.flatnonzero(number[part] == len(bricks) - 2)] = np.float32(far)
         yield PAUSE
     ring = slice(bricks.active, len(bricks.place))
     flat[bricks.place[ring]] = start.field[ring]
