@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test fuzz test-all test-window test-package package lint types build address bench accuracy segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
+.PHONY: help setup demo test fuzz test-all test-window test-package package lint types build address site bench accuracy segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -45,8 +45,11 @@ types: setup  ## mypy, strict, as Linux, Windows and macOS are
 build: setup  ## the extension's zips, one for each platform, in dist, with their sizes
 	@$(python) tools/build_extension.py
 
-address:  ## write where the project lives into manifest, package and citation: URL=https://host/owner/repository
+address:  ## write where the project lives into manifest, package, citation and site: URL=https://host/owner/repository
 	@'$(or $(starter),python3)' tools/set_address.py $(URL)
+
+site: setup  ## the site of docs/, in out/site; every link, picture and anchor is checked; ARGS=--serve shows it while you edit
+	@$(python) tools/make_site.py $(ARGS)
 
 bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extraction" for a part of it
 	@'$(or $(starter),python3)' tests/benchmarks/environment.py $(ARGS)

@@ -36,6 +36,20 @@ def test_links_lead_to_files(page):
     assert missing == []
 
 
+def anchors_of(page):
+    """The anchors of a page's headings, as GitHub makes them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    headings = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", line) for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE)]
+    return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_to_headings_lead_to_one(page):
+    links = re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if link[1] not in anchors_of(page.parent / link[0] if link[0] else page)]
+    assert missing == []
+
+
 @pytest.fixture(scope="module")
 def readme_folder(tmp_path_factory):
     """A folder in which README's command lines were run, on a phantom smaller than theirs."""

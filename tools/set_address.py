@@ -23,6 +23,7 @@ PLACES = (
         'urls = { Homepage = "URL", Changelog = "URL/blob/main/CHANGELOG.md", Issues = "URL/issues" }',
     ),
     ("CITATION.cff", r"^type: software\n", 'repository-code: "URL"'),
+    ("mkdocs.yml", r"^site_name: .*\n", 'repo_url: "URL"'),
 )
 
 
