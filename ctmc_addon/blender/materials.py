@@ -44,8 +44,8 @@ def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
     return mix.outputs[0]
 
 
-def edged_material(name: str, face: Color, edge: Color, widths: str) -> bpy.types.Material:
-    """Faces of one color whose triangles are bordered by lines of another.
+def add_edges(material: bpy.types.Material, edge: Color, widths: str) -> None:
+    """Border the triangles of a material of `surface_material` by lines of a color.
 
     The figures of Su and Ma: the surface of the triangles red, their borders yellow.
 
@@ -54,7 +54,6 @@ def edged_material(name: str, face: Color, edge: Color, widths: str) -> bpy.type
     widths : str
         The attribute of the triangles that holds the width of their lines, in the units of the mesh in the scene.
     """
-    material = surface_material(name, face)
     tree, shader = material.node_tree, principled(material)
     line = tree.nodes.new("ShaderNodeBsdfPrincipled")
     # Lines glow a little, so that they are seen in the shade, and are shaded, so that a dense mesh keeps its form.
@@ -69,7 +68,18 @@ def edged_material(name: str, face: Color, edge: Color, widths: str) -> bpy.type
     shown = mixed(tree, wire.outputs[0], shader.outputs[0], line.outputs[0])
     tree.links.new(shown, surface_input(material))
     lights_nothing(material)
-    return material
+
+
+def math_node(tree: Any, operation: str, *values: Any) -> Any:
+    """Return the socket of an operation on numbers and sockets."""
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, values, strict=False):
+        if isinstance(value, int | float):
+            socket.default_value = value
+        else:
+            tree.links.new(value, socket)
+    return node.outputs[0]
 
 
 def flat_material(name: str, color: Color) -> bpy.types.Material:

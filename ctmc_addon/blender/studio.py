@@ -8,8 +8,8 @@ a little from the left and from above, the head upwards.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -25,9 +25,36 @@ from .surface.placement import matrix_of
 SIZE = (1200, 900)
 MARGIN = 1.12
 SAMPLES = 9
-# What a surface that faces it gets of each light, in shares of white: energy over pi, of the world its strength.
-SUN, FILL, WORLD = 0.6 * math.pi, 0.2 * math.pi, 0.25
-SUN_ANGLE = math.radians(12)  # so wide that the edge of a shadow does not show the triangles that cast it
+WORLD = 0.25  # from all sides
+WHITE = (1.0, 1.0, 1.0)
+
+
+class Sun(NamedTuple):
+    """A light at infinity, relative to the camera.
+
+    Parameters
+    ----------
+    turn, rise : float
+        Degrees from the camera's azimuth and elevation.
+    share : float
+        Of white, what a white surface that faces it gets.
+    angle : float
+        Width of its disc, degrees: the wider, the softer the edge of a shadow.
+    shadow : bool
+    tint : (red, green, blue) float
+    """
+
+    turn: float
+    rise: float
+    share: float
+    angle: float
+    shadow: bool
+    tint: tuple[float, float, float] = WHITE
+
+
+# A sun beyond the right shoulder, so wide that the edge of a shadow does not show the triangles that cast it; and a
+# fill from the camera, without shadows: what the sun does not reach keeps its form.
+SUNS = {"CTMC Light": Sun(32.0, 28.0, 0.6, 12.0, True), "CTMC Fill": Sun(0.0, 0.0, 0.2, 0.0, False)}
 
 
 def prepare_scene(
@@ -69,38 +96,42 @@ def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.floa
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
 
-def add_light(scene: bpy.types.Scene, azimuth: float, elevation: float) -> tuple[bpy.types.ID, ...]:
-    """A sun beyond the right shoulder of the scene's camera, which stands at these angles, a fill and a white world.
+def add_light(
+    scene: bpy.types.Scene,
+    azimuth: float,
+    elevation: float,
+    suns: Mapping[str, Sun] = SUNS,
+    world: float = WORLD,
+    paper: tuple[float, float, float] = WHITE,
+) -> tuple[bpy.types.ID, ...]:
+    """Add suns around the scene's camera, which stands at these angles, and a world that is seen as `paper`.
 
-    Returns objects first, then their data, then the world. The three together light a white surface to less than white.
+    Returns objects first, then their data, then the world. By default they light a white surface to less than white.
     """
-    axes = {"CTMC Light": sun_axes(azimuth, elevation), "CTMC Fill": view_axes(azimuth, elevation)}
-    lights = [bpy.data.lights.new(name, "SUN") for name in axes]
+    lights = [bpy.data.lights.new(name, "SUN") for name in suns]
     objects = [bpy.data.objects.new(light.name, light) for light in lights]
-    for obj, towards in zip(objects, axes.values(), strict=True):
-        obj.matrix_world = matrix_of_axes(towards, scene.camera.matrix_world.translation)
+    for obj, light, sun in zip(objects, lights, suns.values(), strict=True):
+        axes = sun_axes(sun, azimuth, elevation)
+        obj.matrix_world = matrix_of_axes(axes, scene.camera.matrix_world.translation)
+        light.energy, light.angle, light.color = sun.share * math.pi, math.radians(sun.angle), sun.tint
+        light.use_shadow = sun.shadow
+        if hasattr(light, "cycles") and hasattr(light.cycles, "cast_shadow"):
+            light.cycles.cast_shadow = sun.shadow
         scene.collection.objects.link(obj)
-    sun, fill = lights
-    sun.energy, sun.angle = SUN, SUN_ANGLE
-    # From the camera, without shadows: what the sun does not reach keeps its form.
-    fill.energy, fill.angle, fill.use_shadow = FILL, 0.0, False
-    if hasattr(fill, "cycles") and hasattr(fill.cycles, "cast_shadow"):
-        fill.cycles.cast_shadow = False
-    scene.world = white_world()
+    scene.world = page_world(paper, world)
     return *objects, *lights, scene.world
 
 
-def sun_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return the axes of the sun for a camera that stands at these angles, (3, 3); the last column points towards it.
+def sun_axes(sun: Sun, azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Return the axes of a sun for a camera that stands at these angles, (3, 3); the last column points towards it.
 
     Parameters
     ----------
-    azimuth : float
-        Degrees.
-    elevation : float
-        Degrees.
+    sun : Sun
+    azimuth, elevation : float
+        Degrees; above 90 a sun stands beyond the head, which is still upwards.
     """
-    return view_axes(azimuth + 32.0, elevation + 28.0)  # above 90 it stands beyond the head, which is still upwards
+    return view_axes(azimuth + sun.turn, elevation + sun.rise)
 
 
 def view_axes(azimuth: float, elevation: float) -> NDArray[np.float64]:
@@ -202,8 +233,8 @@ def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.
     return np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in heights]) + axis
 
 
-def white_world() -> bpy.types.World:
-    """White to the camera, a soft gray to what it lights."""
+def page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
+    """Return a world of one color to the camera, and a soft white of some strength to what it lights."""
     world = bpy.data.worlds.new("CTMC World")
     use_nodes(world)
     tree = world.node_tree
@@ -212,10 +243,10 @@ def white_world() -> bpy.types.World:
     mix = tree.nodes.new("ShaderNodeMixShader")
     path = tree.nodes.new("ShaderNodeLightPath")
     tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, strength in ((1, WORLD), (2, 1.0)):
+    for slot, color, level in ((1, WHITE, strength), (2, paper, 1.0)):
         background = tree.nodes.new("ShaderNodeBackground")
-        background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-        background.inputs["Strength"].default_value = strength
+        background.inputs["Color"].default_value = (*color, 1.0)
+        background.inputs["Strength"].default_value = level
         tree.links.new(background.outputs[0], mix.inputs[slot])
     tree.links.new(mix.outputs[0], output.inputs["Surface"])
     return world

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -295,6 +296,40 @@ def given_table(args: argparse.Namespace, table: str) -> dict[str, Any]:
 def asks_all_times(args: argparse.Namespace) -> bool:
     """Return whether a surface of each time is asked for."""
     return getattr(args, "time", None) == ALL
+
+
+def add_opacity(group: Any, dest: str, note: str) -> None:
+    """Add the flag for the opacity of structures, with a note of what those have that it does not name."""
+    group.add_argument(
+        "--opacity",
+        dest=dest,
+        nargs="+",
+        action="extend",
+        type=opacity_choice,
+        default=[],
+        metavar="NAME=SHARE",
+        help=f"of structures, by name, label number or all, from 0 to 1: liver=0.35 bone=0.15 ({note})",
+    )
+
+
+def opacity_choice(text: str) -> tuple[int | str, float]:
+    """Return the label's number or name, and the opacity, of NAME=SHARE; a label without a name is 'label 7' or 7.
+
+    Examples
+    --------
+    >>> opacity_choice("liver=0.35"), opacity_choice("7=1"), opacity_choice("label 7=1"), opacity_choice("left=.5")
+    (('liver', 0.35), (7, 1.0), (7, 1.0), ('left', 0.5))
+    """
+    name, equals, share = (part.strip() for part in text.rpartition("="))
+    try:
+        opacity = float(share)
+    except ValueError:
+        opacity = math.nan
+    if not equals or not name or not 0.0 <= opacity <= 1.0:
+        raise argparse.ArgumentTypeError(f"write NAME=SHARE with a share from 0 to 1, such as liver=0.35, not {text}")
+    if number := re.fullmatch(r"(?:label[ _])?([-+]?[0-9]{1,18})", name.casefold()):
+        return int(number[1]), opacity
+    return (ALL if name.lower() == ALL else name), opacity
 
 
 def time_or_all(text: str) -> int | str:

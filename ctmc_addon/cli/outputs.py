@@ -18,6 +18,7 @@ from ..core import (
     Stage,
     Step,
     Steps,
+    chosen_opacities,
     files_of,
     opacities_of,
     structures_of,
@@ -47,7 +48,7 @@ class Outputs:
     report, figure : Path or None
     space : {"ras", "lps"}
     thumbnail : (width, height) int or None
-        Pixels of a small figure without edges.
+        Pixels of a small figure.
     folder : Path or None
         With a file for each surface.
     suffix : str
@@ -208,9 +209,9 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
     shown: Sequence[Reconstruction] = surfaces.results
     with ExitStack() as stack:
         objects: list[Any] = []
+        opacities = opacities_of(surfaces.results, outputs.opacity)
         if outputs.needs_objects(surfaces.results[0].settings.simplifier):
             # A .blend has a scene "CTMC", a name that only one can have.
-            opacities = opacities_of(surfaces.results, outputs.opacity)
             made = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
             scene, objects, shown = stack.enter_context(made)
             stages.append(Stage("Building the object", time.perf_counter() - start))
@@ -226,11 +227,12 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
             with timed(stages, "Rendering the figure"):
                 small: dict[str, Any] = {}
                 if outputs.thumbnail:
-                    small = {"size": outputs.thumbnail, "edges": False}
-                    made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names)
+                    small = {"size": outputs.thumbnail}
+                    made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
                     scene, objects, _ = stack.enter_context(made)
+                names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 with blender_at_work():
-                    render_figure(objects, scene, temporaries[outputs.figure], **small)
+                    render_figure(objects, scene, temporaries[outputs.figure], names=names, chosen=chosen, **small)
     return with_stages(replace(surfaces, results=tuple(shown)), stages)
 
 

@@ -76,7 +76,14 @@ from .structure_table import (
     table_csv,
     table_heads,
 )
-from .structures import opacities_of, require_opacities, save_structures, structure_names, structures_of
+from .structures import (
+    chosen_opacities,
+    opacities_of,
+    require_opacities,
+    save_structures,
+    structure_names,
+    structures_of,
+)
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
@@ -139,6 +146,7 @@ __all__ = [
     "cases_bytes",
     "checked",
     "chosen_alpha_steps",
+    "chosen_opacities",
     "cost_estimate_steps",
     "defaults",
     "descriptions",

@@ -71,13 +71,18 @@ def opacities_of(
         of the same anatomy, and that before 'all'. Others are of the anatomical name, and None for a surface alone.
     """
     out: list[float | None] = []
-    names = {_plain(result.label_name) for result in results}
-    for result in results:
-        label = result.settings.label
-        own = structure_color(label, None, result.label_name).opacity if len(results) > 1 else 1.0
-        found = _chosen_opacity(chosen, label, result.label_name, names)
+    for result, found in zip(results, chosen_opacities(results, chosen), strict=True):
+        own = structure_color(result.settings.label, None, result.label_name).opacity if len(results) > 1 else 1.0
         out.append(found if found is not None else own if own < 1.0 else None)
     return tuple(out)
+
+
+def chosen_opacities(
+    results: Sequence[Reconstruction], chosen: Sequence[tuple[int | str, float]] = ()
+) -> tuple[float | None, ...]:
+    """Return the opacity that was chosen for each result, None for none; `chosen` is as for `opacities_of`."""
+    names = {_plain(result.label_name) for result in results}
+    return tuple(_chosen_opacity(chosen, result.settings.label, result.label_name, names) for result in results)
 
 
 def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterable[tuple[int, str]]) -> None:

@@ -21,7 +21,7 @@ from ..materials import flat_material
 from ..surface import mesh_data as meshes
 from .distance_map import distance_material, keep_distances
 from .letters import CAP, text_curve
-from .spec import Box, ColorScale
+from .spec import WHITE, Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
@@ -44,6 +44,8 @@ class Board:
         From the camera, Blender units.
     font_mm : float
         Size of the letters.
+    pen, paper : (red, green, blue) float
+        Of letters and lines, and of the page behind them.
     """
 
     scene: bpy.types.Scene
@@ -53,9 +55,12 @@ class Board:
     font_mm: float
     blocks: list[bpy.types.ID] = field(default_factory=list)
     inks: dict[Color, bpy.types.Material] = field(default_factory=dict)
+    pen: Color = INK
+    paper: Color = WHITE
 
-    def ink(self, color: Color = INK) -> bpy.types.Material:
-        """Return the flat material of a color."""
+    def ink(self, color: Color | None = None) -> bpy.types.Material:
+        """Return the flat material of a color, by default that of the pen."""
+        color = color or self.pen
         if color not in self.inks:
             self.inks[color] = flat_material("CTMC Ink", color)
             self.blocks.append(self.inks[color])
@@ -123,12 +128,24 @@ class Board:
             out.append(shown)
         return [line.replace(NO_BREAK, " ") for line in out]
 
-    def rectangle(self, box: Box, color: Color = INK) -> Any:
+    def rectangle(self, box: Box, color: Color | None = None) -> Any:
         """Draw a filled rectangle."""
         left, bottom, right, top = box
         corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [right - left, top - bottom, 0]
         shape = meshes.new_mesh("CTMC Bar", corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
         return self.put("CTMC Bar", shape, left, bottom, self.ink(color))
+
+    def disc(self, at: tuple[float, float], radius: float, color: Color | None = None, behind: float = 0.0) -> Any:
+        """Draw a filled disc, mm `behind` the board."""
+        return self.put("CTMC Dot", disc("CTMC Dot", radius), *at, self.ink(color), behind)
+
+
+def disc(name: str, radius: float) -> bpy.types.Mesh:
+    """Return a flat disc about the origin."""
+    around = 2 * np.pi * np.arange(32) / 32
+    ring = np.column_stack([np.cos(around), np.sin(around), 0 * around]) * radius
+    faces = np.array([[0, at, at + 1] for at in range(1, 31)], np.int32)
+    return meshes.new_mesh(name, ring.astype(np.float32), faces)
 
 
 def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float) -> None:
@@ -209,7 +226,7 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     board.put("CTMC Colors", bar, left, base, material)
     for share in (0.0, 0.5, 1.0):
         x = left + share * (right - left)
-        board.rectangle((x - 0.06, base - 0.5, x + 0.06, base), INK)
+        board.rectangle((x - 0.06, base - 0.5, x + 0.06, base))
         label = last_label(scale) if share == 1.0 else f"{share * scale.limit_mm:g}"
         board.text(label, x, bottom, "CENTER")
     board.text(scale.title, (left + right) / 2, base + font + 0.8, "CENTER")

@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 
-from ..colors import INK, Color
+from ..colors import Color
 from ..materials import emission, flat_material, mixed, show_flat, surface_material
-from ..surface import mesh_data as meshes
-from .annotations import LINE_MM, Board
+from .annotations import LINE_MM, Board, disc
+from .spec import WHITE
 
 LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
 OPPOSITE = {"R": "L", "A": "P", "S": "I"}
@@ -63,7 +62,11 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     board.scene.collection.objects.link(pivot)
     board.blocks.append(pivot)
     limits = [[depth + share * reach * board.unit for share in ends] for ends in (SHADES, FADE)]
-    arms, ink, paper = (depth_ink(INK, FAR, limits[0]), depth_ink(INK, None, limits[1]), page_ink(clear, limits[1]))
+    arms, ink, paper = (
+        depth_ink(board.pen, FAR, limits[0]),
+        depth_ink(board.pen, None, limits[1]),
+        page_ink(None if clear else board.paper, limits[1]),
+    )
     board.blocks += [arms, ink, paper]
     cross = board.put("CTMC Axes", axis_lines(ARM * reach), 0.0, 0.0, arms)
     cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
@@ -79,7 +82,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
             if flat:
                 shown.hide_render = shown.hide_viewport = behind > sum(FADE) / 2
             else:
-                room = board.put("CTMC Room", disc(CLEARING * SIZE * board.font_mm), 0.0, 0.0, paper)
+                room = board.put("CTMC Room", disc("CTMC Room", CLEARING * SIZE * board.font_mm), 0.0, 0.0, paper)
                 room.parent, room.location, room.scale = shown, (0.0, 0.0, -0.05), (1.0, 1.0, 1.0)
     return pivot
 
@@ -93,11 +96,11 @@ def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.
     return material
 
 
-def page_ink(clear: bool, limits: list[float]) -> bpy.types.Material:
-    """Return a material like the page, white or empty, which hides what lies behind; clear where letters fade."""
-    material = flat_material("CTMC Page", (1.0, 1.0, 1.0))
+def page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
+    """Return a material like the page, None for an empty one, that hides what is behind; clear where letters fade."""
+    material = flat_material("CTMC Page", paper or WHITE)
     tree = material.node_tree
-    page = tree.nodes.new("ShaderNodeHoldout").outputs[0] if clear else emission(material, (1.0, 1.0, 1.0))
+    page = emission(material, paper) if paper else tree.nodes.new("ShaderNodeHoldout").outputs[0]
     share = depth_share(material, limits)
     show_flat(material, mixed(tree, share, page, clear_socket(material)))
     return material
@@ -127,11 +130,3 @@ def axis_lines(reach_mm: float) -> Any:
         for point, sign in zip(line.points, (-1.0, 1.0), strict=True):
             point.co = (*(sign * reach_mm * part for part in direction), 1.0)
     return lines
-
-
-def disc(radius_mm: float) -> bpy.types.Mesh:
-    """Return a flat disc."""
-    around = 2 * np.pi * np.arange(32) / 32
-    ring = np.column_stack([np.cos(around), np.sin(around), 0 * around]) * radius_mm
-    faces = np.array([[0, at, at + 1] for at in range(1, 31)], np.int32)
-    return meshes.new_mesh("CTMC Room", ring.astype(np.float32), faces)

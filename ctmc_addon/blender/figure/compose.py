@@ -8,7 +8,7 @@ stand far behind each other, so that no shadow of one falls on another.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import bpy
@@ -18,21 +18,24 @@ from numpy.typing import NDArray
 from ...core import MeshError
 from ...core.volume import transform_points
 from ..datablocks import remove_render_results, render_results
-from ..studio import SUN_ANGLE, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
+from ..studio import SUNS, WORLD, Sun, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_copy
 from ..surface.placement import matrix_of
 from ..surface.readback import placement_of
 from .annotations import LEADING, Board, color_bar, legend, round_length, scale_bar
 from .axes import orientation_marker, reach_mm
+from .callouts import Callout, draw_callouts, seen_at
+from .illustration import FROM_ALL_SIDES, KEY, OUTLINE_MM, SHELL, outline_material, outline_shell
+from .illustration import SUNS as FINE_SUNS
 from .layout import Layout, make_layout
 from .letters import CAP
 from .ruler_marks import ruler_mark
+from .samples import set_samples
 from .slice_pictures import SlicePictures
 from .spec import Cell, FigureStyle, Page, RulerMark
 from .styles import NAME, assign_materials, mean_edge, require_engine, scale_in_scene, set_engine, shown_color
-
-COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
+from .visibility import depth_maps
 
 
 @dataclass
@@ -49,6 +52,8 @@ class FigureScene:
         Blender units of a millimeter in the patient, in the first surface before it was scaled in the scene.
     copies : list of list of Object
         The surfaces of every cell.
+    outlines : list of list of Object
+        The shells around them that are their outlines.
     pictures : list of SlicePictures
         The slices of every cell.
     asides : list of (3,) float64
@@ -63,6 +68,7 @@ class FigureScene:
     unit: float = 0.0
     scale: float = 0.0
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
+    outlines: list[list[bpy.types.Object]] = field(default_factory=list)
     pictures: list[SlicePictures] = field(default_factory=list)
     asides: list[NDArray[np.float64]] = field(default_factory=list)
     blocks: list[bpy.types.ID] = field(default_factory=list)
@@ -71,7 +77,8 @@ class FigureScene:
 
     def shown(self, cell: int) -> list[bpy.types.Object]:
         """Return what stands in a cell, surfaces first."""
-        return [*self.copies[cell], *self.pictures[cell].anchors.values()]
+        outlines = self.outlines[cell] if self.outlines else []
+        return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
 
     def remove(self) -> None:
         """Remove everything that was made."""
@@ -118,13 +125,15 @@ def compose(
             for plane in cell.slices:
                 figure.pictures[-1].add_plane(plane, scene)
         points = np.concatenate([all_positions(figure), *(np.array(ruler.points) for ruler in rulers_of(cells))])
-        arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even)
+        arrange(figure, cells, page, style, swept(points, center_of(points)) if turning else points, even, turning)
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
             layers = (
                 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1
             )  # a ray enters and leaves each but the last
             for surface, copy in zip(cell.surfaces, copies, strict=True):
-                figure.blocks += assign_materials(copy, surface, style, figure.unit, pictures, layers)
+                figure.blocks += assign_materials(copy, surface, style, page, figure.unit, pictures, layers)
+        if has_outlines(style):
+            add_outlines(figure, cells)
     except BaseException:
         figure.remove()
         raise
@@ -165,6 +174,30 @@ def open_shared_walls(cell: Cell, copies: Sequence[bpy.types.Object]) -> None:
         on_wall = np.array([tree.find_nearest(point, near)[0] is not None for point in world_positions(copy).tolist()])
         triangles = meshes.read_triangles(copy.data)
         delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
+
+
+def has_outlines(style: FigureStyle) -> bool:
+    """Return whether surfaces get outlines; Workbench knows no material that is clear from behind."""
+    return style.style == "illustration" and style.distances is None and style.engine != "workbench"
+
+
+def add_outlines(figure: FigureScene, cells: Sequence[Cell]) -> None:
+    """Give every solid surface its outline."""
+    ink = outline_material()
+    figure.blocks.append(ink)
+    for cell, copies in zip(cells, figure.copies, strict=True):
+        figure.outlines.append([])
+        for surface, copy in zip(cell.surfaces, copies, strict=True):
+            if surface.opacity < 1.0:  # its far side would be seen through it; its rim is dark by itself
+                continue
+            shell = bpy.data.objects.new(SHELL, outline_shell(copy, OUTLINE_MM * figure.unit / scale_in_scene(copy)))
+            figure.blocks += [shell.data, shell]
+            shell.data.materials.append(ink)
+            shell.matrix_world = copy.matrix_world
+            shell.visible_shadow = shell.visible_diffuse = shell.visible_glossy = shell.visible_transmission = False
+            figure.scene.collection.objects.link(shell)
+            figure.outlines[-1].append(shell)
+    figure.scene.view_layers[0].update()
 
 
 def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
@@ -214,6 +247,7 @@ def arrange(
     style: FigureStyle,
     points: NDArray[np.float64],
     even: bool,
+    turning: bool = False,
 ) -> None:
     """Lay the page out, put the camera before it and every cell in its place, and write what is to be written."""
     scene, axes = figure.scene, view_axes(style.azimuth, style.elevation)
@@ -222,7 +256,8 @@ def arrange(
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
     board = Board(scene, 1.0, (page.width_mm, page.width_mm), 1.0, page.font_mm, figure.blocks)
-    layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm))
+    board.pen, board.paper = page.pen, page.paper
+    layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm), turning)
     figure.layout, figure.unit = layout, layout.unit
     figure.size = page.pixels(layout.height_mm, even)
     unit, size_mm = layout.unit, (page.width_mm, layout.height_mm)
@@ -236,8 +271,10 @@ def arrange(
     eye.matrix_world = matrix_of_axes(axes, axes @ np.array([*at, high[2] + room]))
     camera.type = "ORTHO"
     camera.ortho_scale = unit * max(figure.size) / page.pixels_per_mm
-    sun = sun_axes(style.azimuth, style.elevation)[:, 2]
-    step_back = shadow_free_step(axes, sun, (size_mm[0] * unit, size_mm[1] * unit), extent[2])
+    suns, world = lights_of(style, alone=len(cells) == 1)
+    sun = next(iter(suns.values()))
+    towards = sun_axes(sun, style.azimuth, style.elevation)[:, 2]
+    step_back = shadow_free_step(axes, towards, (size_mm[0] * unit, size_mm[1] * unit), extent[2], sun.angle)
     camera.clip_start, camera.clip_end = unit, room + (len(cells) - 1) * step_back + 2.0 * extent[2] + unit
     scene.collection.objects.link(eye)
     scene.camera = eye
@@ -249,18 +286,29 @@ def arrange(
         for obj in figure.shown(which):
             obj.location = [here + there for here, there in zip(obj.location, figure.asides[-1], strict=True)]
     scene.view_layers[0].update()
-    figure.blocks += add_light(scene, style.azimuth, style.elevation)
+    figure.blocks += add_light(scene, style.azimuth, style.elevation, suns, world, page.paper)
     set_render(scene, figure.size)
-    samples = style.samples or (COARSE_SAMPLES if page.dpi < FINE_DPI else FINE_SAMPLES)
-    set_engine(scene, style.engine, samples)
+    set_engine(scene, style.engine, page.paper)
+    set_samples(scene, style.samples)
     scene.render.film_transparent = page.transparent
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit
     annotate(figure, layout, cells, style, board)
 
 
+def lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float]:
+    """Return the suns of a style, the one with a shadow first, and the strength of the light from all sides.
+
+    A rim light stands behind the surfaces, so behind one that is not alone stand others, which would shade it.
+    """
+    if style.style != "illustration" or style.distances is not None:
+        return SUNS, WORLD
+    suns = {name: sun if alone or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
+    return suns, FROM_ALL_SIDES
+
+
 def shadow_free_step(
-    axes: NDArray[np.float64], sun: NDArray[np.float64], size: tuple[float, float], depth: float
+    axes: NDArray[np.float64], sun: NDArray[np.float64], size: tuple[float, float], depth: float, angle: float
 ) -> float:
     """Return how far behind each other objects must stand on a page of this size so that none shades another.
 
@@ -274,18 +322,20 @@ def shadow_free_step(
         Blender units.
     depth : float
         Of the deepest object, Blender units.
+    angle : float
+        Width of the sun, degrees.
 
     Examples
     --------
     The sun stands to the right, at 45 degrees: a shadow moves left as far as it falls back.
 
-    >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5), 3)
+    >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5, 12.0), 3)
     2.97
     """
     right, up, back = (axes * sun[:, None]).sum(axis=0)
     # Off the page to the side, or off it at the bottom, whichever comes first.
     # The sun's nearest edge stands closer to the camera's axis than its middle.
-    tilts = [math.atan2(abs(across), back) - SUN_ANGLE / 2 for across in (right, up)]
+    tilts = [math.atan2(abs(across), back) - math.radians(angle) / 2 for across in (right, up)]
     ways = [side / math.tan(tilt) for side, tilt in zip(size, tilts, strict=True) if tilt > 1e-6]
     return float(depth + min(ways))
 
@@ -318,6 +368,8 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
     if style.distances is not None:
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
+    elif layout.named_beside:
+        draw_callouts(board, layout, callouts_of(figure, cells[0], style, board))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
         legend(board, entries, x, y, layout.legend_columns)
@@ -326,3 +378,23 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
         rotation = figure.copies[0][0].matrix_world.to_quaternion().to_matrix()
         flat, clear = style.engine == "workbench", figure.scene.render.film_transparent
         orientation_marker(board, board.size_mm[0] - layout.margin - off, y + off, rotation, flat, clear)
+
+
+def callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Board) -> list[Callout]:
+    """Return the names of the first cell's surfaces, and where on the page each is seen past those that are solid."""
+    into_camera = np.array(figure.scene.camera.matrix_world.inverted())
+    copies = figure.copies[0]
+    maps = depth_maps(
+        [(transform_points(into_camera, world_positions(copy)), meshes.read_triangles(copy.data)) for copy in copies]
+    )
+    solid = [at for at, surface in enumerate(cell.surfaces) if surface.opacity == 1.0]
+    callouts = []
+    for at, (surface, copy) in enumerate(zip(cell.surfaces, copies, strict=True)):
+        seen = seen_at(maps, at, [other for other in solid if other != at])
+        if surface.name:
+            place = None
+            if seen is not None:
+                x, y = (part / figure.unit + size / 2 for part, size in zip(seen, board.size_mm, strict=True))
+                place = (x, y)
+            callouts.append(Callout(surface.name, shown_color(copy, surface, style), place))
+    return callouts

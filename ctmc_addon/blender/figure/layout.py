@@ -21,6 +21,9 @@ ROOM = 1.04  # around what a cell shows
 HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
 MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
 SMALLEST_MM = 8.0  # a picture
+MOST_BESIDE = 14  # names beside a picture
+LEADER_MM = 4.0  # from a name to the picture, at least
+LEAST_SHARE = 0.36  # of the width, which names leave the picture
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Layout:
     caption_top: float
     caption: tuple[str, ...]
     legend_columns: int = 1
+    named_beside: bool = False  # names stand beside the picture, and none in the footer
 
     def center(self, which: int) -> tuple[float, float]:
         """Return the middle of a cell's picture."""
@@ -52,7 +56,13 @@ class Layout:
 
 
 def make_layout(
-    cells: Sequence[Cell], page: Page, style: FigureStyle, extent: tuple[float, float], board: Board, reach_mm: float
+    cells: Sequence[Cell],
+    page: Page,
+    style: FigureStyle,
+    extent: tuple[float, float],
+    board: Board,
+    reach_mm: float,
+    turning: bool = False,
 ) -> Layout:
     """Lay out a page.
 
@@ -64,6 +74,8 @@ def make_layout(
         Measures letters.
     reach_mm : float
         Of the patient's axes.
+    turning : bool
+        What is shown will turn, so names cannot stand beside it.
 
     Raises
     ------
@@ -73,14 +85,16 @@ def make_layout(
     columns = min(style.columns or columns_for(len(cells)), len(cells))
     rows = math.ceil(len(cells) / columns)
     inner = page.width_mm - 2 * MARGIN_MM
-    width = (inner - (columns - 1) * GAP_MM) / columns
+    names = [surface.name for surface in cells[0].surfaces if surface.name]
+    aside = 0.0 if turning or len(cells) > 1 else names_beside_mm(names, style, board, inner)
+    width = (inner - (columns - 1) * GAP_MM) / columns - 2 * aside
     font, cap = page.font_mm, CAP * page.font_mm
     texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
     lines = max(len(text) for text in texts)
     captions = (2.0 + cap + (lines - 1) * LEADING * font + 0.3 * font) if lines else 0.0
     caption = tuple(board.lines_of(style.caption, inner)) if style.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
-    names = [surface.name for surface in cells[0].surfaces if surface.name]
+    names = [] if aside else names
     beside = (
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
     )  # the scale bar and the axes
@@ -113,7 +127,7 @@ def make_layout(
     pictures = []
     for which in range(len(cells)):
         row, column = divmod(which, columns)
-        left = MARGIN_MM + column * (width + GAP_MM)
+        left = MARGIN_MM + aside + column * (width + GAP_MM)
         top = total - MARGIN_MM - row * (height + captions + ROW_GAP_MM)
         pictures.append((left, top - height, left + width, top))
     return Layout(
@@ -129,7 +143,16 @@ def make_layout(
         caption_top=MARGIN_MM + caption_mm,
         caption=caption,
         legend_columns=legend_columns,
+        named_beside=aside > 0,
     )
+
+
+def names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
+    """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
+    if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= MOST_BESIDE:
+        return 0.0
+    wide = max(board.width_of(name) for name in names) + CAP * board.font_mm + LEADER_MM
+    return wide if inner_mm - 2 * wide >= LEAST_SHARE * inner_mm else 0.0
 
 
 def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:

@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,14 @@ import bpy
 from ...core import OutputError, Step, Steps, finish
 from ...core.files.atomic_write import whole_file
 from ..output_files import require_room
-from ..tissue import chosen_opacity
 from .compose import FigureScene, compose
-from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page, ShownSurface
+from .shown import shown_surfaces
+from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
 from .styles import EDGE_MM, NAME
 
 TILE_PIXELS = 100_000  # so few that Esc is soon heard; the pixels are those of one go
 PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
 PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
-PICTURE_SAMPLES = 9
 
 
 def figure_steps(
@@ -78,13 +78,13 @@ def render_figure(
     scene: bpy.types.Scene | None,
     path: str | os.PathLike[str],
     size: tuple[int, int] = PICTURE_SIZE,
-    edges: bool = True,
+    style: str = "illustration",
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
+    names: Sequence[str] = (),
+    chosen: Sequence[float | None] = (),
 ) -> None:
-    """Render the plain picture that stands beside a reconstruction: red with yellow triangle edges.
-
-    Several surfaces have their own colors and opacity, and no edges.
+    """Render the plain picture that stands beside a reconstruction, with nothing written on it.
 
     Parameters
     ----------
@@ -92,10 +92,14 @@ def render_figure(
         Where the objects are evaluated; None takes the first scene that holds each.
     size : (width, height) int
         Pixels.
-    edges : bool
-        False keeps the surface's own material, for small pictures in which edges would be noise.
+    style : str
+        One of `STYLES`.
     azimuth, elevation : float
         Where the camera stands, degrees.
+    names : sequence of str
+        What the objects are, for what hides a tumor; by default their own.
+    chosen : sequence of float or None
+        The opacity that a person has chosen for each.
 
     Raises
     ------
@@ -104,23 +108,9 @@ def render_figure(
     """
     dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
     page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
-    style = FigureStyle(
-        style="paper" if edges and len(objects) == 1 else "clinical",
-        azimuth=azimuth,
-        elevation=elevation,
-        scale_bar=False,
-        orientation=False,
-        samples=PICTURE_SAMPLES,
-    )
-    alone = len(objects) == 1
-    shown = [ShownSurface(obj, opacity=_opacity_beside_others(obj, alone)) for obj in objects]
-    finish(figure_steps([Cell(tuple(shown))], path, page, style, scene=scene))
-
-
-def _opacity_beside_others(obj: bpy.types.Object, alone: bool) -> float:
-    """The opacity chosen for a surface; a surface alone hides nothing."""
-    chosen = chosen_opacity(obj)
-    return 1.0 if chosen is None or alone else chosen
+    look = FigureStyle(style=style, azimuth=azimuth, elevation=elevation, scale_bar=False, orientation=False)
+    shown = [replace(surface, name="") for surface in shown_surfaces(objects, scene, look, names, chosen)]
+    finish(figure_steps([Cell(tuple(shown))], path, page, look, scene=scene))
 
 
 def require_png(path: Path) -> None:

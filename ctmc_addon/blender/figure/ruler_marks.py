@@ -13,12 +13,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colors import INK, Color
+from ..colors import Color
 from ..surface import mesh_data as meshes
 from .annotations import Board
 from .letters import CAP, text_curve
 
-WHITE: Color = (1.0, 1.0, 1.0)
 WIDTH_MM = 0.35  # of lines
 BORDER_MM = 0.25  # of white around lines and letters
 END_MM = 1.6  # length of a line's ends
@@ -41,11 +40,11 @@ def ruler_mark(board: Board, points_mm: Sequence[tuple[float, float]], text: str
     points = np.array(points_mm, np.float64)
     lines = [points, *(ends(points) if len(points) == 2 else [arc(points)])]
     for line in lines:
-        add_line(board, line, WIDTH_MM + 2 * BORDER_MM, WHITE, 0.4)
-        add_line(board, line, WIDTH_MM, INK, 0.3)
+        add_line(board, line, WIDTH_MM + 2 * BORDER_MM, board.paper, 0.4)
+        add_line(board, line, WIDTH_MM, board.pen, 0.3)
     wide, tall = board.width_of(text), CAP * board.font_mm
     x, y = value_position(points, wide, tall, board.size_mm)
-    for thickness, color, behind in ((BORDER_MM, WHITE, 0.2), (0.0, INK, 0.0)):
+    for thickness, color, behind in ((BORDER_MM, board.paper, 0.2), (0.0, board.pen, 0.0)):
         shape = text_curve(text, board.font_mm)
         shape.align_x, shape.resolution_u, shape.offset = "CENTER", 4, thickness
         board.put("CTMC Ruler", shape, x, y, board.ink(color), behind)

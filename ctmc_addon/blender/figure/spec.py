@@ -18,6 +18,10 @@ POINT_MM = MM_PER_INCH / 72
 PIXELS = 80_000_000  # what Cycles can hold on a usual machine
 AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
 
+WHITE: Color = (1.0, 1.0, 1.0)
+NIGHT: Color = (0.010, 0.011, 0.014)  # of a dark page
+CHALK: Color = (0.82, 0.82, 0.82)  # of letters on it
+
 Box = tuple[float, float, float, float]  # left, bottom, right, top, mm from the page's lower left corner
 
 # Container and codec, Blender's names, for every suffix of a video.
@@ -59,7 +63,8 @@ class SurfaceStyle:
 
 
 STYLES = {
-    "paper": SurfaceStyle("red faces, yellow triangle edges", RED, YELLOW),
+    "illustration": SurfaceStyle("soft light, shaded recesses, outlines, names beside the structures", None, None),
+    "paper": SurfaceStyle("red faces, yellow triangle edges, as Su and Ma", RED, YELLOW),
     "clinical": SurfaceStyle("every surface smooth in its own color", None, None),
     "print": SurfaceStyle("gray faces, dark triangle edges, for black and white", GRAY, INK),
 }
@@ -107,7 +112,18 @@ class Page(Described):
         label="Transparent",
         type=bool,
     )
+    dark: bool = setting(False, "A dark page with light letters instead of a white one", label="Dark Page", type=bool)
     font_pt: float = setting(8.0, "Size of the letters", label="Letters", unit="pt", low=4.0, high=24.0)
+
+    @property
+    def paper(self) -> Color:
+        """Return the color of the page."""
+        return NIGHT if self.dark else WHITE
+
+    @property
+    def pen(self) -> Color:
+        """Return the color of letters and lines on it."""
+        return CHALK if self.dark else INK
 
     @property
     def font_mm(self) -> float:
@@ -208,7 +224,7 @@ class FigureStyle(Described):
     distances : ColorScale or None
         Colors for the distances that the surfaces carry, in place of the style's.
     samples : int or None
-        Of Cycles; None takes what the resolution needs.
+        Of Cycles, without denoising; None takes what the noise needs.
 
     Raises
     ------
@@ -217,10 +233,9 @@ class FigureStyle(Described):
     """
 
     style: str = setting(
-        "paper",
+        "illustration",
         "How surfaces look. Several at once keep their own colors; print makes all of them gray",
         label="Style",
-        note="of several labels clinical",
         choices=tuple(STYLES),
         choice_texts={name: style.text for name, style in STYLES.items()},
         type=str,
@@ -296,12 +311,13 @@ class FigureStyle(Described):
 
 @dataclass(frozen=True)
 class Transparency(Described):
-    """How clear a surface is that holds others."""
+    """How clear a surface is that hides a tumor from the camera."""
 
     opacity: float = setting(
         0.3,
-        "Of a surface that holds all the others, so that they are seen in it. Smaller = clearer",
+        "Of what hides a tumor from the camera; without a tumor, of what hides everything else. Smaller = clearer",
         label="Opacity",
+        flag="hiding-opacity",
         low=0.02,
         high=1.0,
     )

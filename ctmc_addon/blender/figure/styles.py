@@ -10,16 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import OutputError
+from ...core.volume import finish_of
 from ..colors import Color
-from ..materials import edged_material, headlight, material_color, mixed, principled, show_flat, surface_material
+from ..materials import (
+    add_edges,
+    headlight,
+    material_color,
+    math_node,
+    mixed,
+    principled,
+    show_flat,
+    surface_material,
+)
 from ..surface import mesh_data as meshes
 from ..viewport.shaders import can_draw
 from .distance_map import DISTANCE, distance_material
+from .illustration import glass_material, opaque_material
 from .slice_pictures import SlicePictures
-from .spec import ENGINES, STYLES, FigureStyle, ShownSurface
+from .spec import ENGINES, STYLES, FigureStyle, Page, ShownSurface
 
 NAME = "CTMC Figure"
+LEAST_EDGE = 3.0  # pixels
 LAYERS = 256  # of transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black
+FAR_SIDE = 0.35  # of the density of its near side, that of the far side of a translucent organ in illustrations
 RIM_SHADE = 0.6  # how light a transparent surface is at its rim
 EDGE_MM = 0.12  # on the page
 EDGE_WIDTH = "ctmc_edge_width"  # attribute of the triangles
@@ -44,7 +57,7 @@ def require_engine(engine: str, distances: bool = False) -> None:
         raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or take cycles")
 
 
-def set_engine(scene: bpy.types.Scene, engine: str, samples: int) -> None:
+def set_engine(scene: bpy.types.Scene, engine: str, paper: Color) -> None:
     """Give a figure's scene its engine; Cycles is already set up."""
     if engine == "eevee":
         scene.render.engine = ENGINES[engine].identifier if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
@@ -58,9 +71,8 @@ def set_engine(scene: bpy.types.Scene, engine: str, samples: int) -> None:
         scene.display.render_aa = "16"
         shading.background_type = "WORLD"
         scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
-        scene.world.color = (1.0, 1.0, 1.0)
+        scene.world.color = paper
     else:
-        scene.cycles.samples = samples
         scene.cycles.transparent_max_bounces = LAYERS
         scene.cycles.min_transparent_bounces = LAYERS  # or Cycles ends them by chance, which is noise
 
@@ -69,6 +81,7 @@ def assign_materials(
     obj: bpy.types.Object,
     shown: ShownSurface,
     style: FigureStyle,
+    page: Page,
     unit: float,
     pictures: SlicePictures,
     layers: int = 1,
@@ -85,19 +98,18 @@ def assign_materials(
         material = distance_material(style.distances)
     elif shown.opacity < 1.0:
         obj.visible_shadow = False  # or walls that touch would speckle each other
-        material = transparent_material(face, shown.opacity, layers)
-    elif line:
-        widths = edge_widths(obj, unit)
-        width = float(np.median(widths))
-        if style.engine == "cycles":  # the others have geometry for edges
-            mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
-            material = edged_material(NAME, face, line, EDGE_WIDTH)
-        else:
-            material = surface_material(NAME, face)
-        make_matte(material)
+        material = transparent_material(face, shown.opacity, layers, style)
+    elif style.style == "illustration":
+        material = opaque_material(NAME, face, finish_of(None if not shown.name else 1, shown.name))
     else:
         material = surface_material(NAME, face)
         make_matte(material)
+    if line and shown.opacity == 1.0 and not (style.distances is not None and DISTANCE in mesh.attributes):
+        widths = edge_widths(obj, unit, unit / page.pixels_per_mm)
+        width = float(np.median(widths))
+        if style.engine == "cycles":  # the others have geometry for edges
+            mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
+            add_edges(material, line, EDGE_WIDTH)
     pictures.keep_caps(mesh, material)
     mesh.update()
     added: list[bpy.types.ID] = [material]
@@ -106,18 +118,47 @@ def assign_materials(
     return added
 
 
-def edge_widths(obj: bpy.types.Object, unit: float) -> NDArray[np.float32]:
-    """Return how wide the lines of each face are, (F,) scene units, on a page whose millimeter is `unit` of them."""
+def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.float32]:
+    """Return how wide the lines of each face are, (F,) scene units; 0 where its edges are too short to be seen.
+
+    Edges of less than `LEAST_EDGE` pixels, on average of the face, would be grain.
+
+    Parameters
+    ----------
+    unit, pixel : float
+        A millimeter and a pixel of the page, scene units.
+    """
     mesh = obj.data
-    radii = inscribed_radii(meshes.read_positions(mesh), meshes.read_triangles(mesh)) * scale_in_scene(obj)
+    scale = scale_in_scene(obj)
+    positions, faces = meshes.read_positions(mesh), meshes.read_triangles(mesh)
+    radii, edges = inscribed_radii(positions, faces) * scale, mean_edges(positions, faces) * scale
     if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
         owners = np.empty(len(radii), np.int32)
         mesh.loop_triangles.foreach_get("polygon_index", owners)
-        smallest = np.full(len(mesh.polygons), np.inf)
-        np.minimum.at(smallest, owners, radii)
-        radii = smallest
-    share = np.interp(radii / unit, RADII_MM, SHARES)
+        radii, edges = (smallest_of(values, owners, len(mesh.polygons)) for values in (radii, edges))
+    share = np.where(edges >= LEAST_EDGE * pixel, np.interp(radii / unit, RADII_MM, SHARES), 0.0)
     return np.minimum(share * radii, EDGE_MM * unit).astype(np.float32)
+
+
+def smallest_of(values: NDArray[np.float64], owners: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """Return the smallest value of each owner, (count,)."""
+    smallest = np.full(count, np.inf)
+    np.minimum.at(smallest, owners, values)
+    return smallest
+
+
+def mean_edges(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the mean length of the edges of each triangle, (F,).
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], np.float32)
+    >>> mean_edges(corners, np.array([[0, 1, 2]], np.int32)).tolist()
+    [4.0]
+    """
+    corners = positions[faces].astype(np.float64)  # (F, 3, 3)
+    lengths: NDArray[np.float64] = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+    return lengths
 
 
 def inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -160,42 +201,38 @@ def scale_in_scene(obj: bpy.types.Object) -> float:
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
-def transparent_material(color: Color, opacity: float, layers: int = 1) -> bpy.types.Material:
+def transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
     """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
     Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
     others are clear: at a rim, where a ray passes many small ones, they would show as shards and as moire. No light
-    falls on it, as a ray that is lit or passes by chance is noise.
+    falls on it, as a ray that is lit or passes by chance is noise; the illustration's is shaded by its nodes.
     """
-    material = surface_material(NAME, color)
-    tree = material.node_tree
-    facing = tree.nodes.new("ShaderNodeLayerWeight")
-    facing.inputs["Blend"].default_value = 0.5
-    rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.0)
-    share = math_node(tree, "MULTIPLY_ADD", rim, min(opacity, 1.0 - opacity), opacity)
-    path, geometry = tree.nodes.new("ShaderNodeLightPath"), tree.nodes.new("ShaderNodeNewGeometry")
-    first = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], 0.5)
-    among = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], layers - 0.5)
-    front = math_node(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
-    seen = math_node(tree, "MAXIMUM", first, math_node(tree, "MULTIPLY", among, front))
-    clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
-    veil = headlight(material, color, RIM_SHADE)
-    show_flat(material, mixed(tree, math_node(tree, "MULTIPLY", share, seen), clear, veil))
+
+    def seen(tree: Any) -> Any:
+        path, geometry = tree.nodes.new("ShaderNodeLightPath"), tree.nodes.new("ShaderNodeNewGeometry")
+        first = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], 0.5)
+        among = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], layers - 0.5)
+        front = math_node(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
+        if style.style == "illustration":  # outlines are passed too, so that layers cannot be counted
+            return math_node(tree, "MULTIPLY_ADD", front, 1.0 - FAR_SIDE, FAR_SIDE)
+        return math_node(tree, "MAXIMUM", first, math_node(tree, "MULTIPLY", among, front))
+
+    if style.style == "illustration":
+        material = glass_material(NAME, color, seen, opacity, style.azimuth, style.elevation)
+    else:
+        material = surface_material(NAME, color)
+        tree = material.node_tree
+        facing = tree.nodes.new("ShaderNodeLayerWeight")
+        facing.inputs["Blend"].default_value = 0.5
+        rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.0)
+        share = math_node(tree, "MULTIPLY_ADD", rim, min(opacity, 1.0 - opacity), opacity)
+        clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
+        veil = headlight(material, color, RIM_SHADE)
+        show_flat(material, mixed(tree, math_node(tree, "MULTIPLY", share, seen(tree)), clear, veil))
     material.diffuse_color[3] = opacity
     material.surface_render_method, material.use_transparency_overlap = "BLENDED", False
     return material
-
-
-def math_node(tree: Any, operation: str, *values: Any) -> Any:
-    """Return the socket of an operation on numbers and sockets."""
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation = operation
-    for socket, value in zip(node.inputs, values, strict=False):
-        if isinstance(value, int | float):
-            socket.default_value = value
-        else:
-            tree.links.new(value, socket)
-    return node.outputs[0]
 
 
 def add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:

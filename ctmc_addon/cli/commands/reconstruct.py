@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,11 +27,12 @@ from ...core import (
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
-from ...core.volume import ALL, require_labels
+from ...core.volume import require_labels
 from ...reporting.formatting import count
 from ..arguments import (
     UsageError,
     add_input,
+    add_opacity,
     add_settings,
     add_work,
     asks_all_times,
@@ -76,17 +76,8 @@ def add_parser(commands: Any) -> None:
         "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
-    group.add_argument("--figure", metavar="FILE.png", help="a picture: red faces, yellow triangle edges")
-    group.add_argument(
-        "--opacity",
-        nargs="+",
-        action="extend",
-        type=opacity_choice,
-        default=[],
-        metavar="NAME=SHARE",
-        help="of structures, by name, label number or all, from 0 to 1: liver=0.35 bone=0.15 (default: that of the "
-        "anatomical name, and opaque alone)",
-    )
+    group.add_argument("--figure", metavar="FILE.png", help="a picture, in the style illustration")
+    add_opacity(group, "opacity", "default: that of the anatomical name, and opaque alone")
     add_work(group)
     group.add_argument(
         "--scheduler",
@@ -94,26 +85,6 @@ def add_parser(commands: Any) -> None:
         help="have slabs extracted by a dask.distributed cluster that sees INPUT, such as tcp://host:8786",
     )
     parser.set_defaults(run=run)
-
-
-def opacity_choice(text: str) -> tuple[int | str, float]:
-    """Return the label's number or name, and the opacity, of NAME=SHARE.
-
-    Examples
-    --------
-    >>> opacity_choice("liver=0.35"), opacity_choice("7=1"), opacity_choice("kidney left=.5")
-    (('liver', 0.35), (7, 1.0), ('kidney left', 0.5))
-    """
-    name, equals, share = (part.strip() for part in text.rpartition("="))
-    try:
-        opacity = float(share)
-    except ValueError:
-        opacity = math.nan
-    if not equals or not name or not 0.0 <= opacity <= 1.0:
-        raise argparse.ArgumentTypeError(f"write NAME=SHARE with a share from 0 to 1, such as liver=0.35, not {text}")
-    if re.fullmatch(r"[-+]?[0-9]{1,18}", name):
-        return int(name), opacity
-    return (ALL if name.lower() == ALL else name), opacity
 
 
 def run(args: argparse.Namespace) -> None:

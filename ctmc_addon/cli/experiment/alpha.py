@@ -143,7 +143,7 @@ def pictures_steps(
         yield Step(at / len(meshes), f"Rendering {caption}")
         pictures.append((f"{caption.replace(' ', '-')}.png", caption))
         with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
-            render_figure([obj], scene, folder / pictures[-1][0])
+            render_figure([obj], scene, folder / pictures[-1][0], style="paper")
     return pictures
 
 

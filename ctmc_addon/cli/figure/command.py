@@ -12,9 +12,9 @@ from typing import Any
 from ...blender.figure.spec import Cell
 from ...core import Budget, Reconstruction, Stages
 from ..arguments import Parser, settings_and_labels
-from ..blender_host import objects_of, quiet_steps, require_blender
+from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
-from ..surfaces import may_be_several, surfaces_steps
+from ..surfaces import surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     from ...blender.figure.sheet import deviation_figure_steps
     from ...blender.figure.styles import require_engine
 
-    page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
+    page, style = common.page_of(args), common.style_of(args)
     target = Path(args.output)
     require_png(target)
     require_engine(style.engine, distances.deviation)
@@ -68,12 +68,10 @@ def run(args: argparse.Namespace) -> None:
             figure = deviation_figure_steps(volume, results[0], target, page, style, blend, distances.limit_mm)
             size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
         else:
-            with objects_of(results, names=surfaces.names) as (scene, objects, results):
-                surfaces = replace(surfaces, results=tuple(results))
+            with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
                     style = replace(style, caption=common.caption_of(results, args.names or ()))
-                cell = Cell(common.shown_of(args, style, objects, surfaces))
-                figure = figure_steps([cell], target, page, style, blend, scene)
+                figure = figure_steps([Cell(shown)], target, page, style, blend, scene)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
         ("figure", common.size_of(page, size)),

@@ -4,14 +4,23 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...blender.colors import color_of
 from ...blender.figure.spec import PAGES, DistanceMap, FigureStyle, Page, ShownSurface, Transparency
-from ...core import OutputError, Reconstruction, ReconstructionSettings, defaults, descriptions
+from ...core import (
+    OutputError,
+    Reconstruction,
+    ReconstructionSettings,
+    chosen_opacities,
+    defaults,
+    descriptions,
+    opacities_of,
+    require_opacities,
+)
 from ...core.files.atomic_write import own_folder
 from ...core.files.input_files import plan_output
 from ...core.volume import ALL
@@ -19,12 +28,14 @@ from ...reporting.captions import figure_caption
 from ..arguments import (
     UsageError,
     add_input,
+    add_opacity,
     add_settings,
     add_work,
     flags_checked,
     given_table,
     settings_and_labels,
 )
+from ..blender_host import blender_at_work, objects_of
 from ..described_flags import add_described, add_flag
 from ..surfaces import Surfaces, may_be_several
 from ..terminal import dimensions, listing, titled
@@ -56,10 +67,10 @@ def page_of(args: argparse.Namespace) -> Page:
         return replace(PAGES[args.kind], **values_of(args, Page))
 
 
-def style_of(args: argparse.Namespace, several: bool = False) -> FigureStyle:
-    """Return how the flags have one or several surfaces look."""
+def style_of(args: argparse.Namespace) -> FigureStyle:
+    """Return how the flags have surfaces look."""
     with flags_checked():
-        return FigureStyle(**({"style": "clinical"} if several else {}) | values_of(args, FigureStyle))
+        return FigureStyle(**values_of(args, FigureStyle))
 
 
 def map_of(args: argparse.Namespace) -> DistanceMap:
@@ -128,12 +139,8 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
     """Add the flags for names and transparency of several labels."""
     group = parser.add_argument_group("several labels")
     group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
-    group.add_argument(
-        "--see-through",
-        type=int,
-        action="append",
-        metavar="N",
-        help="a transparent label (default: what holds the others)",
+    add_opacity(
+        group, "opacities", "default: --hiding-opacity for what hides a tumor, that of the name for others"
     )
     add_described(group, Transparency)
 
@@ -162,33 +169,29 @@ def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> 
         require_names(args, max(1, len(choices)))
 
 
+@contextmanager
 def shown_of(
-    args: argparse.Namespace, style: FigureStyle, objects: Sequence[Any], surfaces: Surfaces
-) -> tuple[ShownSurface, ...]:
-    """How every surface is shown: several have a name and their label's color, and the outermost is transparent."""
-    from ...blender.figure.sheet import holds_others
+    args: argparse.Namespace, style: FigureStyle, surfaces: Surfaces
+) -> Iterator[tuple[Any, tuple[ShownSurface, ...], list[Reconstruction]]]:
+    """A scene of its own with an object for every surface, how each is shown, and the surfaces as they are shown.
 
-    results, opacity = surfaces.results, Transparency(**values_of(args, Transparency)).opacity
-    if len(results) == 1 and not args.names:
-        return (ShownSurface(objects[0], "".join(surfaces.names)),)
-    labels = [result.settings.label for result in results]
-    names = args.names or surfaces.names
-    unknown = [label for label in args.see_through or () if label not in labels]
-    if unknown:
-        raise UsageError(f"label {unknown[0]} is to be transparent and is not shown; the labels are {labels}")
-    meshes = [result.mesh for result in results]
-    transparent = args.see_through or [
-        label for label, mesh in zip(labels, meshes, strict=True) if holds_others(mesh, meshes)
-    ]
-    return tuple(
-        ShownSurface(
-            obj,
-            name,
-            color_of(label, result.label_color, result.label_name) if style.style != "print" else None,
-            opacity if label in transparent else 1.0,
-        )
-        for obj, name, label, result in zip(objects, names, labels, results, strict=True)
+    Several have a name and their label's color; what hides a tumor is translucent.
+    """
+    from ...blender.figure.shown import shown_surfaces
+
+    names = tuple(args.names or surfaces.names)
+    results = (
+        [replace(result, label_name=name) for result, name in zip(surfaces.results, args.names, strict=True)]
+        if args.names
+        else list(surfaces.results)
     )
+    require_opacities(args.opacities, ((result.settings.label or 0, result.label_name) for result in results))
+    with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
+        chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
+        alone = tuple(surfaces.titles) if len(results) == 1 and not names else names
+        with blender_at_work():
+            cell = shown_surfaces(objects, scene, style, alone, chosen, clear)
+        yield scene, cell, shown
 
 
 def size_of(page: Page, size: tuple[int, int]) -> str:

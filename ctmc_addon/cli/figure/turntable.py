@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from ...blender.figure.spec import Cell, Turn
 from ...core import Budget, Stages
 from ..arguments import flags_checked, settings_and_labels
-from ..blender_host import objects_of, quiet_steps, require_blender
+from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
 from ..described_flags import add_described
-from ..surfaces import may_be_several, surfaces_steps
+from ..surfaces import surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common
 
@@ -47,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
 
     with flags_checked():
         turn = Turn(**common.values_of(args, Turn))
-    page, style = common.page_of(args), common.style_of(args, may_be_several(choices))
+    page, style = common.page_of(args), common.style_of(args)
     require_engine(style.engine)
     target = Path(args.output)
     require_turntable(target, page, args.resume, args.overwrite)
@@ -61,9 +60,8 @@ def run(args: argparse.Namespace) -> None:
         steps = surfaces_steps(volume, settings, choices, Budget(args.threads))
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
-        with objects_of(surfaces.results, names=surfaces.names) as (scene, objects, shown):
-            cell = Cell(common.shown_of(args, style, objects, replace(surfaces, results=tuple(shown))))
-            video = turntable_steps(cell, target, page, style, turn, blend, scene, args.resume, args.overwrite)
+        with common.shown_of(args, style, surfaces) as (scene, shown, _):
+            video = turntable_steps(Cell(shown), target, page, style, turn, blend, scene, args.resume, args.overwrite)
             size, rendered = progress.finish(stages.run("Rendering", quiet_steps(video)))
     facts = [
         ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {dimensions(size)} pixels"),

@@ -2,7 +2,7 @@
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
 from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
-from .anatomy import Anatomy, anatomy_of
+from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
     Band,
@@ -115,6 +115,7 @@ __all__ = [
     "histogram_picture",
     "in_label_colors",
     "inside_values_steps",
+    "is_lesion",
     "label_extents_steps",
     "label_rgb",
     "label_slices",

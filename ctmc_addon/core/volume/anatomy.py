@@ -226,6 +226,17 @@ def anatomy_of(name: str) -> Anatomy | None:
     return _listed(words) or _first_of_several(spaced, plain) or _by_a_word(words)
 
 
+def is_lesion(name: str) -> bool:
+    """Return whether a name means a tumor or a cyst, of whatever organ.
+
+    Examples
+    --------
+    >>> is_lesion("livertumor1"), is_lesion("Nierenzyste"), is_lesion("liver with tumor"), is_lesion("liver")
+    (True, True, False, False)
+    """
+    return anatomy_of(name) in (_INDEX["tumor"], _INDEX["cyst"])
+
+
 def _folded(name: str) -> str:
     """A name in small letters without accents; an umlaut and its spelling with an e are the plain letter."""
     letters = unicodedata.normalize("NFKD", name.casefold())

@@ -40,9 +40,9 @@ def test_a_white_surface_has_no_white_spots(scene, ball, tmp_path):
 def test_the_edge_of_a_shadow_is_soft(scene, ball, tmp_path):
     ground, caster = (add_reconstruction(ball(), scene) for _ in range(2))
     caster.scale = (0.3,) * 3
-    from ctmc_addon.blender.studio import sun_axes
+    from ctmc_addon.blender.studio import SUNS, sun_axes
 
-    caster.location = (sun_axes(30, 20)[:, 2] * 0.16).tolist()
+    caster.location = (sun_axes(SUNS["CTMC Light"], 30, 20)[:, 2] * 0.16).tolist()
     bpy.context.view_layer.update()
     surfaces = [ShownSurface(obj, color=(0.7, 0.7, 0.7)) for obj in (ground, caster)]
     page = Page(40.0, 150.0, transparent=True)
@@ -69,7 +69,7 @@ def test_dense_triangles_keep_their_red_and_coarse_ones_their_yellow(scene, toru
 
 def test_lines_are_as_wide_as_their_triangle_allows(scene, torus):
     thing = add_reconstruction(torus(rings=16, sides=8), scene)
-    fine, coarse = edge_widths(thing, 100.0), edge_widths(thing, 1e-3)
+    fine, coarse = edge_widths(thing, 100.0, 1e-6), edge_widths(thing, 1e-3, 1e-6)
     assert fine.shape == (len(thing.data.polygons),)
     assert np.ptp(fine) > 0
     assert np.allclose(coarse, 0.12e-3)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The color and opacity of each surface of a figure, as the command line and the sidebar ask for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.volume import is_lesion, transform_points
+from ..materials import material_color, material_opacity
+from ..studio import view_axes
+from ..surface import mesh_data as meshes
+from ..surface.evaluate import evaluated_object
+from ..surface.placement import matrix_of
+from .spec import FigureStyle, ShownSurface, Transparency
+from .visibility import depth_maps, hiding
+
+
+def shown_surfaces(
+    objects: Sequence[bpy.types.Object],
+    scene: bpy.types.Scene | None,
+    style: FigureStyle,
+    names: Sequence[str] = (),
+    chosen: Sequence[float | None] = (),
+    transparency: Transparency | None = None,
+) -> tuple[ShownSurface, ...]:
+    """Return how objects are shown: one alone opaque and in the color of the style, several each in its own.
+
+    What hides a tumor from the camera is translucent, unless an opacity was chosen for it; others have that of their
+    material, which is of their anatomical name.
+
+    Parameters
+    ----------
+    scene : Scene or None
+        Where the objects are evaluated; None takes the first scene that holds each.
+    names : sequence of str
+        For legend and anatomy; by default those of the objects, and no legend.
+    chosen : sequence of float or None
+        Opacity that a person has chosen for each.
+    """
+    chosen = chosen or [None] * len(objects)
+    if len(objects) == 1:
+        name = names[0] if names else ""
+        by_hand = chosen[0]
+        return (ShownSurface(objects[0], written(name), opacity=1.0 if by_hand is None else by_hand),)
+    called = names or [obj.name for obj in objects]
+    hides = [False] * len(objects)
+    if None in chosen:
+        axes = view_axes(style.azimuth, style.elevation)
+        hides = hiding(depth_maps([seen_by(axes, obj, scene) for obj in objects]), [is_lesion(name) for name in called])
+    most = (transparency or Transparency()).opacity
+    shown = []
+    for at, obj in enumerate(objects):
+        by_hand, own = chosen[at], material_opacity(obj)
+        opacity = by_hand if by_hand is not None else min(own, most) if hides[at] else own
+        color = None if style.style == "print" else material_color(obj)
+        shown.append(ShownSurface(obj, written(names[at]) if names else "", color, opacity))
+    return tuple(shown)
+
+
+def written(name: str) -> str:
+    """Return a structure's name as one writes it: 'rib left 7' for 'rib_left_7'."""
+    return name.replace("_", " ")
+
+
+def seen_by(axes: Any, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> tuple[Any, Any]:
+    """Return an object's vertices along the camera's axes and its triangles, as `depth_maps` takes them."""
+    evaluated, _ = evaluated_object(obj, scene)
+    points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+    seen = np.stack([(points * axes[:, at]).sum(axis=1) for at in range(3)], axis=1)
+    return seen, meshes.read_triangles(evaluated.data)
