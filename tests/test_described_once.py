@@ -52,7 +52,7 @@ GENERATED = {
 """For each command its groups of flags, and what their flags are made from."""
 BESIDE = {
     "turntable": {"resume", "overwrite"},
-    "several labels": {"names", "see_through"},
+    "several labels": {"names", "opacities"},
 }
 """Flags that stand in such a group and describe no field: they name files, labels or the run."""
 LEFT_OUT = {

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...core import MeshError
 from ...core.volume import transform_points
+from ..colors import Color
 from ..datablocks import remove_render_results, render_results
 from ..studio import SUNS, WORLD, Sun, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
@@ -33,7 +34,7 @@ from .letters import CAP
 from .ruler_marks import ruler_mark
 from .samples import set_samples
 from .slice_pictures import SlicePictures
-from .spec import Cell, FigureStyle, Page, RulerMark
+from .spec import WHITE, Cell, FigureStyle, Page, RulerMark
 from .styles import NAME, assign_materials, mean_edge, require_engine, scale_in_scene, set_engine, shown_color
 from .visibility import depth_maps
 
@@ -46,6 +47,8 @@ class FigureScene:
     ----------
     size : (width, height) int
         Pixels.
+    paper : (red, green, blue) float
+        Of the page.
     unit : float
         Blender units of a millimeter on the page.
     scale : float
@@ -64,6 +67,7 @@ class FigureScene:
 
     scene: bpy.types.Scene
     size: tuple[int, int] = (0, 0)
+    paper: Color = WHITE
     layout: Layout | None = None
     unit: float = 0.0
     scale: float = 0.0
@@ -259,7 +263,7 @@ def arrange(
     board.pen, board.paper = page.pen, page.paper
     layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm), turning)
     figure.layout, figure.unit = layout, layout.unit
-    figure.size = page.pixels(layout.height_mm, even)
+    figure.size, figure.paper = page.pixels(layout.height_mm, even), page.paper
     unit, size_mm = layout.unit, (page.width_mm, layout.height_mm)
 
     camera = bpy.data.cameras.new("CTMC Camera")
@@ -289,7 +293,7 @@ def arrange(
     figure.blocks += add_light(scene, style.azimuth, style.elevation, suns, world, page.paper)
     set_render(scene, figure.size)
     set_engine(scene, style.engine, page.paper)
-    set_samples(scene, style.samples)
+    set_samples(scene, style, page.dpi)
     scene.render.film_transparent = page.transparent
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit

@@ -22,10 +22,12 @@ from ...core import OutputError, Step, Steps, finish
 from ...core.files.atomic_write import whole_file
 from ..output_files import require_room
 from .compose import FigureScene, compose
+from .samples import OVERLAP, clean_page, is_denoised
 from .shown import shown_surfaces
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
 from .styles import EDGE_MM, NAME
 
+PICTURE_SAMPLES = 9
 TILE_PIXELS = 100_000  # so few that Esc is soon heard; the pixels are those of one go
 PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
 PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
@@ -108,7 +110,14 @@ def render_figure(
     """
     dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
     page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
-    look = FigureStyle(style=style, azimuth=azimuth, elevation=elevation, scale_bar=False, orientation=False)
+    look = FigureStyle(
+        style=style,
+        azimuth=azimuth,
+        elevation=elevation,
+        scale_bar=False,
+        orientation=False,
+        samples=None if style == "illustration" else PICTURE_SAMPLES,
+    )
     shown = [replace(surface, name="") for surface in shown_surfaces(objects, scene, look, names, chosen)]
     finish(figure_steps([Cell(tuple(shown))], path, page, look, scene=scene))
 
@@ -163,6 +172,7 @@ def png_steps(figure: FigureScene, path: Path, name: str, dpi: float, tiled: boo
     require_room(path, 4 * width * height + 10_000)
     render = figure.scene.render
     rows = tile_rows(figure.size) if tiled and render.engine == "CYCLES" else [(0, height)]
+    denoised = is_denoised(figure.scene)
     picture = pillow().new(render.image_settings.color_mode, figure.size)
     if len(rows) > 1:
         render.use_border = render.use_crop_to_border = render.use_persistent_data = True
@@ -171,14 +181,17 @@ def png_steps(figure: FigureScene, path: Path, name: str, dpi: float, tiled: boo
     try:
         for number, (low, high) in enumerate(rows):
             yield Step(number / len(rows), f"Rendering {name}" + (f", {number / len(rows):.0%}" if number else ""))
+            more = OVERLAP if denoised else 0
+            first, last = max(low - more, 0), min(high + more, height)
             # A quarter of a row up: right whether Blender rounds or cuts.
-            render.border_min_y = (low + 0.25) / height
-            render.border_max_y = min((high + 0.25) / height, 1.0)
+            render.border_min_y = (first + 0.25) / height
+            render.border_max_y = min((last + 0.25) / height, 1.0)
             render_to(figure.scene, part)
             with opened_png(part, name) as tile:
-                if tile.size != (width, high - low):
-                    raise OutputError(f"Blender rendered {tile.size} of {name} where {high - low} rows were asked for")
-                picture.paste(tile, (0, height - high))
+                if tile.size != (width, last - first):
+                    raise OutputError(f"Blender rendered {tile.size} of {name}, not its rows {first} to {last}")
+                rows_of_tile = tile.crop((0, last - high, width, last - low))
+            picture.paste(clean_page(rows_of_tile, figure.paper) if denoised else rows_of_tile, (0, height - high))
         picture.save(path, "PNG", dpi=(dpi, dpi))
     finally:
         part.unlink(missing_ok=True)

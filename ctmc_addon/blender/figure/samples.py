@@ -1,14 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many samples Cycles takes of a pixel: some and a denoiser, or as many as the noise of the picture needs."""
+"""How many samples Cycles takes of a pixel: some and a denoiser, or as many as the noise of the picture needs.
+
+The soft light of illustrations is what is noisy. The other styles are lit by suns, and have as many samples as the edges
+of pixels need; a denoiser would smear their triangle edges.
+"""
 
 from __future__ import annotations
 
-import bpy
+from typing import Any
 
-DENOISED = 48  # samples of a pixel before the denoiser; the smoothness of edges comes from them
-NOISE = 0.012  # of a pixel, where there is no denoiser: Cycles measures it, and goes on until it is below
-FEWEST, MOST = 24, 768
-LONGEST_S = 1200.0  # of a picture or tile; what is left of the noise then stays
+import bpy
+import numpy as np
+
+from ..colors import Color, srgb
+from .spec import FigureStyle
+
+DENOISED = 40  # samples of a pixel before the denoiser; how smooth edges are comes from them
+NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
+FEWEST, MOST = 16, 512
+COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
+LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
+OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
+PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
+BORDER = 2  # pixels along the sides of a page, which are empty, and in whose corners it leaves more
 
 
 def can_denoise() -> bool:
@@ -20,17 +34,34 @@ def can_denoise() -> bool:
     return bool(_cycles.with_openimagedenoise)
 
 
-def set_samples(scene: bpy.types.Scene, samples: int | None = None) -> None:
-    """Have Cycles take so many samples of each pixel, or as many as a picture without visible noise needs."""
+def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
+    """Have Cycles take the samples of a style; without a number of them as many as a picture without noise needs."""
     cycles = scene.cycles
     cycles.use_denoising = cycles.use_adaptive_sampling = False
-    if samples is not None:
-        cycles.samples = samples
+    if style.samples is not None or style.style != "illustration" or style.distances is not None:
+        cycles.samples = style.samples or (COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES)
     elif can_denoise():
         cycles.samples = DENOISED
         cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
-        cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
+        cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
     else:
         cycles.samples, cycles.use_adaptive_sampling = MOST, True
         cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE, FEWEST
         cycles.time_limit = LONGEST_S
+
+
+def is_denoised(scene: bpy.types.Scene) -> bool:
+    """Return whether a scene's pictures go through the denoiser."""
+    return scene.render.engine == "CYCLES" and scene.cycles.use_denoising
+
+
+def clean_page(rows: Any, paper: Color) -> Any:
+    """Return rows of a picture, a Pillow image, whose page is of one color again, as it was before the denoiser."""
+    from PIL import Image
+
+    levels = np.array(rows)
+    page = np.array(srgb(paper), np.uint8)
+    near = (np.abs(levels[..., :3].astype(np.int16) - page) <= PAGE_LEVELS).all(axis=2)
+    near[:, :BORDER] = near[:, -BORDER:] = True
+    levels[near, :3] = page
+    return Image.fromarray(levels)

@@ -20,7 +20,6 @@ from ...core import (
     SettingsError,
     Stages,
     Steps,
-    TriangleMesh,
     Volume,
     equal_part,
     reconstruct_steps,
@@ -237,12 +236,3 @@ def rendered_steps(
             keep_distances(obj.data, distance_map.distances_mm)
         cells = [Cell((ShownSurface(obj),), lines) for obj, (_, lines) in zip(objects, results, strict=True)]
         return (yield from figure_steps(cells, path, page, style, blend, scene))
-
-
-def holds_others(mesh: TriangleMesh, every: Sequence[TriangleMesh]) -> bool:
-    """Return whether there are other surfaces and the box around this one contains theirs."""
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    others = [other.vertices for other in every if other is not mesh]
-    return bool(others) and all(
-        (low <= points.min(axis=0)).all() and (points.max(axis=0) <= high).all() for points in others
-    )

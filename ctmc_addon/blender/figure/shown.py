@@ -51,7 +51,7 @@ def shown_surfaces(
     if None in chosen:
         axes = view_axes(style.azimuth, style.elevation)
         hides = hiding(depth_maps([seen_by(axes, obj, scene) for obj in objects]), [is_lesion(name) for name in called])
-    most = (transparency or Transparency()).opacity
+    most = (transparency or Transparency()).hiding_opacity
     shown = []
     for at, obj in enumerate(objects):
         by_hand, own = chosen[at], material_opacity(obj)

@@ -313,11 +313,10 @@ class FigureStyle(Described):
 class Transparency(Described):
     """How clear a surface is that hides a tumor from the camera."""
 
-    opacity: float = setting(
+    hiding_opacity: float = setting(
         0.3,
         "Of what hides a tumor from the camera; without a tumor, of what hides everything else. Smaller = clearer",
         label="Opacity",
-        flag="hiding-opacity",
         low=0.02,
         high=1.0,
     )

@@ -139,9 +139,7 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
     """Add the flags for names and transparency of several labels."""
     group = parser.add_argument_group("several labels")
     group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
-    add_opacity(
-        group, "opacities", "default: --hiding-opacity for what hides a tumor, that of the name for others"
-    )
+    add_opacity(group, "opacities", "default: --hiding-opacity for what hides a tumor, that of the name for others")
     add_described(group, Transparency)
 
 

@@ -8,7 +8,6 @@ two of them the work can be stopped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,8 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ...blender.figure.render import figure_steps, require_png
-from ...blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
+from ...blender.figure.sheet import deviation_figure_steps, sheet_steps
+from ...blender.figure.shown import shown_surfaces as figure_surfaces
 from ...blender.figure.spec import (
     PAGES,
     Cell,
@@ -26,19 +26,18 @@ from ...blender.figure.spec import (
     FigureStyle,
     Page,
     RulerMark,
-    ShownSurface,
     Transparency,
     Turn,
 )
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
-from ...blender.materials import material_color
 from ...blender.rulers import is_ruler, points_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
 from ...blender.tissue import chosen_opacity
 from ...core import MeshError, OutputError, Steps
 from ...core.files.file_names import file_name, with_suffix
+from ...core.volume import structure_color
 from ...reporting.captions import figure_caption
 from ...reporting.parse import parsed_numbers, parsed_strides
 from .. import jobs
@@ -139,25 +138,11 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
-def shown_of(objects: Sequence[bpy.types.Object], meshes: Sequence[Any], panel: Any) -> tuple[ShownSurface, ...]:
-    """One surface in the color of its style; several in their own, and the outermost transparent unless chosen."""
-    if len(objects) == 1:
-        return (ShownSurface(objects[0]),)
-    return tuple(
-        ShownSurface(
-            obj,
-            obj.name,
-            material_color(obj) if panel.style != "print" else None,
-            opacity_of(obj, values_of(panel, Transparency)["opacity"] if holds_others(mesh, meshes) else 1.0),
-        )
-        for obj, mesh in zip(objects, meshes, strict=True)
-    )
-
-
-def opacity_of(obj: bpy.types.Object, otherwise: float) -> float:
-    """Return the opacity that was chosen for a surface; where nobody has chosen, the other."""
-    chosen = chosen_opacity(obj)
-    return otherwise if chosen is None else chosen
+def chosen_of(obj: bpy.types.Object) -> float | None:
+    """Return the opacity that a person has chosen for a surface; None where it is that of its name."""
+    chosen, label = chosen_opacity(obj), settings_of(obj).label
+    by_name = structure_color(label, None, obj.name).opacity
+    return None if chosen == by_name < 1.0 else chosen
 
 
 def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
@@ -176,7 +161,11 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
         require_provenance(objects[0]).threshold,
         sum(len(mesh.faces) for mesh in meshes),
     )
-    shown = shown_of(objects, meshes, context.scene.ctmc_figure)
+    panel = context.scene.ctmc_figure
+    transparency = Transparency(**values_of(panel, Transparency))
+    names = [obj.name for obj in objects] if len(objects) > 1 else []
+    chosen = [chosen_of(obj) for obj in objects]
+    shown = figure_surfaces(objects, context.scene, style_of(panel), names, chosen, transparency)
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
     slices = tuple(obj for obj in seen if is_slice(obj))
     marks = tuple(

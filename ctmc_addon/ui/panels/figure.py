@@ -75,6 +75,7 @@ def draw_page(layout: Any, panel: Any) -> None:
     column.prop(panel, f"{kind}_dpi")
     if panel.kind != "turntable" or panel.film == FRAMES:
         column.prop(panel, "transparent")
+    column.prop(panel, "dark")
 
 
 def draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
@@ -86,7 +87,7 @@ def draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     style.prop(panel, "style")
     column.prop(panel, "engine")
     if panel.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
-        column.prop(panel, "opacity", slider=True)
+        column.prop(panel, "hiding_opacity", slider=True)
     angles = layout.column(align=True)
     angles.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")
     angles.prop(panel, "azimuth")

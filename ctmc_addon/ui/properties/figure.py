@@ -21,8 +21,8 @@ FRAMES = "frames"  # in place of a video's suffix
 OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (
-    *("transparent", "style", "engine", "azimuth", "elevation", "scale_bar", "orientation", "caption"),
-    *("opacity", "limit_mm", "seconds", "fps", "revolutions"),
+    *("transparent", "dark", "style", "engine", "azimuth", "elevation", "scale_bar", "orientation", "caption"),
+    *("hiding_opacity", "limit_mm", "seconds", "fps", "revolutions"),
 )
 """Fields that the panel shows under their own names."""
 COMPARED = {"strides": "1 2 3", "alphas": "0 0.25 0.75 1", "levels": "0 50 90"}
@@ -32,7 +32,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "dpi": {"precision": 0},
     "azimuth": {"precision": 1, "step": 500, "min": -360.0, "max": 360.0},
     "elevation": {"precision": 1, "step": 500},
-    "opacity": {"precision": 2, "subtype": "FACTOR"},
+    "hiding_opacity": {"precision": 2, "subtype": "FACTOR"},
     "limit_mm": {"precision": 2},
     "seconds": {"precision": 1, "min": 0.1, "soft_max": 60.0},
 }

@@ -19,7 +19,7 @@ from ctmc_addon.blender.figure.distance_map import (
     linear,
     rounded_up,
 )
-from ctmc_addon.blender.figure.sheet import deviation_figure_steps, holds_others, sheet_steps
+from ctmc_addon.blender.figure.sheet import deviation_figure_steps, sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish
 from ctmc_addon.core.errors import OutputError, SettingsError
@@ -170,15 +170,3 @@ def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
         sheet(volume, tmp_path / "a.png", decimating, strides=[(1, 1)])
     assert not list(tmp_path.iterdir())
     assert len(bpy.data.scenes) == 1
-
-
-def test_the_outermost_of_several_holds_the_others(ball, torus):
-    small, large = torus(center_mm=(0, 0, 0)), torus(center_mm=(0, 0, 0))
-    scaled = TriangleMesh(large.mesh.vertices * np.float32(1.5), large.mesh.faces)
-    from dataclasses import replace
-
-    large = replace(large, mesh=scaled)
-    small, large = small.mesh, large.mesh
-    assert holds_others(large, [small, large])
-    assert not holds_others(small, [small, large])
-    assert not holds_others(small, [small])

@@ -42,7 +42,7 @@ def counts():
 
 def render(things, path, page=SMALL, blend=None, lines=(), **style):
     cells = [Cell((ShownSurface(one),), lines) for one in things]
-    return finish(figure_steps(cells, path, page, FigureStyle(**style), blend))
+    return finish(figure_steps(cells, path, page, FigureStyle(**{"style": "paper", **style}), blend))
 
 
 @pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
@@ -314,7 +314,7 @@ def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transpa
     render([thing], tmp_path / "whole.png", page)
     monkeypatch.setattr(figure_render, "TILE_PIXELS", 1500)
     messages = []
-    steps = figure_steps([Cell((ShownSurface(thing),))], tmp_path / "tiles.png", page)
+    steps = figure_steps([Cell((ShownSurface(thing),))], tmp_path / "tiles.png", page, FigureStyle("paper"))
     finish(steps, lambda step: messages.append(step.message))
     assert sum(message.startswith("Rendering") for message in messages) > 4
     assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "tiles.png")).max() <= 1 / 255

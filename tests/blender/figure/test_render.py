@@ -42,7 +42,7 @@ def chunks(path):
 
 
 def test_faces_are_red_edges_yellow_and_the_ground_white(thing, tmp_path):
-    render_figure([thing], None, tmp_path / "a.png", SIZE)
+    render_figure([thing], None, tmp_path / "a.png", SIZE, "paper")
     red, green, blue = np.moveaxis(pixels(tmp_path / "a.png"), 2, 0)
     surface = (red > 0.3) & (green < 0.35) & (blue < 0.35)
     edges = (red > 0.8) & (green > 0.6) & (blue < 0.4)
@@ -57,7 +57,7 @@ def test_faces_are_red_edges_yellow_and_the_ground_white(thing, tmp_path):
 @pytest.mark.parametrize("azimuth", [30.0, 210.0])
 @pytest.mark.parametrize("size", [(160, 120), (90, 150)])
 def test_the_surface_fills_the_picture_and_is_not_cut(thing, tmp_path, azimuth, size):
-    render_figure([thing], None, tmp_path / "a.png", size, azimuth=azimuth)
+    render_figure([thing], None, tmp_path / "a.png", size, "paper", azimuth=azimuth)
     shown = (pixels(tmp_path / "a.png") < 0.9).any(axis=2)
     assert shown.shape == size[::-1]
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))

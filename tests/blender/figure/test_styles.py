@@ -11,8 +11,9 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
-from ctmc_addon.blender.figure.styles import SHARES, edge_widths
+from ctmc_addon.blender.figure.styles import SHARES, edge_widths, mean_edges
 from ctmc_addon.blender.surface import add_reconstruction
+from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.core import finish
 
 BARE = {"scale_bar": False, "orientation": False}
@@ -74,6 +75,16 @@ def test_lines_are_as_wide_as_their_triangle_allows(scene, torus):
     assert np.ptp(fine) > 0
     assert np.allclose(coarse, 0.12e-3)
     assert (fine < SHARES[1] * 1.0).all()
+
+
+def test_edges_shorter_than_three_pixels_on_the_page_are_not_drawn(scene, torus):
+    thing = add_reconstruction(torus(rings=16, sides=8), scene)
+    edges = mean_edges(meshes.read_positions(thing.data), meshes.read_triangles(thing.data))
+    pixel = float(np.median(edges)) / 3.0
+    drawn = edge_widths(thing, 0.01, pixel) > 0
+    assert (drawn == (edges >= 3.0 * pixel)).all()
+    assert 0.2 < drawn.mean() < 0.8
+    assert not edge_widths(thing, 0.01, float(edges.max()) / 2.9).any()
 
 
 def test_many_transparent_layers_are_neither_black_nor_noise(scene, ball, tmp_path):

@@ -78,7 +78,7 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
         (("figure", "-o", "a.png", "--elevation", 100), "--elevation: must be from -90 to 90, not 100"),
         (("figure", "-o", "a.png", "--names", "a", "b"), "2 names for 1 surfaces"),
         (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a map of distances shows one label, not 2"),
-        (("figure", "-o", "a.png", "--label", 1, 2, "--see-through", 7), "label 7 is to be transparent"),
+        (("figure", "-o", "a.png", "--label", 1, 2, "--opacity", "1=7"), "a share from 0 to 1"),
         (("figure", "sheet", "-o", "a.png"), "give one or two"),
         (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
         (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "--columns: must be 1 or more"),

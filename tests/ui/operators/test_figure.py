@@ -39,6 +39,7 @@ from ctmc_addon.ui.state import (
 def loaded(loaded):
     """The ball, loaded, threshold 100, and small figures asked for."""
     chosen = loaded.ctmc_figure
+    chosen.style = "paper"
     chosen.figure_width_mm, chosen.figure_dpi = 40.0, 50.0
     chosen.sheet_width_mm, chosen.sheet_dpi = 90.0, 50.0
     chosen.turntable_width_mm, chosen.turntable_dpi = 30.0, 40.0
@@ -129,7 +130,7 @@ def test_a_figure_is_written_with_its_blend_and_the_file_stays_as_it_was(surface
 def test_the_panel_and_the_scripts_make_the_same_picture(loaded, surface, tmp_path):
     loaded.ctmc_figure.caption = "A ball"
     bpy.ops.ctmc.figure(filepath=str(tmp_path / "a.png"))
-    look = FigureStyle(caption="A ball")
+    look = FigureStyle("paper", caption="A ball")
     from ctmc_addon.core import finish
 
     cell = Cell((ShownSurface(surface),))

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The style illustration: translucency by looking, names beside the structures, outlines, a dark page."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+Image = pytest.importorskip("PIL.Image")
+
+from ctmc_addon.blender.figure.callouts import spread
+from ctmc_addon.blender.figure.compose import compose
+from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
+from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.samples import can_denoise
+from ctmc_addon.blender.figure.shown import shown_surfaces
+from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
+from ctmc_addon.blender.surface import add_reconstruction
+from ctmc_addon.blender.surface import mesh_data as meshes
+from ctmc_addon.core import finish
+
+
+@pytest.fixture
+def nested(scene, ball):
+    """A tumor in a liver, and a bone behind them as seen from the front."""
+    objects = [add_reconstruction(ball(), scene, structure=name) for name in ("liver", "tumor", "bone")]
+    objects[1].scale = (0.4,) * 3
+    objects[2].location[1] -= 0.3
+    bpy.context.view_layer.update()
+    return objects
+
+
+def test_what_hides_a_tumor_is_translucent_from_where_the_camera_stands(nested, scene):
+    def opacities(azimuth, **rest):
+        style = FigureStyle(azimuth=azimuth, elevation=0.0)
+        return [shown.opacity for shown in shown_surfaces(nested, scene, style, **rest)]
+
+    assert opacities(0.0) == [0.3, 1.0, 1.0]
+    assert opacities(180.0) == [0.3, 1.0, 0.3], "from behind the bone hides it too"
+    assert opacities(180.0, chosen=[0.8, None, 1.0]) == [0.8, 1.0, 1.0], "what was chosen is kept"
+    assert opacities(0.0, names=["a", "b", "c"]) == [0.3, 1.0, 1.0], "without a tumor what hides all others"
+    assert opacities(90.0, names=["a", "b", "c"]) == [1.0, 1.0, 1.0], "the bone stands beside it"
+
+
+def test_an_outline_lies_one_line_around_its_surface_and_is_seen_from_within(scene, ball):
+    obj = add_reconstruction(ball(), scene)
+    radius = np.linalg.norm(meshes.read_positions(obj.data), axis=1)
+    shell = outline_shell(obj, 0.01)
+    away = np.linalg.norm(meshes.read_positions(shell), axis=1) - radius
+    assert away == pytest.approx(0.01, rel=0.02)
+    assert (meshes.read_triangles(shell) == meshes.read_triangles(obj.data)[:, ::-1]).all()
+    assert 0.1 < OUTLINE_MM < 0.25, "a hairline in print is 0.09 mm"
+
+
+def test_names_stand_beside_the_picture_with_a_line_to_each_and_none_below(nested, scene):
+    surfaces = shown_surfaces(nested, scene, FigureStyle(), ["liver", "tumor_left", "bone"])
+    figure = compose([Cell(surfaces)], Page(120.0), FigureStyle(orientation=False))
+    try:
+        assert figure.layout.named_beside
+        left, _, right, _ = figure.layout.pictures[0]
+        texts = [obj for obj in figure.scene.objects if obj.type == "FONT" and obj.data.body != "20 mm"]
+        names = {obj.data.body: obj.location.x / figure.unit + 60.0 for obj in texts if " mm" not in obj.data.body}
+        assert set(names) == {"liver", "tumor left", "bone"}
+        assert all(x < left or x > right for x in names.values())
+        assert sum(obj.name.startswith("CTMC Dot") for obj in figure.scene.objects) == 6
+    finally:
+        figure.remove()
+    figure = compose([Cell(surfaces)], Page(40.0), FigureStyle(orientation=False))
+    assert not figure.layout.named_beside, "a narrow page keeps its picture, and the names go below"
+    figure.remove()
+
+
+def test_names_keep_their_order_and_their_distance():
+    wished = np.sort(np.random.default_rng(4).uniform(0.0, 30.0, 9))
+    heights = spread(wished, 3.0, 0.0, 40.0)
+    assert (np.diff(heights) >= 3.0 - 1e-9).all()
+    assert heights[0] >= 0.0
+    assert heights[-1] <= 40.0
+    assert np.diff(spread(wished, 3.0, 0.0, 8.0)) == pytest.approx(1.0)
+
+
+def test_a_dark_page_is_dark_to_the_last_pixel_and_a_white_one_white(scene, ball, tmp_path):
+    thing = ShownSurface(add_reconstruction(ball(), scene), color=(0.5, 0.1, 0.1))
+    page_level = {}
+    for dark in (False, True):
+        style = FigureStyle(orientation=False, scale_bar=False)
+        finish(figure_steps([Cell((thing,))], tmp_path / "a.png", Page(20.0, 90.0, dark=dark), style))
+        with Image.open(tmp_path / "a.png") as image:
+            picture = np.asarray(image)
+        assert (picture[:3] == picture[0, 0]).all()
+        page_level[dark] = picture[0, 0].max()
+        assert picture[picture.shape[0] // 2, picture.shape[1] // 2, 0] > 100
+    assert page_level[False] == 255
+    assert page_level[True] < 40
+
+
+def test_illustrations_are_denoised_where_the_build_can_and_else_sampled_until_the_noise_is_low(scene, ball):
+    thing = ShownSurface(add_reconstruction(ball(), scene))
+    found = {}
+    for style in ("illustration", "clinical"):
+        figure = compose([Cell((thing,))], Page(30.0), FigureStyle(style))
+        cycles = figure.scene.cycles
+        found[style] = cycles.use_denoising, cycles.use_adaptive_sampling
+        figure.remove()
+    assert found == {"illustration": (can_denoise(), not can_denoise()), "clinical": (False, False)}
