@@ -177,7 +177,7 @@ def test_a_figure_is_a_picture_of_the_surface_in_its_color_on_white(ctmc, phanto
     assert "Saved" not in outcome.out
     with image.open(tmp_path / "f.png") as picture:
         pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
-    red, green, blue = pixels.T
+    red, _, blue = pixels.T
     assert ((blue > red + 40) & (blue < 250)).mean() > 0.02  # the palette's blue of label 2
     assert (pixels == 255).all(axis=1).mean() > 0.3
 
