@@ -2,6 +2,7 @@
 """A surface as an object of the Blender file, and read back from it."""
 
 from .alpha_key import key_state, set_alpha
+from .components import PICKED, component_at, give_triangles, own_surface, separated
 from .decimate import decimated
 from .mesh_data import edges_steps
 from .objects import (
@@ -20,17 +21,21 @@ from .provenance import Provenance, read_provenance, require_provenance, setting
 from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
 
 __all__ = [
+    "PICKED",
     "SCALE",
     "Provenance",
     "add_reconstruction",
     "apply_shape_and_modifiers",
     "as_shown",
     "call",
+    "component_at",
     "decimated",
     "edges_steps",
     "evaluated_triangles",
+    "give_triangles",
     "key_state",
     "own_mesh",
+    "own_surface",
     "placement_of",
     "read_back",
     "read_provenance",
@@ -38,6 +43,7 @@ __all__ = [
     "require_editable",
     "require_provenance",
     "require_updatable",
+    "separated",
     "set_alpha",
     "settings_of",
     "surface_mesh_steps",

@@ -14,7 +14,7 @@ from .distance.surface_distance import (
 )
 from .face_normals import vertex_normals, vertex_normals_steps
 from .intersections import self_intersections, self_intersections_steps
-from .kept_pieces import keep_components_steps
+from .kept_pieces import bodies_steps, keep_components_steps, with_faces
 from .measures import SMALL, Measures, measures_steps
 from .quality import SAMPLES, SEED, roughness, triangle_shapes
 from .rulers import angle_at, distance_between
@@ -31,6 +31,7 @@ __all__ = [
     "TriangleQuality",
     "angle_at",
     "blend",
+    "bodies_steps",
     "coarse_mesh",
     "distance_between",
     "edges_steps",
@@ -49,4 +50,5 @@ __all__ = [
     "vertex_distances_steps",
     "vertex_normals",
     "vertex_normals_steps",
+    "with_faces",
 ]

@@ -88,11 +88,20 @@ class KeptPieces:
         yield from self._link_steps()
         if not self.count or (self.min_volume <= 0 and self.count <= self.largest):
             return np.ones(self.count, bool), np.empty(0)
+        volumes, owner = yield from self._measured_steps()
+        return kept_components(volumes, owner, self.largest, self.min_volume), volumes
+
+    def bodies_steps(self) -> Steps[NDArray[np.intp]]:
+        """Return for every component the one that it is a cavity of, else itself, (components,)."""
+        yield from self._link_steps()
+        return (yield from self._measured_steps())[1]
+
+    def _measured_steps(self) -> Steps[tuple[NDArray[np.float64], NDArray[np.intp]]]:
+        """Return the signed volume and the owner of every component, (components,) each."""
         points, middles = yield from self._middles_steps()
         volumes = yield from self._volumes_steps(middles)
         del middles
-        owner = yield from self._owners_steps(points, volumes)
-        return kept_components(volumes, owner, self.largest, self.min_volume), volumes
+        return volumes, (yield from self._owners_steps(points, volumes))
 
     def _pass_steps(self, number: int, normals: bool = False) -> Pieces:
         """One pass over the pieces, as part `number` of the work."""
@@ -261,6 +270,20 @@ def kept_faces_steps(
     kept = KeptPieces(lambda _: replayed_steps([surface]), alpha, largest, min_volume, replays=True)
     keep, volumes = yield from kept.decision_steps()
     return (yield from component_numbers_steps(surface.faces, len(surface.linear))), keep, volumes
+
+
+def bodies_steps(surface: Surface, alpha: float) -> Steps[NDArray[np.intp]]:
+    """Return the body that every triangle of a surface belongs to, (F,): a component with the walls of its cavities."""
+    owner = yield from KeptPieces(lambda _: replayed_steps([surface]), alpha, 0, 0.0, replays=True).bodies_steps()
+    return np.asarray(owner[(yield from component_numbers_steps(surface.faces, len(surface.linear)))])
+
+
+def with_faces(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
+    """Return a surface of some of the triangles, (F,), and of the vertices that these use."""
+    faces = surface.faces[chosen]
+    used = np.zeros(len(surface.linear), bool)
+    used[faces] = True
+    return _without_unused(surface, faces, used, np.empty(0, bool))
 
 
 def kept_components(

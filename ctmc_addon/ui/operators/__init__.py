@@ -10,7 +10,7 @@ def modules() -> tuple[Any, ...]:
     from .ct import histogram, load, load_labels, region, slice, structure_list, threshold, view
     from .draw import edits, grow, radius, scissors, stroke, structures
     from .scene import pick_point, rulers, slice_object, studio, volume_object
-    from .surface import alpha, components, export, reconstruct, results, simplify, table
+    from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
 
     viewing = (
         load,
@@ -32,6 +32,7 @@ def modules() -> tuple[Any, ...]:
         alpha,
         simplify,
         components,
+        pick_component,
         rotation,
         results,
         table,

@@ -14,6 +14,7 @@ import bpy
 from ...blender.surface import Provenance, read_provenance
 from ...core.mesh import Measures
 from ...reporting.formatting import count
+from ..operators.surface.pick_component import ACTIONS
 from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
@@ -48,6 +49,11 @@ class CTMC_PT_results(Step, bpy.types.Panel):
         unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""
         draw_table(layout, facts_of(provenance, measurement, unit), 0.46)
         draw_mending(layout, measurement)
+        column = layout.column(align=True)
+        column.label(text=translate("Pick Component"), translate=False)
+        row = column.row(align=True)
+        for action, (label, _) in ACTIONS.items():
+            row.operator("ctmc.pick_component", text=label).action = action
         layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         column = layout.column(align=True)
         column.operator("ctmc.deviation_map", icon="COLOR")

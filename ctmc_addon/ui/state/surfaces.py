@@ -12,6 +12,7 @@ from ...blender.colors import BONE, Color
 from ...blender.materials import material_color, material_opacity, recolor
 from ...blender.shape_change import ShapeChange
 from ...blender.surface import (
+    PICKED,
     read_back,
     read_provenance,
     require_editable,
@@ -154,7 +155,14 @@ def scaled_text(change: ShapeChange) -> str:
 
 def full_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
     """The surface before simplification: of the last run, or as the object itself still has it; None if unknown."""
-    return session.of(scene).full.get(origin_of(obj)) or read_back(obj)
+    return known_full(obj, scene) or read_back(obj)
+
+
+def known_full(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
+    """The surface before simplification of the last run; None of one whose components were picked since."""
+    if PICKED in require_provenance(obj).notes:
+        return None
+    return session.of(scene).full.get(origin_of(obj))
 
 
 def origin_of(obj: bpy.types.Object) -> session.Origin:

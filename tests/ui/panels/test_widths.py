@@ -30,6 +30,7 @@ TABLES = {"English": {}, **{name: translations.table(name) for name in translati
 NAME = 88  # pixels on the left for the name of a property
 BAR = 195  # pixels of the progress bar
 HALF = 92  # pixels beside the icon, of one of two buttons side by side
+THIRD = 72  # pixels of one of three buttons without an icon
 MEASURE = 140  # pixels for the name of a measure in the table of surfaces
 FACT = 148  # pixels beside the name of a fact of the CT
 
@@ -78,6 +79,11 @@ def test_buttons_side_by_side_are_not_cut(language):
     pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
     pairs |= {"Grow", "Brush", "Eraser", "Scissors", "Margin", "Islands", "Largest Only", "Fill Holes"}
     assert too_wide(pairs, HALF, TABLES[language]) == {}
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_three_buttons_side_by_side_are_not_cut(language):
+    assert too_wide({"Remove", "Keep", "Separate"}, THIRD, TABLES[language]) == {}
 
 
 @pytest.mark.parametrize("language", TABLES)

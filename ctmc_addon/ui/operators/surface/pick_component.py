@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Click on a component: it is kept, removed or made an object of its own. The operator `ctmc.pick_component`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatVectorProperty
+
+from ....blender.rulers import hit, patient_mm
+from ....blender.surface import component_at, give_triangles, own_surface, require_updatable, separated
+from ....core import CtmcError, finish
+from ....core.mesh import measures_steps
+from ....reporting.formatting import count
+from ... import jobs
+from ...needs import Needs
+from ...properties.preferences import machine
+from ...state import measurements, session, surfaces
+from ...translations import translate
+from ...viewport.mouse import ray_under, viewport_at
+
+ACTIONS = {
+    "REMOVE": ("Remove", "Take the component away"),
+    "KEEP": ("Keep", "Take all other components of the surface away"),
+    "SEPARATE": ("Separate", "Make the component an object of its own"),
+}
+
+
+class CTMC_OT_pick_component(Needs, bpy.types.Operator):
+    """Keep, remove or separate the components that are clicked, until Esc."""
+
+    bl_idname = "ctmc.pick_component"
+    bl_label = "Pick Component"
+    bl_description = (
+        "Click on components of surfaces, one after the other: each is removed, kept alone or made an object of its "
+        "own, with its cavities. Undo takes back a click, Esc or a right click ends it"
+    )
+
+    action: EnumProperty(
+        name="Action",
+        description="What becomes of the component",
+        items=[(name, label, text) for name, (label, text) in ACTIONS.items()],
+    )
+    point_mm: FloatVectorProperty(name="Point", size=3, options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (jobs.idle, surfaces.can_change)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = context.view_layer.objects.active
+        try:
+            text = picked(context, obj, tuple(self.point_mm), self.action)
+        except CtmcError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        self.report({"INFO"}, text)
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        self.area = context.area.as_pointer()
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+        label = translate(ACTIONS[self.action][0])
+        text = translate("{action}: click on a component. Ctrl Z: undo. Esc: done")
+        context.workspace.status_text_set(text.format(action=label))
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Take clicks on surfaces; navigation, undo and all else passes through."""
+        area = viewport_at(context, self.area)
+        if area is None or (event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"):
+            self.cancel(context)
+            return {"FINISHED"}
+        if event.type != "LEFTMOUSE" or event.value not in ("PRESS", "DOUBLE_CLICK"):
+            return {"PASS_THROUGH"}
+        ray = ray_under(area, event)
+        found = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+        if found is None or not surfaces.is_surface(found[0]):
+            return {"PASS_THROUGH"}
+        try:
+            text = picked(context, found[0], patient_mm(*found, machine().scale), self.action)
+        except CtmcError as error:
+            jobs.refuse(self, context.scene.session_uid, error)
+            return {"RUNNING_MODAL"}
+        self.report({"INFO"}, text)
+        bpy.ops.ed.undo_push(message=translate(self.bl_label))
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Give pointer and status bar back."""
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+
+
+def picked(context: bpy.types.Context, obj: bpy.types.Object, point_mm: Sequence[float], action: str) -> str:
+    """Do what the action says with the component at a point of a surface, RAS+ mm; return what came of it."""
+    require_updatable(obj)
+    before, result = measurements.of(obj), own_surface(obj)
+    chosen = component_at(result, np.array(point_mm, np.float64))
+    changed: list[Any] = [obj]
+    if action == "SEPARATE":
+        changed.append(separated(obj, result, chosen))
+    else:
+        give_triangles(obj, result, chosen if action == "KEEP" else ~chosen)
+    for surface in changed:
+        mesh = own_surface(surface).mesh
+        measures = finish(measures_steps(mesh.vertices, mesh.faces))
+        if not surface.modifiers:
+            # Of triangles that do not cross each other, some do not either.
+            crossings = 0 if before is not None and before.self_intersections == 0 else None
+            measurement = measurements.Measurement(measures, None, crossings)
+            measurements.keep(surface, measurement, measurements.mesh_state(surface))
+    session.redraw_viewports()
+    text = translate("{name}: {faces} triangles")
+    return ", ".join(text.format(name=each.name, faces=count(len(each.data.polygons))) for each in changed)
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_pick_component,))
