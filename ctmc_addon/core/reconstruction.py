@@ -69,7 +69,8 @@ class Reconstruction:
     self_intersections : int or None
         Pairs of triangles of the surface that cross, touch or overlap each other beyond common vertices and edges; None
         where that is not known. A full surface has none: every triangle lies in its own cell, on edges that vertices
-        never leave, and cells meet only in faces, which both cut alike. After simplification they were counted.
+        never leave, and cells meet only in faces, which both cut alike. They were counted after simplification, and of
+        labels that share interfaces, where a pair of two labels counts for both.
     measured : Measures or None
         Measures of a surface that was written piece by piece, whose mesh is empty.
     beyond : (F,) int32 or None

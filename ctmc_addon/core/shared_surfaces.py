@@ -20,6 +20,7 @@ from .label_complex import LabelComplex, complex_steps
 from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from .mesh.complex_components import keep_complex_components_steps
 from .mesh.face_normals import vertex_normals_steps
+from .mesh.intersections import self_intersections_steps
 from .mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .progress import Stages, Step, Steps
@@ -41,7 +42,8 @@ from .volume.labels import labels_by_layer_steps
 from .volume.region import region_box
 from .volume.volume import Volume
 
-WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5}
+LOOKING = "Looking for labels that cross"
+WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
 class SharedSurfaces(NamedTuple):
@@ -138,6 +140,7 @@ class _Making:
         self.extracted: LabelComplex
         self.choice: AlphaChoice | None = None
         self.target = 0
+        self.crossings: dict[int, int] = {}  # pairs of triangles; only of labels that have some
 
     def result_steps(self) -> Steps[SharedSurfaces]:
         """Extract, drop small components, simplify, and return each label's own surface."""
@@ -170,7 +173,11 @@ class _Making:
             self.target = settings.target_faces or round(len(full_mesh.faces) * (1 - (settings.reduction or 0)))
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
-        if simplified is not None:
+        self.crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, simplified))
+        if simplified is None:
+            for label, result in full.items():
+                results[label] = replace(result, self_intersections=self.crossings.get(label, 0))
+        else:
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, full))
         timed = tuple(Stage(name, stages.seconds[name]) for name in WEIGHTS if name in stages.seconds)
         for made in (full, results):
@@ -214,7 +221,7 @@ class _Making:
                 notes=(*result.notes, *notes),
                 beyond=beyond,
                 neighbors=neighbors_of(label, interfaces),
-                self_intersections=simplified.self_intersections,
+                self_intersections=self.crossings.get(label, 0),
             )
         return results
 
@@ -260,3 +267,12 @@ class _Making:
             beyond=beyond,
             alpha_choice=self.choice,
         )
+
+
+def _crossings_steps(full: ComplexMesh, simplified: ComplexSimplification | None) -> Steps[dict[int, int]]:
+    """Count the pairs of triangles that meet where they may not, by label; one of two labels counts for both."""
+    mesh, known = (full, None) if simplified is None else (simplified.mesh, simplified.self_intersections)
+    if known == 0:
+        return {}
+    pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces)
+    return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}

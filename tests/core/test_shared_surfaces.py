@@ -17,6 +17,8 @@ from ctmc_addon.core import (
     shared_surfaces_steps,
 )
 from ctmc_addon.core.mesh import surface_distance
+from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.shared_surfaces import _crossings_steps
 from ctmc_addon.core.volume import ValuesInMemory
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
@@ -45,6 +47,19 @@ def test_neighbors_say_the_same_of_the_triangles_that_they_share():
         assert (result.mesh.closed, result.wrong_side, result.settings.label) == (True, 0, label)
         assert len(result.beyond) == len(result.mesh.faces)
         assert result.report()["neighbors"][0]["label"] == 3 - label
+
+
+@pytest.mark.parametrize("reduction", [0.0, 0.8])
+def test_labels_are_tested_together_and_do_not_cross(reduction):
+    together = made(two_halves(), ReconstructionSettings(reduction=reduction))
+    assert [result.self_intersections for result in together.results.values()] == [0, 0]
+
+
+def test_a_pair_that_crosses_counts_for_both_its_labels():
+    corners = [(0, 0, 0), (4, 0, 0), (0, 4, 0), (1, 1, -1), (1, 1, 1), (9, 9, 0), (20, 0, 0), (21, 0, 0), (20, 1, 0)]
+    sides = np.array([[1, 0], [2, 4], [3, 0]], np.int32)
+    mesh = ComplexMesh(np.array(corners, np.float32), np.arange(9, dtype=np.int32).reshape(3, 3), sides)
+    assert finish(_crossings_steps(mesh, None)) == {1: 1, 2: 1, 3: 0, 4: 1}
 
 
 def test_a_small_component_goes_and_its_neighbors_stay():
