@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import logging
 import re
@@ -37,6 +36,8 @@ class Scheduler:
             ) from error
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # our error says it in a sentence
+        import asyncio  # here, as every command imports this module
+
         start = time.perf_counter()
         try:
             asyncio.run(asyncio.wait_for(self.greet(), PATIENCE))

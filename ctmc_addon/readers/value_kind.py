@@ -219,7 +219,9 @@ def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu:
             may_be_whole = all((plane == np.floor(plane)).all() for plane in values)
         if seen.few:
             for plane in values:
-                seen.small[plane.astype(np.uint8).ravel()] = True
+                flat = plane.astype(np.uint8, copy=False).ravel()
+                ends = np.flatnonzero(flat[1:] != flat[:-1])  # of runs of equal values, of which labels have few
+                seen.small[flat[ends]] = seen.small[flat[-1:]] = True
         settled = not may_be_hu or seen.low < AIR_HU or not (seen.few or may_be_negative)
         return settled and not may_be_whole
 

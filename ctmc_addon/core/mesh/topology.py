@@ -6,6 +6,8 @@ Only vertex numbers are looked at, no positions. Work is cut into blocks, so tha
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,11 +40,8 @@ def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
     low, high = np.minimum(start, end), np.maximum(start, end)
     yield PAUSE
     face_edges = np.empty(len(low), np.int32)
-    # A bucket of edges for each range of lower ends, so that nothing large is sorted at once.
-    width = max(1, vertex_count * BUCKET // max(1, len(low)))
     edges, count = [np.empty((2, 0), np.int32)], 0
-    for first in range(0, vertex_count, width):
-        corners = np.flatnonzero((low >= first) & (low < first + width))
+    for corners in buckets(low, vertex_count):
         keys = low[corners].astype(np.int64) * vertex_count + high[corners]
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
@@ -62,14 +61,35 @@ def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArr
     every edge has two triangles, one of which runs up it.
     """
     columns = np.ascontiguousarray(faces.T)
-    edges, face_edges = yield from edges_steps(columns, vertex_count)
-    count, upwards = np.zeros(edges.shape[1], np.int64), np.zeros(edges.shape[1], np.int64)
-    for number, start, end in zip(face_edges, columns, columns[[1, 2, 0]], strict=True):
+    start, end = columns.ravel(), columns[[1, 2, 0]].ravel()
+    yield PAUSE
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    up = start < end
+    yield PAUSE
+    parts = []
+    for corners in buckets(low, vertex_count):
+        # The direction in the lowest bit: equal keys are equal, so the quickest sort will do.
+        keys = (low[corners].astype(np.int64) * vertex_count + high[corners]) * 2 + up[corners]
+        keys.sort()
         yield PAUSE
-        count += np.bincount(number, minlength=len(count))
+        of = keys >> 1
+        first = np.flatnonzero(np.concatenate([[True], of[1:] != of[:-1]]))
+        ends = np.stack(np.divmod(of[first], vertex_count)).astype(np.int32)
+        parts.append((ends, np.diff(first, append=len(of)), np.add.reduceat(keys & 1, first)))
         yield PAUSE
-        upwards += np.bincount(number[start < end], minlength=len(count))
+    if not parts:
+        return np.empty((2, 0), np.int32), np.empty(0, np.int64), np.empty(0, np.int64)
+    edges, count, upwards = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     return edges, count, upwards
+
+
+def buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
+    """Places of edges whose lower ends are in one range, range by range, so that nothing large is sorted at once."""
+    width = max(1, vertex_count * BUCKET // max(1, len(low)))
+    for first in range(0, vertex_count, width):
+        places = np.flatnonzero((low >= first) & (low < first + width))
+        if len(places):
+            yield places
 
 
 def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Sequence
+from html import escape
 from pathlib import Path
 from typing import IO
-from xml.sax.saxutils import quoteattr
 
 from ...progress import Step, Steps
 from ..mesh_files import parts_of
@@ -62,7 +62,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 def _materials(structures: Sequence[Structure]) -> str:
     bases = "".join(
-        f'<base name={quoteattr(structure.name)} displaycolor="{hex_color(structure)}"/>\n' for structure in structures
+        f'<base name="{escape(structure.name)}" displaycolor="{hex_color(structure)}"/>\n' for structure in structures
     )
     return f'<basematerials id="{MATERIALS}">\n{bases}</basematerials>\n'
 
@@ -70,7 +70,7 @@ def _materials(structures: Sequence[Structure]) -> str:
 def _write_object(model: IO[bytes], structure: Structure, number: int) -> None:
     kind = "model" if structure.closed else "surface"
     head = (
-        f'<object id="{MATERIALS + 1 + number}" type="{kind}" name={quoteattr(structure.name)} '
+        f'<object id="{MATERIALS + 1 + number}" type="{kind}" name="{escape(structure.name)}" '
         f'pid="{MATERIALS}" pindex="{number}"><mesh><vertices>\n'
     )
     model.write(head.encode("utf-8", "replace"))
