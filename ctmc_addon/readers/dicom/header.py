@@ -165,6 +165,28 @@ def tags(*keywords: str) -> frozenset[Any]:
     return frozenset(map(needed("pydicom.tag", "pydicom", "DICOM").Tag, keywords))
 
 
+@cache
+def tag_number(keyword: str) -> int:
+    """Return the number of a keyword's tag."""
+    return int(needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword))
+
+
+class Elements:
+    """Values of a dataset by keyword; pydicom looks long for each that is not there, and most are not."""
+
+    def __init__(self, dataset: Any) -> None:
+        self.dataset = dataset
+        self.present = frozenset(map(int, dataset.keys()))
+
+    def __contains__(self, keyword: str) -> bool:
+        return tag_number(keyword) in self.present
+
+    def get(self, keyword: str, default: Any) -> Any:
+        """Return a value, or the default where the dataset does not have it."""
+        number = tag_number(keyword)
+        return self.dataset[number].value if number in self.present else default
+
+
 @lru_cache(256)
 def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implicit: bool, little: bool) -> Any:
     """Return an element's value as pydicom converts it."""
@@ -218,14 +240,15 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         if syntax == DEFLATED:  # what was passed over cannot be found again in the file
             file.seek(0)
             dataset = read_dataset(file, force=not preamble)
-        series = str(dataset.get("SeriesInstanceUID", None) or "")
+        elements = Elements(dataset)
+        series = str(elements.get("SeriesInstanceUID", None) or "")
         kind = sop_class(dataset)
         if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
             return Broken(path, series, stray=not preamble)
         is_image = "Image Storage" in kind and "Segmentation" not in kind
-        if str(dataset.get("Modality", "")) in NOT_SLICES or "Rows" not in dataset:
-            return Broken(path, series) if is_image and "Rows" not in dataset else None
-        keywords = [keyword for keyword in PIXEL_KEYWORDS if keyword in dataset]
+        if str(elements.get("Modality", "")) in NOT_SLICES or "Rows" not in elements:
+            return Broken(path, series) if is_image and "Rows" not in elements else None
+        keywords = [keyword for keyword in PIXEL_KEYWORDS if keyword in elements]
         if not keywords:
             return Broken(path, series) if is_image else None
         if len(keywords) > 1:
@@ -233,7 +256,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         keyword = keywords[0]
         pixels = pixels_of(dataset, syntax, keyword)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
-        return Broken(path, series, damage) if damage else image_file(path, dataset, series, pixels)
+        return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
     except unreadable:
         return Broken(path, series, stray=not (preamble or is_image))
 
@@ -312,29 +335,29 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
 
 
-def image_file(path: Path, dataset: Any, series: str, pixels: Pixels) -> ImageFile:
+def image_file(path: Path, elements: Elements, series: str, pixels: Pixels) -> ImageFile:
     """Return the description of the image in a dataset."""
-    image_type = dataset.get("ImageType", None) or ()
+    image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
-    modality = str(dataset.get("Modality", None) or "")
-    unit = str(dataset.get("RescaleType", None) or "HU").upper()
+    modality = str(elements.get("Modality", None) or "")
+    unit = str(elements.get("RescaleType", None) or "HU").upper()
     options = pixels.options
-    frames = frame_geometries(dataset, options["number_of_frames"])
+    frames = frame_geometries(elements, options["number_of_frames"])
     return ImageFile(
         path=path,
         series=series,
         modality=modality,
         rows=options["rows"],
         columns=options["columns"],
-        uid=str(dataset.get("SOPInstanceUID", None) or ""),
-        frame_of_reference=str(dataset.get("FrameOfReferenceUID", None) or ""),
-        instance=int(dataset.get("InstanceNumber", None) or 0),
-        called=Called(*(one_line(dataset.get(keyword, None)) for keyword in CALLED_KEYWORDS)),
+        uid=str(elements.get("SOPInstanceUID", None) or ""),
+        frame_of_reference=str(elements.get("FrameOfReferenceUID", None) or ""),
+        instance=int(elements.get("InstanceNumber", None) or 0),
+        called=Called(*(one_line(elements.get(keyword, None)) for keyword in CALLED_KEYWORDS)),
         scout="LOCALIZER" in words,
         gray=int(options.get("samples_per_pixel", 1)) == 1
         and "MONOCHROME" in str(options["photometric_interpretation"]),
         hounsfield=modality == "CT" and unit == "HU" and all(frame.unit in ("", "HU") for frame in frames),
-        lookup=bool(dataset.get("ModalityLUTSequence", None)),
+        lookup=bool(elements.get("ModalityLUTSequence", None)),
         pixels=pixels,
         frames=frames,
     )
