@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import SettingsError
-from ..progress import Steps, equal_part
-from .distance import Mask, Spacing, far_inside_steps, near_steps
+from ..progress import Step, Steps, equal_part
+from .distance import SLACK, Mask, Spacing, far_inside_steps, near_steps
 from .islands import touching_steps
 from .points import Sample, sample_in, window_around
 
@@ -62,10 +62,7 @@ def connected_steps(
     inner = allowed[window]
     own = [sample_in(sample, window) for sample in clicked]
     if max_mm < math.inf:
-        points = np.zeros(inner.shape, bool)
-        for sample in own:
-            points[sample] = True
-        inner = inner & (yield from equal_part(near_steps(points, spacing_mm, max_mm), 0, 4))
+        inner = inner & (yield from equal_part(_around_steps(own, inner.shape, spacing_mm, max_mm), 0, 4))
     if opening_mm == 0:
         result[window] = yield from touching_steps(inner, own)
         return result
@@ -75,6 +72,22 @@ def connected_steps(
     flood = yield from touching_steps(core, wide)
     result[window] = inner & (yield from equal_part(near_steps(flood, spacing_mm, half), 3, 4))
     return result
+
+
+def _around_steps(samples: Sequence[Sample], shape: tuple[int, ...], spacing_mm: Spacing, max_mm: float) -> Steps[Mask]:
+    """Return the samples that are at most so far from one of a few: a ball around each."""
+    near = np.zeros(shape, bool)
+    most = max_mm * max_mm * (1 + SLACK)
+    for number, sample in enumerate(samples):
+        squares = [
+            ((np.arange(count) - at) * side) ** 2
+            for count, at, side in zip(shape, sample, spacing_mm[::-1], strict=True)
+        ]
+        across = squares[1][:, None] + squares[2]
+        for layer, square in enumerate(squares[0].tolist()):
+            near[layer] |= across <= most - square
+        yield Step((number + 1) / len(samples), "Measuring distances")
+    return near
 
 
 def _cores_steps(
