@@ -31,6 +31,9 @@ class Layout:
             if is_number and not about.name.endswith("]"):
                 self.bare.append(about.name)
 
+    def prop_search(self, owner, name, _data, _property, **options):
+        self.prop(owner, name, **options)
+
     def operator(self, name, text=None, **_):
         self.buttons.append(name if text is None else f"{name} {text}".rstrip())
         return type("Button", (), {})()

@@ -7,6 +7,8 @@ from typing import Any
 
 import bpy
 
+from ...core.volume import ValueKind
+from ..properties.structures import LABEL
 from ..state import drawings, volumes
 from ..translations import translate
 from ..viewport.draw_tools import TOOLS
@@ -23,13 +25,14 @@ class CTMC_PT_draw(Step, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return volumes.current(context.scene) is not None
+        volume = volumes.current(context.scene)
+        return volume is not None and volume.kind != ValueKind.LABEL
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, drawing = self.layout, context.scene.ctmc_draw
         prepare(layout)
         draw_tools(layout, context)
-        draw_structures(layout, drawing)
+        draw_structures(layout, context.scene.ctmc)
         draw_settings(layout, context, drawing)
         draw_edits(layout, context, drawing)
 
@@ -45,13 +48,13 @@ def draw_tools(layout: Any, context: bpy.types.Context) -> None:
             button.tool = tool.bl_idname
 
 
-def draw_structures(layout: Any, drawing: Any) -> None:
-    """Draw the list, with buttons to add and to remove."""
+def draw_structures(layout: Any, settings: Any) -> None:
+    """Draw the structures of the list that were drawn, with buttons to add and to remove."""
     row = layout.row()
-    row.template_list("CTMC_UL_drawn", "", drawing, "structures", drawing, "index", rows=3)
+    row.template_list("CTMC_UL_drawn", "", settings, "labels", settings, "label_index", rows=3)
     column = row.column(align=True)
     column.operator("ctmc.draw_add", text="", icon="ADD")
-    column.operator("ctmc.draw_remove", text="", icon="REMOVE")
+    column.operator("ctmc.remove_structure", text="", icon="REMOVE")
 
 
 def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
@@ -91,29 +94,29 @@ def draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
     row.operator("ctmc.draw_islands", text="Largest Only", icon="SHADING_BBOX").largest = True
     row.operator("ctmc.draw_holes", icon="MESH_CIRCLE")
     column.operator("ctmc.draw_between", icon="IPO_EASE_IN_OUT")
-    if len(drawing.structures) > 1:
+    settings = context.scene.ctmc
+    if sum(line.kind == LABEL for line in settings.labels) > 1:
         column = layout.column(align=True)
         column.prop(drawing, "combination")
-        column.prop_search(drawing, "other", drawing, "structures")
+        column.prop_search(drawing, "other", settings, "labels")
         column.operator("ctmc.draw_combine", icon="SELECT_EXTEND")
     if drawings.active(context.scene) is None:
         draw_text(layout, context, translate("Choose Grow and click on a slice, or draw with the brush"), "INFO")
 
 
 class CTMC_UL_drawn(bpy.types.UIList):
-    """A structure in a line: its eye, color and name."""
+    """A structure that was drawn, in a line: its eye, color and name."""
 
     bl_idname = "CTMC_UL_drawn"
 
     def filter_items(self, context: Any, data: Any, name: str) -> tuple[list[int], list[int]]:
-        """Show the structures of the scene's CT alone."""
-        fingerprint = context.scene.ctmc.volume_fingerprint
-        shown = [self.bitflag_filter_item * (item.fingerprint == fingerprint) for item in getattr(data, name)]
-        return shown, []
+        """Show the lines of the list that were drawn."""
+        lines = getattr(data, name)
+        return [self.bitflag_filter_item * (drawings.drawn_by(context.scene, line) is not None) for line in lines], []
 
     def draw_item(
         self,
-        _context: Any,
+        context: Any,
         layout: Any,
         _data: Any,
         item: Any,
@@ -124,9 +127,11 @@ class CTMC_UL_drawn(bpy.types.UIList):
         _flag: int,
     ) -> None:
         """Draw the line of a structure."""
+        drawn = drawings.drawn_by(context.scene, item)
         row = layout.row(align=True)
         row.use_property_split = False
-        row.prop(item, "shown", text="", icon="HIDE_OFF" if item.shown else "HIDE_ON", emboss=False)
+        if drawn is not None:
+            row.prop(drawn, "shown", text="", icon="HIDE_OFF" if drawn.shown else "HIDE_ON", emboss=False)
         color = row.row()
         color.ui_units_x = 1.2
         color.prop(item, "color", text="")

@@ -24,7 +24,7 @@ from bpy.utils import register_class, unregister_class
 
 from ...core.segmentation import HU_PER_MM, MAX_MM
 from ..state.change_events import DRAWN, notify
-from .kinds import boolean, choice, collection, decimal, decimals, integer, text
+from .kinds import boolean, choice, decimal, text
 
 
 def on_look(owner: Any, _context: Any) -> None:
@@ -53,30 +53,24 @@ class CTMCDrawnClick(PropertyGroup):
 
 
 class CTMCDrawnStructure(PropertyGroup):
-    """A structure that was drawn on the CT with a fingerprint."""
+    """What was drawn of a structure; its line of the list `scene.ctmc.labels` has the same source.
 
-    name: text("Name", "What the structure is; its surface is called so. Double-click to change it", update=on_look)
-    number: integer("Number", "Number of the structure in the file", options={"HIDDEN"})
+    Loading another CT empties that list, so name and color are kept here, for when the CT comes back.
+    """
+
+    key: StringProperty(options={"HIDDEN"})
     fingerprint: StringProperty(options={"HIDDEN"})
-    color: decimals(
-        "Color",
-        "Color of the structure on slices, and of its surface",
-        subtype="COLOR",
-        size=3,
-        min=0.0,
-        max=1.0,
-        update=on_look,
-    )
+    name: StringProperty(options={"HIDDEN"})
+    color: FloatVectorProperty(size=3, options={"HIDDEN"})
     shown: boolean("Show", "Show the structure on slices and as a preview", default=True, update=on_look)
     slices: CollectionProperty(type=CTMCPackedSlice, options={"HIDDEN"})
     clicks: CollectionProperty(type=CTMCDrawnClick, options={"HIDDEN"})
 
 
 class CTMCDrawing(PropertyGroup):
-    """The structures that were drawn in a scene, and how the tools draw."""
+    """What was drawn in a scene, and how the tools draw."""
 
-    structures: collection("Structures", "Structures that were drawn", type=CTMCDrawnStructure)
-    index: integer("Structure", "Structure that the tools draw on", update=on_look)
+    structures: CollectionProperty(type=CTMCDrawnStructure, options={"HIDDEN"})
     radius_mm: decimal(
         "Radius",
         "Radius of brush and eraser. F changes it in the viewport",

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The masks of drawn structures. The file holds their slices packed; the masks here are made of those.
 
+Each is a line of the list of structures and a source of its labels (`structures`), which are these masks.
+
 So nothing is lost that Blender does not lose: undo and redo bring back other slices, and `follow_file` unpacks those
 that differ. While a stroke is drawn its mask is ahead of the file, until `store` or `revert`.
 """
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
@@ -19,6 +22,7 @@ from ...core import Volume
 from ...core.segmentation import Change, Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind, linear, structure_color
 from . import change_events, session, volumes
+from . import structures as structure_list
 
 _revisions = count(1)
 
@@ -44,51 +48,103 @@ class Drawn:
 
 
 _strokes: list[Any] = []  # the operator whose stroke is being drawn
-_drawn: dict[tuple[int, int], Drawn] = {}  # by session_uid of the scene, and number of the structure
+_drawn: dict[tuple[int, str], Drawn] = {}  # by session_uid of the scene, and key of the structure
 
 
 def structures(scene: bpy.types.Scene) -> Iterator[Any]:
-    """Yield the structures that were drawn on the scene's CT."""
-    fingerprint = scene.ctmc.volume_fingerprint
-    yield from (item for item in scene.ctmc_draw.structures if fingerprint and item.fingerprint == fingerprint)
+    """Yield what was drawn on the scene's CT, as far as the list of structures has it."""
+    fingerprint, sources = scene.ctmc.volume_fingerprint, {line.source for line in scene.ctmc.labels}
+    for item in scene.ctmc_draw.structures:
+        if fingerprint and item.fingerprint == fingerprint and item.key in sources:
+            yield item
+
+
+def line_of(scene: bpy.types.Scene, item: Any) -> Any:
+    """Return the line of a drawn structure in the list of structures: its name, color and label."""
+    return next(line for line in scene.ctmc.labels if line.source == item.key)
+
+
+def drawn_by(scene: bpy.types.Scene, line: Any) -> Any | None:
+    """Return what was drawn of a line of the list of structures; None of a label from a file, or a threshold."""
+    return next((item for item in structures(scene) if item.key == line.source), None)
 
 
 def active(scene: bpy.types.Scene) -> Any | None:
-    """Return the structure that is drawn on; None where there is none of the scene's CT."""
-    drawing = scene.ctmc_draw
-    if not 0 <= drawing.index < len(drawing.structures):
-        return None
-    item = drawing.structures[drawing.index]
-    return item if item.fingerprint == scene.ctmc.volume_fingerprint else None
+    """Return the structure that is drawn on: the marked line of the list, if it was drawn."""
+    lines, index = scene.ctmc.labels, scene.ctmc.label_index
+    return drawn_by(scene, lines[index]) if 0 <= index < len(lines) else None
 
 
 def add(scene: bpy.types.Scene, name: str) -> Any:
-    """Add an empty structure and make it the active one; a name that is taken gets a number."""
-    drawing = scene.ctmc_draw
-    taken = {item.name for item in drawing.structures}
+    """Add an empty structure to the list, ticked and marked; a name that is taken gets a number."""
+    taken = {line.name for line in scene.ctmc.labels}
     names = (name if not number else f"{name} {number + 1}" for number in count())
-    number = max((item.number for item in drawing.structures), default=0) + 1
-    item = drawing.structures.add()
-    item.number, item.fingerprint = number, scene.ctmc.volume_fingerprint
+    item = scene.ctmc_draw.structures.add()
+    item.key, item.fingerprint = f"drawn-{uuid.uuid4().hex}", scene.ctmc.volume_fingerprint
     item.name = next(one for one in names if one not in taken)
-    item.color = linear(structure_color(number, None, item.name).rgb)
-    drawing.index = len(drawing.structures) - 1
+    value = free_value(scene)
+    item.color = linear(structure_color(value, None, item.name).rgb)
+    line = connect(scene, item)
+    scene.ctmc.label_index = len(scene.ctmc.labels) - 1
+    line.chosen = True
     return item
 
 
-def remove(scene: bpy.types.Scene, item: Any) -> None:
-    """Remove a structure; the one before it becomes the active one."""
+def free_value(scene: bpy.types.Scene) -> int:
+    """Return a label that no line of the list has."""
+    return max((line.value for line in scene.ctmc.labels), default=0) + 1
+
+
+def connect(scene: bpy.types.Scene, item: Any) -> Any:
+    """Give what was drawn its line in the list of structures, where it has none, and its voxels; return the line."""
+    stored = scene.ctmc
+    if not any(source.key == item.key for source in stored.label_sources):
+        value = free_value(scene)
+        source = stored.label_sources.add()
+        source.key, source.offset = item.key, value - 1
+        stored.add_labels([(value, item.name, tuple(item.color))], item.key)
+    put(scene, item)
+    return line_of(scene, item)
+
+
+def connect_all(scene: bpy.types.Scene) -> None:
+    """Connect all that was drawn on the scene's CT, which has just been loaded."""
+    if volumes.loaded(scene) is None or volumes.is_coarse(scene):
+        return
+    for item in scene.ctmc_draw.structures:
+        if item.fingerprint == scene.ctmc.volume_fingerprint:
+            connect(scene, item)
+
+
+def put(scene: bpy.types.Scene, item: Any) -> None:
+    """Hand the voxels to the list of structures, as a volume of its own: what was made of the last one is old."""
+    labels = label_volume(of(scene, item).mask, volumes.require_loaded(scene).volume)
+    structure_list.put(item.key, labels)
+
+
+def forget(scene: bpy.types.Scene, key: str) -> None:
+    """Remove what was drawn of a structure whose line was removed."""
     drawing = scene.ctmc_draw
-    place = next(at for at, one in enumerate(drawing.structures) if one.number == item.number)
-    _drawn.pop((scene.session_uid, item.number), None)
-    drawing.structures.remove(place)
-    drawing.index = max(0, min(drawing.index, len(drawing.structures) - 1))
-    change_events.notify(scene.ctmc, change_events.DRAWN)
+    place = next((at for at, item in enumerate(drawing.structures) if item.key == key), None)
+    if place is not None:
+        drawing.structures.remove(place)
+        _drawn.pop((scene.session_uid, key), None)
+        change_events.notify(scene.ctmc, change_events.DRAWN)
+
+
+def remove(scene: bpy.types.Scene, item: Any) -> None:
+    """Remove a structure and its line."""
+    stored, key = scene.ctmc, item.key
+    place = next(at for at, line in enumerate(stored.labels) if line.source == key)
+    stored.labels.remove(place)
+    stored.label_sources.remove([source.key for source in stored.label_sources].index(key))
+    stored.label_index = max(0, min(stored.label_index, len(stored.labels) - 1))
+    forget(scene, key)
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:
     """Return a structure in memory, made of the file where it is not there yet; the scene's CT must be loaded."""
-    key, volume = (scene.session_uid, item.number), volumes.require_loaded(scene).volume
+    key, volume = (scene.session_uid, item.key), volumes.require_loaded(scene).volume
     drawn = _drawn.get(key)
     if drawn is None or drawn.mask.shape != volume.shape:
         drawn = _drawn[key] = Drawn(np.zeros(volume.shape, bool))
@@ -190,18 +246,40 @@ def follow_file(*_: Any) -> None:
     """Bring all masks to what the file has, after undo or redo."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     changed = set()
-    for (uid, number), drawn in list(_drawn.items()):
+    for (uid, key), drawn in list(_drawn.items()):
         scene = scenes.get(uid)
-        item = scene and next((one for one in scene.ctmc_draw.structures if one.number == number), None)
+        item = scene and next((one for one in structures(scene) if one.key == key), None)
         if scene is None or item is None:
-            del _drawn[uid, number]
+            del _drawn[uid, key]
             changed.add(uid)
         elif take(drawn, item):
+            put(scene, item)
             changed.add(uid)
+    for scene in scenes.values():
+        connect_all(scene)  # a structure whose removal was undone
     for uid in changed & scenes.keys():
         change_events.notify(scenes[uid].ctmc, change_events.DRAWN)
     if changed:
         session.redraw_viewports()
+
+
+def after_load(*_: Any) -> None:
+    """Take what an opened file has, where its CT is in memory still."""
+    clear()
+    for scene in bpy.data.scenes:
+        connect_all(scene)
+
+
+def follow(properties: Any, name: str) -> None:
+    """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
+    scene = properties.id_data
+    if name == "volume":
+        connect_all(scene)
+    elif name in ("label_name", "label_color"):
+        for item in structures(scene):
+            line = line_of(scene, item)
+            item.name, item.color = line.name, tuple(line.color)
+        change_events.notify(properties, change_events.DRAWN)
 
 
 def clear(*_: Any) -> None:
@@ -209,17 +287,19 @@ def clear(*_: Any) -> None:
     _drawn.clear()
 
 
-HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_pre": clear}
+HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_post": after_load}
 
 
 def register() -> None:
-    """Listen for undo and for another file."""
+    """Listen for undo, for another file and for another CT."""
+    change_events.subscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
     """Stop listening, and release all masks."""
+    change_events.unsubscribe(follow)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     clear()

@@ -19,7 +19,7 @@ from ...core.segmentation import Mask, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import change_events, drawings, session, volumes
+from ..state import change_events, drawings, session, surfaces, volumes
 
 DISPLAY_GAMMA = 2.2
 SOON = 0.01  # seconds from a change to the surface
@@ -27,7 +27,8 @@ CROP_MM = 4.0  # around a structure, for its surface
 
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by slice: what decides its picture, and the picture
-_surfaces: dict[tuple[int, int], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
+_surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
+_made: dict[tuple[int, str], tuple[Any, int]] = {}  # the objects of a structure, and its revision when they came
 
 
 def tool_of(context: Any) -> str:
@@ -51,8 +52,8 @@ def picture_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any =
     drawn = [drawings.of(scene, item) for item in items]
     state = (
         corners_mm.tobytes(),
-        tuple((item.number, one.revision, tuple(item.color)) for item, one in zip(items, drawn, strict=True)),
-        None if active is None else active.number,
+        tuple((item.key, one.revision, tuple(item.color)) for item, one in zip(items, drawn, strict=True)),
+        None if active is None else active.key,
         scale,
     )
     if key not in _pictures or _pictures[key][0] != state:
@@ -60,8 +61,8 @@ def picture_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any =
         some = [(mask, item) for mask, item in zip(masks, items, strict=True) if mask.any()]
         picture = None
         if some:
-            numbers = [item.number for _, item in some]
-            at = numbers.index(active.number) if active is not None and active.number in numbers else None
+            keys = [item.key for _, item in some]
+            at = keys.index(active.key) if active is not None and active.key in keys else None
             colors = veiled([mask for mask, _ in some], [seen_color(item) for _, item in some], at)
             picture = Picture(colors, corners_mm * scale)
         _pictures[key] = (state, picture)
@@ -108,9 +109,25 @@ def draw_surfaces(context: Any, ct: volumes.Loaded) -> None:
         wake()
     plane = plane_of(context, ct) if scene.ctmc_view.show_slice and tool_of(context) else (0.0, 0.0, 0.0, 0.0)
     for item in drawings.structures(scene):
-        _, surface = _surfaces.get((scene.session_uid, item.number), (0, None))
-        if surface is not None and item.shown:
+        _, surface = _surfaces.get((scene.session_uid, item.key), (0, None))
+        if surface is not None and item.shown and not is_made(scene, item):
             surface.draw(region.perspective_matrix, region.view_matrix, tuple(item.color), plane)
+
+
+def is_made(scene: bpy.types.Scene, item: Any) -> bool:
+    """Return whether a structure's surface stands in the viewport as it was drawn; the two would flicker."""
+    objects = [obj for obj in surfaces.of_structure(scene, drawings.line_of(scene, item)) if obj.visible_get()]
+    state = [(obj.session_uid, obj.data.session_uid, len(obj.data.vertices)) for obj in objects]
+    key, revision = (scene.session_uid, item.key), drawings.of(scene, item).revision
+    if key not in _made or _made[key][0] != state:  # made just now, of what is drawn now
+        _made[key] = (state, revision)
+    return bool(objects) and _made[key][1] == revision
+
+
+def shows(scene: bpy.types.Scene, label: int | None) -> bool:
+    """Return whether a label was drawn, so that it is shown here and needs no other preview."""
+    lines = (drawings.line_of(scene, item) for item in drawings.structures(scene))
+    return label is not None and any(line.value == label for line in lines)
 
 
 def plane_of(context: Any, ct: volumes.Loaded) -> tuple[float, float, float, float]:
@@ -134,7 +151,7 @@ def follow(_properties: Any, name: str) -> None:
 
 def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure has changed since its surface was made."""
-    made = _surfaces.get((scene.session_uid, item.number), (-1, None))[0]
+    made = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
     return made != drawings.of(scene, item).revision
 
 
@@ -154,7 +171,7 @@ def tick() -> float | None:
         for item in drawings.structures(scene):
             if is_behind(scene, item):
                 revision = drawings.of(scene, item).revision
-                _surfaces[scene.session_uid, item.number] = (revision, surface_of(scene, item))
+                _surfaces[scene.session_uid, item.key] = (revision, surface_of(scene, item))
                 session.redraw_viewports()
                 return SOON
     return None
@@ -177,6 +194,7 @@ def clear(*_: Any) -> None:
     """Forget what is shown, as another file is loaded."""
     _pictures.clear()
     _surfaces.clear()
+    _made.clear()
 
 
 def register() -> None:

@@ -19,9 +19,9 @@ from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
 from ..properties.described import as_written
 from ..properties.preferences import machine
-from ..state import change_events, label_looks, session, structures, volumes
+from ..state import change_events, drawings, label_looks, session, structures, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
-from . import alpha, preview
+from . import alpha, drawn, preview
 
 IDLE = 0.25  # seconds without a change after which costs are counted and the preview is refined
 TICK = 0.03  # seconds of work between two looks at the events
@@ -64,18 +64,24 @@ live = Live()
 
 def mark(properties: Any, name: str) -> None:
     """Note that a setting has changed; this is cheap, as it runs within the slider's own event."""
-    if name in ("window", change_events.DRAWN):
+    if name == "window":
         return
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)
         return
-    start(scene, stale=name not in SILENT)
+    start(scene, stale=name not in SILENT and not (name == change_events.DRAWN and shows_drawn(scene)))
     if name == "alpha":
         live.alpha_moved = True
         alpha.move(scene, as_written(properties.alpha))
     if name == "preview" and not properties.preview:
         preview.hide()
+
+
+def shows_drawn(scene: bpy.types.Scene) -> bool:
+    """Return whether the preview is of a structure that was drawn, which shows a preview of its own."""
+    settings = preview.settings_of(scene)
+    return settings is not None and drawn.shows(scene, settings.label)
 
 
 def start(scene: bpy.types.Scene, stale: bool) -> None:
@@ -93,7 +99,7 @@ def tick() -> float | None:
     if scene is None or live.changed is None:
         live.changed = None
         return None
-    if jobs.running() is not None:
+    if jobs.running() is not None or drawings.stroke_under_way():
         return IDLE
     loaded = volumes.loaded(scene)
     if loaded is None:

@@ -35,8 +35,7 @@ from ..properties.preferences import machine
 from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
 from ..state import structures, volumes
-from . import deviation
-from .drawn import tool_of
+from . import deviation, drawn
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -89,7 +88,8 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
     labels, bands = wanted_labels(settings), ticked_bands(settings)
-    draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
+    labels = tuple(label for label in labels if not drawn.shows(scene, label))  # `drawn` lays those over the slice
+    draws = bool(drawn.tool_of(bpy.context))  # what is drawn is seen best on gray
     above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
@@ -108,8 +108,8 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
             below = shown if is_gray else np.zeros_like(shown) + np.array([0, 0, 0, 1], np.float32)
             layers = label_slices(of_labels, shown_slice)
             shown = with_labels(below, layers, colors, labels, TINT_SHARE if is_gray else 1.0)
-        drawn = Picture(shown, slice_corners(volume, shown_slice) * scale)
-        _last.update(volume=volume, key=key, picture=drawn)
+        picture = Picture(shown, slice_corners(volume, shown_slice) * scale)
+        _last.update(volume=volume, key=key, picture=picture)
     last: Picture = _last["picture"]
     return last
 

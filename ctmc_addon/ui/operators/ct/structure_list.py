@@ -14,7 +14,7 @@ from ....core.volume import anatomy_of, tissue_name, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
 from ...properties.structures import follow_ticks, tick
-from ...state import change_events, surfaces, volumes
+from ...state import change_events, drawings, surfaces, volumes
 from ...translations import translate
 
 
@@ -96,7 +96,9 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.remove_structure"
     bl_label = "Remove Structure"
-    bl_description = "Remove the marked structure from the list. Its surface stays, and so do the files"
+    bl_description = (
+        "Remove the marked structure from the list, with what was drawn of it. Its surface stays, and so do the files"
+    )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     needs = (has_structures,)
@@ -109,6 +111,7 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
         stored.label_index = max(0, index - 1)
         if source and not any(item.source == source for item in stored.labels):
             stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+            drawings.forget(context.scene, source)
         change_events.notify(stored, "label")
         return {"FINISHED"}
 

@@ -23,7 +23,8 @@ from ....core.segmentation import (
 )
 from ....core.volume import slice_at
 from ... import jobs
-from ...state import drawings, session
+from ...properties.structures import LABEL
+from ...state import drawings, session, structures
 from .needs import allowed_steps, can_draw, has_structure, limits_of, structure_of, volume_of, volume_text
 
 Work = Callable[[Mask, Volume, Window], Steps[Mask]]
@@ -52,14 +53,14 @@ class Edit(jobs.LongOperator):
             raise SettingsError("there is no structure; add one first")
         window = drawings.window_in(scene, item)
         if window is None:
-            raise SettingsError(f"{item.name} is empty; draw it first")
+            raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
         reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
         mask = drawings.of(scene, item).mask[window].copy()
-        return edit_steps(self.work(scene)(mask, volume, window), window, scene.session_uid, item.number)
+        return edit_steps(self.work(scene)(mask, volume, window), window, scene.session_uid, item.key)
 
 
-def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, number: int) -> Steps[jobs.Conclusion]:
+def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, key: str) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
     made = yield from work
 
@@ -67,7 +68,7 @@ def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, number: int) -
         scene = session.scene_of(scene_uid)
         if scene is None:
             raise SettingsError("the scene was removed; draw in another one")
-        item = structure_of(scene, number)
+        item = structure_of(scene, key)
         drawings.replace(scene, item, window, made)
         session.of(scene).message = ""
         return volume_text(scene, item)
@@ -160,13 +161,22 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the work on the whole CT: the other one may lie anywhere."""
         scene, how = context.scene, context.scene.ctmc_draw.combination
-        item, volume = drawings.active(scene), volume_of(scene)
-        other = next((one for one in drawings.structures(scene) if one.name == scene.ctmc_draw.other), None)
-        if item is None or other is None or other.number == item.number:
-            raise SettingsError("choose another structure to combine with")
-        first, second = drawings.of(scene, item).mask.copy(), drawings.of(scene, other).mask.copy()
+        item, volume, name = drawings.active(scene), volume_of(scene), scene.ctmc_draw.other
+        line = next((line for line in scene.ctmc.labels if line.name == name and line.kind == LABEL), None)
+        if item is None or line is None or line.source == item.key:
+            raise SettingsError("choose another structure to combine with, drawn or a label")
+        first, second = drawings.of(scene, item).mask.copy(), mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)
-        return edit_steps(combined_steps(first, second, how), (z, y, x), scene.session_uid, item.number)
+        return edit_steps(combined_steps(first, second, how), (z, y, x), scene.session_uid, item.key)
+
+
+def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:
+    """Return the voxels of a label of the list, wherever it comes from."""
+    mask = np.zeros(volume_of(scene).shape, bool)
+    labels = structures.label_volume(scene)
+    for layer in () if labels is None else labels.each_layer:
+        mask |= layer.values == line.value
+    return mask
 
 
 def combined_steps(first: Mask, second: Mask, how: str) -> Steps[Mask]:

@@ -70,7 +70,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
         volume = volume_of(scene)
         sample = sample_at(volume, self.point_mm)
         item = drawings.active(scene)
-        number = None if item is None else item.number
+        structure = None if item is None else item.key
         limits = limits_of(drawing)
         if drawing.method == "connected":
             before = None if item is None else drawings.of(scene, item).mask
@@ -78,16 +78,16 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
             work = connected_click_steps(
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
-            return self.conclusion_steps(work, scene.session_uid, number, None)
+            return self.conclusion_steps(work, scene.session_uid, structure, None)
         known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
         clicks = (*known, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else drawings.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
         work = compete_click_steps(volume, clicks, how, grown)
-        return self.conclusion_steps(work, scene.session_uid, number, clicks[-1])
+        return self.conclusion_steps(work, scene.session_uid, structure, clicks[-1])
 
     def conclusion_steps(
-        self, work: Steps[Grown], scene_uid: int, number: int | None, click: Click | None
+        self, work: Steps[Grown], scene_uid: int, key: str | None, click: Click | None
     ) -> Steps[jobs.Conclusion]:
         """Do the work, then change the structure at once."""
         grown = yield from work
@@ -96,7 +96,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
             scene = session.scene_of(scene_uid)
             if scene is None:
                 raise SettingsError("the scene was removed; draw in another one")
-            item = active_or_new(scene) if number is None else structure_of(scene, number)
+            item = active_or_new(scene) if key is None else structure_of(scene, key)
             if click is not None:
                 added = item.clicks.add()
                 added.sample, added.inside = click.sample, bool(click.structure)

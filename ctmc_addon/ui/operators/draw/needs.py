@@ -11,6 +11,7 @@ import numpy as np
 
 from ....core import ReadError, SettingsError, Steps, Volume
 from ....core.segmentation import Mask, Window, range_mask_steps
+from ....core.volume import ValueKind
 from ...state import drawings, volumes
 from ...translations import translate
 
@@ -18,6 +19,9 @@ from ...translations import translate
 def can_draw(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether a CT is in memory that can be drawn on, with the reason if not."""
     if not volumes.has_volume(operator, context):
+        return False
+    if volumes.require_loaded(context.scene).volume.kind == ValueKind.LABEL:
+        operator.poll_message_set("This volume holds labels; load the CT to draw")
         return False
     if volumes.is_coarse(context.scene):
         operator.poll_message_set("This CT does not fit in memory; load a part of it to draw")
@@ -28,7 +32,7 @@ def can_draw(operator: Any, context: bpy.types.Context) -> bool:
 def has_structure(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether there is a structure to work on, with the reason if not."""
     if drawings.active(context.scene) is None:
-        operator.poll_message_set("Add a structure first")
+        operator.poll_message_set("Mark a structure that was drawn, or add one")
         return False
     return True
 
@@ -38,10 +42,10 @@ def active_or_new(scene: bpy.types.Scene) -> Any:
     return drawings.active(scene) or drawings.add(scene, translate("Structure"))
 
 
-def structure_of(scene: bpy.types.Scene, number: int) -> Any:
-    """Return the structure with a number; a `SettingsError` where it has gone since the work began."""
+def structure_of(scene: bpy.types.Scene, key: str) -> Any:
+    """Return the structure with a key; a `SettingsError` where it has gone since the work began."""
     for item in drawings.structures(scene):
-        if item.number == number:
+        if item.key == key:
             return item
     raise SettingsError("the structure was removed; choose another one")
 
@@ -82,4 +86,5 @@ def whole(shape: Sequence[int]) -> Window:
 
 def volume_text(scene: bpy.types.Scene, item: Any) -> str:
     """Return what a structure is called, and how large it is."""
-    return translate("{name}: {volume} ml").format(name=item.name, volume=f"{drawings.ml_of(scene, item):.4g}")
+    text, name = translate("{name}: {volume} ml"), drawings.line_of(scene, item).name
+    return text.format(name=name, volume=f"{drawings.ml_of(scene, item):.4g}")

@@ -52,7 +52,7 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
         view = np.array(self.view, np.float64).reshape(4, 4)
         mask = drawings.of(scene, item).mask.copy()
         work = scissors_steps(mask, volume, view, corners, self.keep_inside)
-        return edit_steps(work, whole(volume.shape), scene.session_uid, item.number)
+        return edit_steps(work, whole(volume.shape), scene.session_uid, item.key)
 
 
 class CTMC_OT_draw_lasso(Needs, bpy.types.Operator):

@@ -49,14 +49,14 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
 
     def start(self, scene: bpy.types.Scene) -> None:
         """Remember what is drawn on."""
-        self.is_new = drawings.active(scene) is None
-        self.number = active_or_new(scene).number
+        self.is_new, self.used_label = drawings.active(scene) is None, scene.ctmc.use_label
+        self.key = active_or_new(scene).key
         self.touched: set[int] = set()
 
     def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point) -> None:
         """Draw from point to point."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
-        drawn = drawings.of(scene, structure_of(scene, self.number))
+        drawn = drawings.of(scene, structure_of(scene, self.key))
         window, inside = brushed_window(volume, points_mm, drawing.radius_mm, None if drawing.ball else normal)
         if not inside.size:
             return
@@ -73,7 +73,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
     def finish(self, context: bpy.types.Context) -> set[str]:
         """Put the stroke into the file."""
         scene = context.scene
-        item = structure_of(scene, self.number)
+        item = structure_of(scene, self.key)
         drawings.store(scene, item, self.touched)
         return {"FINISHED"}
 
@@ -117,10 +117,11 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         """Bring back what the file has."""
         drawings.end_stroke(self)
         scene = context.scene
-        item = structure_of(scene, self.number)
+        item = structure_of(scene, self.key)
         drawings.revert(scene, item, self.touched)
         if self.is_new:
             drawings.remove(scene, item)
+            scene.ctmc.use_label = self.used_label
         session.redraw_viewports()
 
 

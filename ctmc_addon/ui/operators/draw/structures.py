@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures are added and removed, and a tool is taken: `ctmc.draw_add`, `ctmc.draw_remove`, `ctmc.draw_tool`."""
+"""A structure is added, and a tool is taken: `ctmc.draw_add` and `ctmc.draw_tool`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...needs import Needs
 from ...state import drawings
 from ...translations import translate
 from ..scene.slice_object import in_object_mode
-from .needs import can_draw, has_structure
+from .needs import can_draw
 
 
 class CTMC_OT_draw_add(Needs, bpy.types.Operator):
@@ -26,23 +26,6 @@ class CTMC_OT_draw_add(Needs, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         drawings.add(context.scene, translate("Structure"))
-        return {"FINISHED"}
-
-
-class CTMC_OT_draw_remove(Needs, bpy.types.Operator):
-    """Remove the structure that is drawn on."""
-
-    bl_idname = "ctmc.draw_remove"
-    bl_label = "Remove Structure"
-    bl_description = "Remove the structure with all that was drawn of it; surfaces that were made of it stay"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-
-    needs = (jobs.idle, can_draw, has_structure)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        item = drawings.active(context.scene)
-        assert item is not None, "poll asks for one"
-        drawings.remove(context.scene, item)
         return {"FINISHED"}
 
 
@@ -63,4 +46,4 @@ class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_add, CTMC_OT_draw_remove, CTMC_OT_draw_tool))
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_add, CTMC_OT_draw_tool))

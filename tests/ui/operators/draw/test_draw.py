@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.volume import volume_box
 from ctmc_addon.ui.properties.drawing import points_of
-from ctmc_addon.ui.state import drawings, volumes
+from ctmc_addon.ui.state import drawings, measurements, surfaces, volumes
 
 
 def middle():
@@ -44,7 +44,7 @@ def test_a_stroke_makes_a_structure_and_erasing_it_leaves_nothing(drawing):
     volume = volumes.current(bpy.context.scene)
     exact = 4 / 3 * np.pi * 4.0**3 / np.prod(volume.spacing)
     assert 0.7 * exact < mask().sum() < 1.3 * exact
-    assert [item.name for item in drawing.structures] == ["Structure"]
+    assert [line.name for line in bpy.context.scene.ctmc.labels] == ["Structure"]
     assert stroke(middle(), erase=True) == {"FINISHED"}
     assert not mask().any()
     assert packed() == {}
@@ -141,7 +141,8 @@ def test_edits_of_a_whole_structure(drawing):
     bpy.ops.ctmc.draw_margin()
     bpy.ops.ctmc.draw_add()
     stroke((x - 7, y, z), (x + 5, y, z))
-    drawing.index, drawing.other, drawing.combination = 0, "Structure 2", "minus"
+    bpy.context.scene.ctmc.label_index = 0
+    drawing.other, drawing.combination = "Structure 2", "minus"
     before = mask().copy()
     bpy.ops.ctmc.draw_combine()
     assert 0 < mask().sum() < before.sum()
@@ -175,8 +176,41 @@ def test_removing_a_structure_and_undo_brings_it_back(drawing):
     stroke(middle())
     before = mask().copy()
     bpy.ops.ed.undo_push(message="Stroke")
-    bpy.ops.ctmc.draw_remove()
+    bpy.ops.ctmc.remove_structure()
     bpy.ops.ed.undo_push(message="Remove")
     assert drawings.active(bpy.context.scene) is None
     bpy.ops.ed.undo()
+    assert (mask() == before).all()
+
+
+def test_reconstruct_makes_what_was_drawn_under_its_name(drawing):
+    scene = bpy.context.scene
+    scene.ctmc.preview = False
+    drawing.radius_mm, drawing.ball = 5.0, True
+    stroke(middle())
+    bpy.ops.ctmc.draw_add()
+    x, y, z = middle()
+    drawing.radius_mm = 3.0
+    stroke((x + 6, y, z))  # overlaps the first
+    scene.ctmc.labels[0].name = "kidney"
+    scene.ctmc.interfaces = "separate"
+    assert scene.ctmc.use_label
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    for item, name in zip(drawings.structures(scene), ("kidney", "Structure 2"), strict=True):
+        (obj,) = surfaces.of_structure(scene, drawings.line_of(scene, item))
+        assert obj.name.endswith(name)
+        drawn = drawings.of(scene, item).mask.sum() * np.prod(volumes.current(scene).spacing)
+        assert measurements.of(obj).measures.volume == pytest.approx(drawn, rel=0.05)
+
+
+def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
+    drawing.radius_mm = 5.0
+    stroke(middle())
+    bpy.context.scene.ctmc.labels[0].name = "tumor"
+    before = mask().copy()
+    np.save(tmp_path / "other.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"), spacing=(1, 1, 2))
+    assert not any(drawings.structures(bpy.context.scene))
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert [line.name for line in bpy.context.scene.ctmc.labels] == ["tumor"]
     assert (mask() == before).all()
