@@ -31,11 +31,11 @@ from ..tissue import FINISHES
 
 KEY = "CTMC Key"
 SUNS = {
-    KEY: Sun(34.0, 30.0, 0.62, 30.0, True, (1.0, 0.97, 0.92)),
+    KEY: Sun(34.0, 30.0, 0.68, 30.0, True, (1.0, 0.97, 0.92)),
     "CTMC Fill": Sun(-40.0, 0.0, 0.10, 0.0, False, (0.90, 0.95, 1.0)),
     "CTMC Rim": Sun(-152.0, 32.0, 0.75, 8.0, True, (0.96, 0.98, 1.0)),
 }
-FROM_ALL_SIDES = 0.42  # white
+FROM_ALL_SIDES = 0.44  # white
 OUTLINE_MM = 0.14  # on the page
 OUTLINE: Color = (0.012, 0.010, 0.012)
 TINT = 0.4  # of the color of a translucent organ, in what is seen through it

@@ -23,6 +23,7 @@ from ..materials import (
     surface_material,
 )
 from ..surface import mesh_data as meshes
+from ..surface.provenance import read_provenance, settings_of
 from ..viewport.shaders import can_draw
 from .distance_map import DISTANCE, distance_material
 from .illustration import glass_material, opaque_material
@@ -100,7 +101,7 @@ def assign_materials(
         obj.visible_shadow = False  # or walls that touch would speckle each other
         material = transparent_material(face, shown.opacity, layers, style)
     elif style.style == "illustration":
-        material = opaque_material(NAME, face, finish_of(None if not shown.name else 1, shown.name))
+        material = opaque_material(NAME, face, finish_of(label_of(shown.obj), shown.name or shown.obj.name))
     else:
         material = surface_material(NAME, face)
         make_matte(material)
@@ -116,6 +117,11 @@ def assign_materials(
     if line and width and style.engine != "cycles":
         added.append(add_edge_geometry(obj, line, width))
     return added
+
+
+def label_of(obj: bpy.types.Object) -> int | None:
+    """Return the label that a surface was made of; None for one by threshold."""
+    return None if read_provenance(obj) is None else settings_of(obj).label
 
 
 def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.float32]:

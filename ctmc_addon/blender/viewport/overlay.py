@@ -16,9 +16,11 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 Color = tuple[float, float, float, float]
+Box = tuple[float, float, float, float]
 FONT = 0
 # Pixels; a letter nearer to the middle than this would say nothing.
 NEAREST_LETTER = 24.0
+PLATE = 4.0  # pixels of a dark box around letters
 FAINT = 0.25  # how much of a line is seen through what hides it
 
 
@@ -139,22 +141,60 @@ def draw_letters(
 
     center = location_3d_to_region_2d(region, view, Vector(middle))
     blf.size(FONT, size)
-    blf.enable(FONT, blf.SHADOW)
-    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
-    blf.shadow_offset(FONT, 1, -1)
     blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
     for letter, position in letters.items():
         at = location_3d_to_region_2d(region, view, Vector(position))
         if at is None or (center is not None and (at - center).length < NEAREST_LETTER):
             continue
         width, height = blf.dimensions(FONT, letter)
-        blf.position(FONT, at.x - width / 2, at.y - height / 2, 0.0)
+        x, y = at.x - width / 2, at.y - height / 2
+        draw_plate(plate_of(x, y, width, height))
+        blf.position(FONT, x, y, 0.0)
         blf.draw(FONT, letter)
-    blf.disable(FONT, blf.SHADOW)
+
+
+def plate_of(x: float, y: float, width: float, height: float) -> Box:
+    """Return the box behind letters that begin at (x, y), pixels: left, bottom, right, top."""
+    return x - PLATE, y - PLATE, x + width + PLATE, y + height + PLATE
+
+
+def draw_plate(box: Box) -> None:
+    """Darken a box of the screen, so that light letters are read on any ground."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    left, bottom, right, top = box
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
+    batch = batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+    gpu.state.blend_set("ALPHA")
+    shader.bind()
+    shader.uniform_float("color", (0.0, 0.0, 0.0, 0.6))
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def apart(boxes: Sequence[Box]) -> list[Box]:
+    """Return boxes of which none overlaps another: one that would is moved up, past those before it.
+
+    Examples
+    --------
+    >>> apart([(0.0, 0.0, 9.0, 4.0), (5.0, 1.0, 14.0, 5.0), (20.0, 0.0, 29.0, 4.0)])
+    [(0.0, 0.0, 9.0, 4.0), (5.0, 4.0, 14.0, 8.0), (20.0, 0.0, 29.0, 4.0)]
+    """
+    placed: list[Box] = []
+    for left, bottom, right, top in boxes:
+        height = top - bottom
+        beside = sorted((box for box in placed if box[0] < right and left < box[2]), key=lambda box: box[1])
+        for _, low, _, high in beside:
+            if low < bottom + height and bottom < high:
+                bottom = high
+        placed.append((left, bottom, right, bottom + height))
+    return placed
 
 
 def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size: float) -> None:
-    """Texts beside places in space, `size` pixels high, over everything.
+    """Texts beside places in space, `size` pixels high, over everything and none over another.
 
     Parameters
     ----------
@@ -166,15 +206,17 @@ def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size:
     from mathutils import Vector
 
     blf.size(FONT, size)
-    blf.enable(FONT, blf.SHADOW)
-    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
     blf.color(FONT, 1.0, 0.85, 0.35, 1.0)
+    texts, boxes = [], []
     for text, point in labels:
         at = location_3d_to_region_2d(region, view, Vector(point))
         if at is not None:
-            blf.position(FONT, at.x + size / 2, at.y + size / 2, 0.0)
-            blf.draw(FONT, text)
-    blf.disable(FONT, blf.SHADOW)
+            texts.append(text)
+            boxes.append(plate_of(at.x + size / 2, at.y + size / 2, *blf.dimensions(FONT, text)))
+    for text, box in zip(texts, apart(boxes), strict=True):
+        draw_plate(box)
+        blf.position(FONT, box[0] + PLATE, box[1] + PLATE, 0.0)
+        blf.draw(FONT, text)
 
 
 def draw_path(places: Sequence[tuple[float, float]], color: Color = (1.0, 1.0, 1.0, 0.9)) -> None:

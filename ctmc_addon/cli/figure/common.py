@@ -186,9 +186,8 @@ def shown_of(
     require_opacities(args.opacities, ((result.settings.label or 0, result.label_name) for result in results))
     with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
         chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
-        alone = tuple(surfaces.titles) if len(results) == 1 and not names else names
         with blender_at_work():
-            cell = shown_surfaces(objects, scene, style, alone, chosen, clear)
+            cell = shown_surfaces(objects, scene, style, names, chosen, clear)
         yield scene, cell, shown
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...blender.rulers import place_of, rulers_of, text_of
-from ...blender.viewport import draw_labels, draw_lines
+from ...blender.rulers import place_of, points_of, rulers_of, text_of
+from ...blender.viewport import draw_labels, draw_lines, draw_path
 
 COLOR = (1.0, 0.85, 0.35, 1.0)
 LETTERS = 13.0  # pixels
@@ -41,12 +41,19 @@ def draw_wire() -> None:
 
 
 def draw_values() -> None:
-    """Draw the value of each ruler that is seen."""
+    """Draw the line and the value of each ruler that is seen, over everything."""
     context = bpy.context
     if context.space_data is None or not context.space_data.overlay.show_overlays:
         return
-    shown = [(text_of(ruler), place_of(ruler)) for ruler in rulers_of(context.scene) if ruler.visible_get()]
-    if shown:
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+
+    rulers = [ruler for ruler in rulers_of(context.scene) if ruler.visible_get()]
+    for ruler in rulers:  # its wire lies in the slice that was measured on, which hides half of it
+        places = [location_3d_to_region_2d(context.region, context.region_data, point) for point in points_of(ruler)]
+        if None not in places:
+            draw_path([(place.x, place.y) for place in places], COLOR)
+    if rulers:
+        shown = [(text_of(ruler), place_of(ruler)) for ruler in rulers]
         draw_labels(context.region, context.region_data, shown, LETTERS * context.preferences.system.ui_scale)
 
 
