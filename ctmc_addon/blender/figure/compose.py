@@ -22,6 +22,7 @@ from ..datablocks import remove_render_results, render_results
 from ..studio import SUNS, WORLD, Sun, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_copy
+from ..surface.objects import NEIGHBOR
 from ..surface.placement import matrix_of
 from ..surface.readback import placement_of
 from .annotations import LEADING, Board, color_bar, legend, round_length, scale_bar
@@ -37,6 +38,8 @@ from .slice_pictures import SlicePictures
 from .spec import WHITE, Cell, FigureStyle, Page, RulerMark
 from .styles import NAME, assign_materials, mean_edge, require_engine, scale_in_scene, set_engine, shown_color
 from .visibility import depth_maps
+
+WALL_GAP_MM = 0.02  # in the patient
 
 
 @dataclass
@@ -125,6 +128,8 @@ def compose(
         for cell in cells:
             figure.copies.append([add_copy(figure, surface.obj, scene) for surface in cell.surfaces])
             open_shared_walls(cell, figure.copies[-1])
+            for copy in figure.copies[-1]:
+                part_shared_walls(copy, WALL_GAP_MM * figure.scale / scale_in_scene(copy))
             figure.pictures.append(SlicePictures(figure.scene, figure.blocks))
             for plane in cell.slices:
                 figure.pictures[-1].add_plane(plane, scene)
@@ -202,6 +207,31 @@ def add_outlines(figure: FigureScene, cells: Sequence[Cell]) -> None:
             figure.scene.collection.objects.link(shell)
             figure.outlines[-1].append(shell)
     figure.scene.view_layers[0].update()
+
+
+def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
+    """Move the walls that a label shares with others inwards: two in one place, seen from an open end, would flicker.
+
+    Each is then seen from its own side alone.
+
+    Parameters
+    ----------
+    gap : float
+        In the units of the mesh; a small part of a pixel.
+    """
+    mesh = copy.data
+    beyond = mesh.attributes.get(NEIGHBOR)
+    if beyond is None or beyond.domain != "FACE" or len(mesh.loops) != 3 * len(mesh.polygons):
+        return
+    labels = np.empty(len(mesh.polygons), np.int32)
+    beyond.data.foreach_get("value", labels)
+    on_wall = np.unique(meshes.read_triangles(mesh)[labels != 0])
+    normals = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertex_normals.foreach_get("vector", normals)
+    positions = meshes.read_positions(mesh)
+    positions[on_wall] -= gap * normals.reshape(-1, 3)[on_wall]
+    mesh.attributes["position"].data.foreach_set("vector", positions.ravel())
+    mesh.update()
 
 
 def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:

@@ -47,8 +47,13 @@ def outline_shell(obj: bpy.types.Object, width: float) -> bpy.types.Mesh:
     mesh = obj.data
     normals = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertex_normals.foreach_get("vector", normals)
+    shell = mesh.copy()
+    shell.name = SHELL
+    shell.materials.clear()
     positions = meshes.read_positions(mesh) + width * normals.reshape(-1, 3)
-    return meshes.new_mesh(SHELL, positions, np.ascontiguousarray(meshes.read_triangles(mesh)[:, ::-1]))
+    shell.attributes["position"].data.foreach_set("vector", positions.ravel())
+    shell.flip_normals()
+    return shell
 
 
 def outline_material() -> bpy.types.Material:

@@ -58,6 +58,12 @@ class SlicePictures:
         """Give a surface its material and leave the caps that show a slice as they are."""
         before = list(mesh.materials)
         caps = [slot for slot, old in enumerate(before) if old is not None and shows_slice(old)]
+        if not caps:  # a large mesh takes its time to be asked for its slots
+            mesh.materials.clear()
+            mesh.materials.append(material)
+            if (numbers := mesh.attributes.get("material_index")) is not None:
+                mesh.attributes.remove(numbers)
+            return
         slots = np.zeros(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("material_index", slots)
         mesh.materials.clear()

@@ -33,6 +33,7 @@ from .video import require_video, write_video
 
 NOTE = "turntable.json"
 FRAME = "frame_{:05d}.png"
+FIRST_OF_EEVEE = ": Blender compiles shaders first and does not answer meanwhile"
 FRAMES_FOLDER = ".frames"  # beside a video, until it is done
 
 
@@ -133,7 +134,7 @@ def frames_steps(figure: FigureScene, pivot: bpy.types.Object, folder: Path, pag
     pivot.driver_remove("rotation_euler", 2)
     began = time.perf_counter()
     for done, at in enumerate(missing):
-        left = ""
+        left = FIRST_OF_EEVEE if "EEVEE" in figure.scene.render.engine else ""
         if done:
             left = f", {duration_left((time.perf_counter() - began) / done * (len(missing) - done))} left"
         yield Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")

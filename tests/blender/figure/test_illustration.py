@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.callouts import spread
-from ctmc_addon.blender.figure.compose import compose
+from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose
 from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.samples import can_denoise
@@ -18,7 +18,8 @@ from ctmc_addon.blender.figure.shown import shown_surfaces
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.blender.surface import mesh_data as meshes
-from ctmc_addon.core import finish
+from ctmc_addon.blender.surface.evaluate import evaluated_copy
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct_labels
 
 
 @pytest.fixture
@@ -43,13 +44,20 @@ def test_what_hides_a_tumor_is_translucent_from_where_the_camera_stands(nested, 
     assert opacities(90.0, names=["a", "b", "c"]) == [1.0, 1.0, 1.0], "the bone stands beside it"
 
 
+def signed(mesh):
+    """Of each triangle the volume of its tetrahedron with the middle of the ball: positive where it looks out."""
+    return np.linalg.det(meshes.read_positions(mesh)[meshes.read_triangles(mesh)].astype(float))
+
+
 def test_an_outline_lies_one_line_around_its_surface_and_is_seen_from_within(scene, ball):
     obj = add_reconstruction(ball(), scene)
     radius = np.linalg.norm(meshes.read_positions(obj.data), axis=1)
     shell = outline_shell(obj, 0.01)
     away = np.linalg.norm(meshes.read_positions(shell), axis=1) - radius
     assert away == pytest.approx(0.01, rel=0.02)
-    assert (meshes.read_triangles(shell) == meshes.read_triangles(obj.data)[:, ::-1]).all()
+    turned = [np.sort(meshes.read_triangles(mesh), axis=1) for mesh in (shell, obj.data)]
+    assert (turned[0] == turned[1]).all()
+    assert (np.sign(signed(shell)) == -np.sign(signed(obj.data))).all()
     assert 0.1 < OUTLINE_MM < 0.25, "a hairline in print is 0.09 mm"
 
 
@@ -104,3 +112,23 @@ def test_illustrations_are_denoised_where_the_build_can_and_else_sampled_until_t
         found[style] = cycles.use_denoising, cycles.use_adaptive_sampling
         figure.remove()
     assert found == {"illustration": (can_denoise(), not can_denoise()), "clinical": (False, False)}
+
+
+def test_walls_that_two_labels_share_are_parted_by_less_than_is_seen(scene):
+    values = np.zeros((8, 8, 16), np.uint8)
+    values[2:6, 2:6, 2:8], values[2:6, 2:6, 8:14] = 1, 2
+    volume = Volume(values, np.eye(4), kind="label", label_names={1: "left", 2: "right"})
+    results = reconstruct_labels(volume, ReconstructionSettings()).surfaces
+    objects = [add_reconstruction(result, scene) for result in results]
+    figure = compose([Cell(tuple(ShownSurface(obj) for obj in objects))], Page(40.0), FigureStyle("clinical"))
+    try:
+        walls = []
+        for copy, obj in zip(figure.copies[0], objects, strict=True):
+            moved = np.linalg.norm(
+                meshes.read_positions(copy.data) - meshes.read_positions(evaluated_copy(obj)[0]), axis=1
+            )
+            walls.append(float(moved.max()))
+            assert 0 < (moved > 1e-6).mean() < 0.6, "only the wall"
+        assert walls == pytest.approx([WALL_GAP_MM * 0.01] * 2, rel=0.02)
+    finally:
+        figure.remove()
