@@ -3,7 +3,11 @@ import importlib.util
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from ctmc_addon.core import Volume
+from ctmc_addon.core.volume import ValueKind
 
 pytestmark = pytest.mark.usefixtures("scene")
 DEMO = Path(__file__).resolve().parents[2] / "tools" / "demo.py"
@@ -47,5 +51,32 @@ def test_the_demo_s_own_phantom_loses_less_than_4_per_cent(demo):
     from ctmc_addon.core.phantom.phantom import phantom
 
     made = phantom()
-    error = demo.against(made, reconstruct(made.labels, demo.SETTINGS).mesh.volume)
+    error = demo.against(sum(made.tumour_volumes_mm3), reconstruct(made.labels, demo.SETTINGS).mesh.volume)
     assert -4 < error < 0
+
+
+@pytest.mark.once
+def test_the_demo_chooses_the_largest_label_or_bone_or_what_otsu_divides(demo):
+    values = np.zeros((4, 4, 4), np.int16)
+    values[0], values[1, :2], values[2, 0, 0] = 1000, 300, 7
+    hu, gray = (Volume(values, np.eye(4), kind=kind) for kind in (ValueKind.HU, ValueKind.GRAY))
+    labels = Volume(values, np.eye(4), kind=ValueKind.LABEL, label_names={300: "liver", 1000: "skin"})
+    bone, otsu, skin = map(demo.chosen_subject, (hu, gray, labels))
+    assert (bone.settings.threshold, bone.settings.label) == (200, None)
+    assert (otsu.settings.threshold, otsu.settings.label) == (None, None)
+    assert (skin.settings.threshold, skin.settings.label, skin.chosen) == (None, 1000, "skin, the largest of 3 labels")
+
+
+@pytest.mark.once
+def test_the_demo_of_a_ct_says_what_it_chose(demo, ctmc, tmp_path, capfd, monkeypatch):
+    assert ctmc("phantom", tmp_path, "--slices", 5, "--size", 64, "--format", "nifti", "--quiet").code == 0
+    outputs = demo.Outputs
+    monkeypatch.setattr(demo, "Outputs", lambda paths, figure: outputs(paths[1:]))  # no .blend, no picture
+    demo.demo_of_ct(tmp_path / "out", tmp_path / "volume-0.nii.gz")
+    told, _ = capfd.readouterr()
+    assert "bone, 200 HU and more, without components below 500 mm3" in told
+    assert "against 1 x 1 px" in told
+    report = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
+    assert report["files"] == ["surface.stl"]
+    assert report["voxel_sides"][0]["volume_error_percent"] == 0
+    assert "true_volume_mm3" not in report
