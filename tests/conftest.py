@@ -12,11 +12,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared" / "data"
 
 
 class PlainRoot:
@@ -52,3 +54,15 @@ def name_of_an_ended_process():
         return temporary_name(*prefix).replace(f"-{os.getpid()}-", f"-{process.pid}-")
 
     return name
+
+
+@pytest.fixture
+def real() -> Callable[[str], Path]:
+    """Path of a shared data set, or a skip that names what is missing."""
+
+    def find(name: str) -> Path:
+        if not (SHARED / name).exists():
+            pytest.skip(f"real CT '{name}' is not beside the checkout")
+        return SHARED / name
+
+    return find

@@ -22,6 +22,16 @@ def is_box(obj: bpy.types.Object) -> bool:
     return obj.type == "EMPTY" and hasattr(obj.get(PROPERTY), "keys")
 
 
+def fingerprint_of_box(obj: bpy.types.Object | None) -> str:
+    """Return the fingerprint of the CT whose box an object is; empty for everything else."""
+    return str(obj[PROPERTY].get("fingerprint", "")) if obj is not None and is_box(obj) else ""
+
+
+def boxes_in(collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    """Return the boxes of CTs in a collection."""
+    return [obj for obj in collection.objects if is_box(obj)]
+
+
 def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.types.Object | None:
     """Return the box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
     boxes = [obj for obj in scene.objects if is_box(obj)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM files made for the tests, and the way to the shared real CT."""
+"""DICOM files made for the tests."""
 
 from __future__ import annotations
 
@@ -10,24 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 AXIAL = (1, 0, 0, 0, 1, 0)
 CT = "1.2.840.10008.5.1.4.1.1.2"
 ENHANCED_CT = "1.2.840.10008.5.1.4.1.1.2.1"
 EXPLICIT = "1.2.840.10008.1.2.1"
 PATIENT = "Muster^Erika"
-
-
-@pytest.fixture
-def real() -> Callable[[str], Path]:
-    """Path of a shared data set, or a skip that names what is missing."""
-
-    def find(name: str) -> Path:
-        if not (SHARED / name).exists():
-            pytest.skip(f"real CT '{name}' is not beside the checkout")
-        return SHARED / name
-
-    return find
 
 
 def _dataset(stored: np.ndarray, syntax: str, sop_class: str, tags: dict[str, Any]) -> Any:

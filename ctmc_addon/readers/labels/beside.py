@@ -34,5 +34,7 @@ def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
         inner = [entry for around in folders for entry in around.iterdir() if entry.is_dir() and entry != ct]
     except OSError:
         return ()
-    masks = [entry for entry in inner if any(word in entry.name.casefold() for word in NAMES)]
+    holders = {around for file in labels for around in file.parents}
+    named = [entry for entry in inner if any(word in entry.name.casefold() for word in NAMES)]
+    masks = [entry for entry in named if entry not in holders]
     return (*sorted(labels, key=natural_key), *sorted(masks, key=natural_key))

@@ -43,7 +43,7 @@ from ...reporting.parse import parsed_numbers, parsed_strides
 from .. import jobs
 from ..properties.figure import FRAMES, values_of
 from ..properties.preferences import machine
-from ..state import session, surfaces, volumes
+from ..state import session, structures, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
 
@@ -220,7 +220,8 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Render a cell for every setting."""
-        volume, settings = volumes.require_loaded(context.scene).full, context.scene.ctmc.all_settings()[0]
+        settings = context.scene.ctmc.all_settings()[0]
+        volume = structures.require_volume_of(context.scene, settings)
         comparison = Comparison(
             parsed_strides(panel.strides) if panel.use_strides else (),
             parsed_numbers(panel.alphas, "alphas", "0 0.5 1") if panel.use_alphas else (),
@@ -260,8 +261,9 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         """Return the active surface, as it is shown."""
         require_png(target)
         require_engine(panel.engine, distances=True)
-        volume = volumes.require_loaded(context.scene).full
-        surface = as_shown(context.view_layer.objects.active, context.scene)
+        obj = context.view_layer.objects.active
+        volume = structures.require_volume_of(context.scene, surfaces.require_settings(obj))
+        surface = as_shown(obj, context.scene)
         budget = machine().budget
         style, blend, limit = style_of(panel), blend_of(panel, target), values_of(panel, DistanceMap)["limit_mm"]
         return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget)

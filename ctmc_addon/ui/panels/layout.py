@@ -13,7 +13,7 @@ from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
-from ..state import volumes
+from ..state import surfaces, volumes
 from ..state.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
@@ -33,13 +33,22 @@ class SidePanel:
     bl_translation_context = OURS
 
 
-class Step(SidePanel):
+class BegunPanel(SidePanel):
+    """A panel that is there once a scene knows a CT, or a surface is active."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether there is anything that the panel is about."""
+        return bool(context.scene.ctmc.volume_path) or surfaces.is_surface(context.view_layer.objects.active)
+
+
+class Step(BegunPanel):
     """A step of the work below the main panel, open until it is closed."""
 
     bl_parent_id = "CTMC_PT_main"
 
 
-class SubPanel(SidePanel):
+class SubPanel(BegunPanel):
     """A panel below the main one, closed until it is opened."""
 
     bl_parent_id = "CTMC_PT_main"

@@ -13,7 +13,7 @@ import bpy
 from ...core import SettingsError
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
-from ..state import session, surfaces, volumes
+from ..state import scans, session, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .ct.volume import LOAD, LOAD_LABELS, draw_load
 from .draw import CTMC_PT_draw
@@ -47,7 +47,12 @@ class CTMC_PT_load(Step, bpy.types.Panel):
     bl_idname = "CTMC_PT_load"
     bl_label = "Load"
 
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return True
+
     def draw(self, context: bpy.types.Context) -> None:
+        scans.notice(context)
         prepare(self.layout)
         draw_load(self.layout, context)
 

@@ -47,7 +47,9 @@ class CTMC_PT_results(Step, bpy.types.Panel):
         opacity.prop(context.scene.ctmc, "opacity", slider=True)
         measurement = None if provenance is None else measurements.of(obj)
         unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""
-        draw_table(layout, facts_of(provenance, measurement, unit), 0.46)
+        item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
+        name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
+        draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
         draw_mending(layout, measurement)
         column = layout.column(align=True)
         column.label(text=translate("Pick Component"), translate=False)
@@ -105,14 +107,21 @@ def components_text(measures: Measures | None) -> str:
 FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area", "Self-Intersections")
 
 
-def facts_of(provenance: Provenance | None, measurement: Measurement | None, unit: str = "") -> list[tuple[str, str]]:
-    """Names and values of what was counted and measured; a dash for what is not known."""
-    values = ["-"] * len(FACTS)
+def facts_of(
+    provenance: Provenance | None, measurement: Measurement | None, unit: str = "", name: str = ""
+) -> list[tuple[str, str]]:
+    """Names and values of what was counted and measured; a dash for what is not known.
+
+    A threshold has its unit, and a label the name that the list has for it.
+    """
+    names, values = list(FACTS), ["-"] * len(FACTS)
     if provenance is not None:
         faces = provenance.faces if measurement is None else measurement.measures.faces
         of_full = translate("{faces} of {full}").format(faces=count(faces), full=count(provenance.full_faces))
         values[0] = count(faces) if faces == provenance.full_faces else of_full
         values[1] = f"{provenance.threshold:.6g} {unit}".rstrip()
+        if provenance.settings.label is not None:
+            names[1], values[1] = "Label", f"{provenance.settings.label}, {name}".removesuffix(", ")
     if measurement is not None:
         measures, distance = measurement.measures, measurement.distance
         if distance is not None:
@@ -121,7 +130,7 @@ def facts_of(provenance: Provenance | None, measurement: Measurement | None, uni
         values[5] = f"{measures.square_centimeters:.4g} cm2"
         if measurement.self_intersections is not None:
             values[6] = count(measurement.self_intersections)
-    return list(zip(map(translate, FACTS), values, strict=True))
+    return list(zip(map(translate, names), values, strict=True))
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_results,))

@@ -11,7 +11,8 @@ As in settings.py, this module must not hold `bpy` itself, nor anything that doe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +30,18 @@ Line = tuple[int, str, tuple[float, float, float]]
 
 _ticking: list[bool] = []  # not empty while ticks are set by code
 _filling: list[bool] = []  # not empty while code fills the list
+
+
+@contextmanager
+def filling() -> Iterator[None]:
+    """Fill the list without telling anybody, and without ticks that follow each other."""
+    _filling.append(True)
+    _ticking.append(True)
+    try:
+        yield
+    finally:
+        _filling.pop()
+        _ticking.pop()
 
 
 def tick_only(properties: Any, label: int | None) -> None:
@@ -187,25 +200,23 @@ class StructureMethods:
 
     def add_labels(self, labels: Iterable[Line], source: str = "") -> list[Any]:
         """Add labels to the list, none of them ticked; those of a source have its key."""
-        _filling.append(True)
         first = len(self.labels)
-        for value, name, color in labels:
-            item = self.labels.add()
-            item.value, item.name, item.color, item.source = value, name, color, source
-            item.opacity = structure_color(value, None, name).opacity
-        _filling.clear()
+        with filling():
+            for value, name, color in labels:
+                item = self.labels.add()
+                item.value, item.name, item.color, item.source = value, name, color, source
+                item.opacity = structure_color(value, None, name).opacity
         return list(self.labels[first:])
 
     def add_threshold(
         self, name: str, color: tuple[float, float, float], threshold: float, upper: float | None = None
     ) -> Any:
         """Add a structure between two values of the CT to the list, and return its line, not ticked."""
-        _filling.append(True)
-        item = self.labels.add()
-        item.kind, item.name, item.color, item.threshold = THRESHOLD, name, color, threshold
-        item.use_upper = upper is not None
-        item.upper = item.threshold if upper is None else upper
-        _filling.clear()
+        with filling():
+            item = self.labels.add()
+            item.kind, item.name, item.color, item.threshold = THRESHOLD, name, color, threshold
+            item.use_upper = upper is not None
+            item.upper = item.threshold if upper is None else upper
         return item
 
 

@@ -102,6 +102,12 @@ def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) 
     return volume_of(scene, settings) or volumes.require_loaded(scene).full
 
 
+def origin_of(scene: bpy.types.Scene, item: Any) -> tuple[str, int]:
+    """Return the file that a label of the list was added from, and its number there; no path for all others."""
+    source = next((one for one in scene.ctmc.label_sources if item is not None and one.key == item.source), None)
+    return ("", 0) if source is None else (bpy.path.abspath(source.path), item.value - source.offset)
+
+
 def missing(scene: bpy.types.Scene) -> list[Any]:
     """Return the sources that the file knows and this session has not read."""
     return [source for source in scene.ctmc.label_sources if source.key not in _sources]
@@ -178,7 +184,8 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
 
 def discard_unused(*_: Any) -> None:
     """Release the labels that no scene of a newly opened file refers to."""
-    used = {source.key for scene in bpy.data.scenes for source in scene.ctmc.label_sources}
+    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
+    used = {source.key for ct in cts for source in ct.label_sources}
     for key in set(_sources) - used:
         del _sources[key]
     _combined.clear()

@@ -92,9 +92,14 @@ def used_fingerprints() -> set[str]:
     return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
 
 
+def known_fingerprints() -> set[str]:
+    """The fingerprints of all CTs of the file's scenes, also of those that are not the panel's."""
+    return used_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
+
+
 def discard_unused(*_: Any) -> None:
     """Release the volumes that no scene of a newly opened file refers to."""
-    for fingerprint in set(_loaded) - used_fingerprints():
+    for fingerprint in set(_loaded) - known_fingerprints():
         del _loaded[fingerprint]
 
 
@@ -190,7 +195,8 @@ _absolute: dict[int, list[str]] = {}  # of each scene, the paths that are relati
 
 def noted(scene: bpy.types.Scene) -> list[tuple[Any, str]]:
     """Return where a scene notes paths: what holds each, and its name there."""
-    return [(scene.ctmc, "volume_path"), *((source, "path") for source in scene.ctmc.label_sources)]
+    cts = (scene.ctmc, *scene.ctmc_scans)
+    return [(ct, "volume_path") for ct in cts] + [(source, "path") for ct in cts for source in ct.label_sources]
 
 
 def before_save(target: str, *_: Any) -> None:

@@ -26,7 +26,7 @@ from ... import jobs
 from ...properties.preferences import machine
 from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.structures import called, follow_ticks, tick
-from ...state import change_events, session, structures, surfaces, volumes
+from ...state import change_events, scans, session, structures, surfaces, volumes
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
 from .view import frame_everywhere
@@ -190,6 +190,9 @@ def conclude(
     is_first = not stored.volume_fingerprint
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
+    if is_another_ct:
+        scans.park(scene)
+        scans.forget(scene, loaded.statistics.fingerprint)
     volumes.keep(loaded, scene)
     show_options(stored, loaded.reading)
     if holds_region:
@@ -227,6 +230,8 @@ def conclude(
     if cube is not None:
         put_out_of_view(cube, scene)
     show_in_scene(scene, loaded, is_another_ct and not is_another_time)
+    if bpy.context.scene == scene:
+        scans.note(bpy.context)
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from ....blender.surface import as_shown, own_mesh, require_editable, settings_o
 from ....core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
 from ....core.files.file_names import file_name
 from ....core.mesh import ReferenceSurface, vertex_distances_steps
+from ....readers import ReadingOptions
 from ....reporting.command_line import command_line
 from ... import jobs
 from ...properties.reading import options_of_scene
-from ...state import measurements, session, surfaces, volumes
+from ...state import measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate
 from ...viewport import deviation
@@ -188,8 +190,13 @@ def command_text(scene: bpy.types.Scene) -> str:
     name = loaded.volume.name if loaded is not None else Path(source).stem
     lines = []
     for settings in stored.all_settings():
+        item = stored.structure_of(settings)
         output = file_name(name if settings.label is None else f"{name}_label_{settings.label}") + ".stl"
-        lines.append(command_line(source, output, settings, reading))
+        path, number = structures.origin_of(scene, item)
+        if path:  # labels of a file beside the CT
+            lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions()))
+        else:
+            lines.append(command_line(source, output, settings, reading))
     return "\n".join(lines)
 
 

@@ -16,7 +16,7 @@ from ....core.files.atomic_write import write_text
 from ....core.volume import ValueKind
 from ... import jobs
 from ...needs import Needs
-from ...state import measurements, session, surfaces, volumes
+from ...state import measurements, session, structures, surfaces, volumes
 from ...translations import translate
 from ..paths import SaveDialog
 
@@ -66,6 +66,8 @@ def table_steps(scene_uid: int, uids: Sequence[int]) -> Steps[jobs.Conclusion]:
             continue
         name, measurement, provenance = obj.name, measurements.of(obj), require_provenance(obj)
         shown, (ct, labels) = as_shown(obj, scene), volumes.ct_and_labels(provenance.fingerprint)
+        if labels is None and provenance.fingerprint == scene.ctmc.volume_fingerprint:
+            labels = structures.label_volume(scene)
         measures = shown.mesh.measures if measurement is None else measurement.measures
         measuring = structure_row_steps(name, shown.mesh, measures, shown.settings, shown.threshold, ct, labels)
         rows.append((yield from equal_part(measuring, number, len(uids))))

@@ -27,9 +27,10 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
     if job is not None:
         draw_job(layout, job)
     else:
-        row = draw_pair(layout, context)
+        row = draw_pair(layout, context) if volumes.loaded(scene) is not None else layout
         row.operator("ctmc.load", icon="FILE_FOLDER")
-        row.operator("ctmc.load_labels", icon="OUTLINER_OB_GROUP_INSTANCE")
+        if volumes.loaded(scene) is not None:
+            row.operator("ctmc.load_labels", icon="OUTLINER_OB_GROUP_INSTANCE")
     scene_session = session.of(scene)
     if scene_session.load_message:
         draw_text(layout.box(), context, scene_session.load_message, "ERROR")

@@ -12,7 +12,8 @@ from ui.drawing import drawn, meshes_in
 
 from ctmc_addon.blender.surface import read_provenance
 from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.state import measurements, structures, surfaces, volumes
+from ctmc_addon.ui.panels import results
+from ctmc_addon.ui.state import measurements, scans, session, structures, surfaces, volumes
 
 AFFINE = np.diag([-1.0, -1.0, 2.0, 1.0])
 
@@ -182,3 +183,99 @@ def test_a_folder_of_masks_beside_the_ct_is_offered(scene, patient):
     load_labels(patient / "masks")
     assert "ctmc.load_labels Load Its Labels" not in drawn(*panels.STEPS).buttons
     assert "Label 1, liver" in drawn(*panels.STEPS).texts
+
+
+def test_the_command_of_an_added_label_is_of_its_own_file_and_number(scene, patient):
+    from ctmc_addon.ui.operators.surface.results import command_text
+
+    for name in ("liver", "tumor"):
+        load_labels(patient / "masks" / f"{name}.nii.gz")
+    scene.ctmc.threshold = 200.0
+    bpy.ops.ctmc.add_threshold()
+    liver, tumor, bone = command_text(scene).splitlines()
+    assert "liver.nii.gz" in liver
+    assert "--label 1" in liver
+    assert "tumor.nii.gz" in tumor
+    assert "--label 1" in tumor
+    assert "ct.nii.gz" in bone
+    assert "--threshold 200" in bone
+
+
+def test_a_labels_row_says_its_number_and_name(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.reconstruct()
+    (tumor,) = surfaces.of_structure(scene, scene.ctmc.labels[1])
+    provenance = read_provenance(tumor)
+    assert ("Label", "2, tumor") in results.facts_of(provenance, None, "HU", "tumor")
+    assert "2, tumor" in drawn(results.CTMC_PT_results).texts
+
+
+def test_the_table_has_the_hu_inside_labels_that_were_added(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ctmc.table()
+    rows, _ = session.of(scene).table
+    assert {row.name: (row.mean, row.deviation) for row in rows} == {"liver": (40.0, 0.0), "tumor": (40.0, 0.0)}
+
+
+def test_the_ct_of_what_is_active_is_the_panels_with_its_own_structures(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.reconstruct()
+    first = scene.ctmc.volume_fingerprint
+    save(patient / "other.nii.gz", np.where(cube(4, 4, 4) > 0, 700, -1000).astype(np.int16))
+    bpy.ops.ctmc.load(filepath=str(patient / "other.nii.gz"))
+    second = scene.ctmc.volume_fingerprint
+    assert (first != second, len(scene.ctmc.labels), scene.ctmc.use_label) == (True, 0, False)
+    scene.ctmc.threshold = 300.0
+    bpy.ops.ctmc.reconstruct()
+    made = bpy.context.view_layer.objects.active
+
+    def activate(obj):
+        bpy.ops.object.select_all(action="DESELECT")
+        obj.select_set(True)
+        bpy.context.view_layer.objects.active = obj
+        bpy.context.view_layer.update()
+
+    activate(bpy.data.objects["liver"])
+    assert scene.ctmc.volume_fingerprint == first
+    assert [(item.name, item.chosen) for item in scene.ctmc.labels] == [("liver", True), ("tumor", True)]
+    assert (scene.ctmc.use_label, volumes.current(scene).name) == (True, "ct")
+    assert len(structures.label_volume(scene).label_names) == 2
+    activate(made)
+    assert scene.ctmc.volume_fingerprint == second
+    assert (scene.ctmc.use_label, scene.ctmc.use_threshold, scene.ctmc.threshold) == (False, True, 300.0)
+    activate(next(obj for obj in scene.objects if obj.type == "EMPTY" and obj.name == "ct"))
+    assert scene.ctmc.volume_fingerprint == first
+
+
+def test_a_ct_that_is_not_in_memory_is_the_panels_and_can_be_loaded_again(scene, patient):
+    save(patient / "other.nii.gz", np.where(cube(4, 4, 4) > 0, 700, -1000).astype(np.int16))
+    first = scene.ctmc.volume_fingerprint
+    bpy.ops.ctmc.load(filepath=str(patient / "other.nii.gz"))
+    del volumes._loaded[first]
+    assert scans.activate(scene, first)
+    assert volumes.missing(scene)
+    bpy.ops.ctmc.load(again=True)
+    assert volumes.current(scene).name == "ct"
+    assert [scan.volume_fingerprint for scan in scene.ctmc_scans] != [first]
+
+
+def test_before_a_ct_is_loaded_the_panel_has_load_and_nothing_else(scene, ball_file):
+    ours = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CTMC_PT_")]
+    below = [kind for kind in ours if getattr(kind, "bl_parent_id", "") == "CTMC_PT_main"]
+    shown = lambda: {kind.bl_idname for kind in below if kind.poll(bpy.context)}  # noqa: E731
+    assert shown() == {"CTMC_PT_load"}
+    assert drawn(panels.CTMC_PT_load).buttons == ["ctmc.load"]
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    assert shown() == {kind.bl_idname for kind in below}
+
+
+def test_a_dicom_folder_with_a_structure_set_offers_it_and_both_go_together(scene, real):
+    pytest.importorskip("pydicom")
+    folder = real("rtstruct")
+    bpy.ops.ctmc.load(directory=str(folder))
+    assert volumes.current(scene).kind == "HU"
+    assert "ctmc.load_labels rt.dcm" in drawn(*panels.STEPS).buttons
+    load_labels(folder / "rt.dcm")
+    assert len(scene.ctmc.labels)
+    assert "ctmc.load_labels rt.dcm" not in drawn(*panels.STEPS).buttons

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The other CTs of a scene: `scene.ctmc_scans` has what the panel knew of each, for when it is the panel's again.
+
+As in settings.py, this module must not hold `bpy` itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.props import CollectionProperty
+from bpy.types import PropertyGroup, Scene
+from bpy.utils import register_class, unregister_class
+
+from .kinds import boolean, decimal, integer, text
+from .reading import scene_properties
+from .structures import structure_properties
+
+OWN = {
+    "volume_path": text("CT", "File or folder that the CT was read from"),
+    "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
+    "threshold": decimal("Threshold", "What is at or above it is inside [HU or gray value]"),
+    "use_threshold": boolean("Threshold", "Whether a threshold was chosen"),
+    "upper": decimal("Upper Limit", "What is above it is outside [HU or gray value]"),
+    "use_upper": boolean("Upper Limit", "Whether there is an upper limit"),
+    "label": integer("Label", "Value of the label in the volume"),
+    "use_label": boolean("Structures", "Whether surfaces are made of the list"),
+}
+"""Besides structures and how it was read; a value stands before its switch, which it would switch on."""
+CTMCScan = type(
+    "CTMCScan",
+    (PropertyGroup,),
+    {
+        "__annotations__": OWN | structure_properties() | scene_properties(),
+        "__doc__": "A CT of the scene that is not the panel's.",
+        "__module__": __name__,
+    },
+)
+
+
+def take_over(target: Any, source: Any) -> None:
+    """Copy all that is known of a CT, its structures too, from one place to another; nothing follows it."""
+    for name in CTMCScan.__annotations__:
+        if target.bl_rna.properties[name].type == "COLLECTION":
+            copy_lines(getattr(target, name), getattr(source, name))
+        elif source.is_property_set(name):
+            setattr(target, name, getattr(source, name))
+        else:
+            target.property_unset(name)
+
+
+def copy_lines(target: Any, source: Any) -> None:
+    """Copy the lines of a list into another, in place of those it has."""
+    target.clear()
+    for line in source:
+        new = target.add()
+        for about in line.bl_rna.properties:
+            if about.identifier != "rna_type" and line.is_property_set(about.identifier):
+                setattr(new, about.identifier, getattr(line, about.identifier))
+
+
+def register() -> None:
+    """Give every scene its other CTs."""
+    register_class(CTMCScan)
+    Scene.ctmc_scans = CollectionProperty(type=CTMCScan, name="CTMC Scans")
+
+
+def unregister() -> None:
+    """Take them away; what a file holds of them stays in the file."""
+    del Scene.ctmc_scans
+    unregister_class(CTMCScan)

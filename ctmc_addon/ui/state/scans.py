@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several CTs in a scene: the one whose object or collection is active is the panel's, with its own structures.
+
+What the panel knew of the others is in `scene.ctmc_scans`, so undo and saving need nothing here. Their values stay in
+memory while there is room (`volumes.keep`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.ct_box import boxes_in, fingerprint_of_box
+from ...blender.surface import read_provenance
+from ..properties.scans import take_over
+from ..properties.structures import filling
+from . import change_events
+
+_seen: dict[int, tuple[Any, ...]] = {}  # by the scene's session_uid: the object and collection that were active last
+
+
+def park(scene: bpy.types.Scene) -> None:
+    """Keep what the panel knows of its CT, before another is loaded."""
+    stored, scans = scene.ctmc, scene.ctmc_scans
+    if not stored.volume_fingerprint:
+        return
+    forget(scene, stored.volume_fingerprint)
+    with filling():
+        take_over(scans.add(), stored)
+
+
+def forget(scene: bpy.types.Scene, fingerprint: str) -> None:
+    """Drop what was kept of a CT: it is the panel's again."""
+    for number in reversed(range(len(scene.ctmc_scans))):
+        if scene.ctmc_scans[number].volume_fingerprint == fingerprint:
+            scene.ctmc_scans.remove(number)
+
+
+def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
+    """Make another CT of the scene the panel's; return whether it is one."""
+    if not fingerprint or fingerprint == scene.ctmc.volume_fingerprint:
+        return False
+    if not any(scan.volume_fingerprint == fingerprint for scan in scene.ctmc_scans):
+        return False
+    park(scene)
+    with filling():
+        take_over(scene.ctmc, next(scan for scan in scene.ctmc_scans if scan.volume_fingerprint == fingerprint))
+    forget(scene, fingerprint)
+    change_events.notify(scene.ctmc, "volume")
+    return True
+
+
+def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str:
+    """Return the CT that the active object, else the active collection, is of; empty where it is of none.
+
+    Parameters
+    ----------
+    context : bpy.types.Context
+    what : tuple
+        What has changed, of `active_in`; the object goes first.
+    """
+    layer = context.view_layer
+    obj, before = layer.objects.active, _seen.get(context.scene.session_uid)
+    if before is None or before[0] != what[0]:
+        provenance = read_provenance(obj)
+        return provenance.fingerprint if provenance is not None else fingerprint_of_box(obj)
+    boxes = {fingerprint_of_box(box) for box in boxes_in(layer.active_layer_collection.collection)}
+    return boxes.pop() if len(boxes) == 1 else ""
+
+
+def active_in(context: bpy.types.Context) -> tuple[Any, ...]:
+    """Return what tells one active object and collection from another."""
+    layer = context.view_layer
+    obj = layer.objects.active
+    is_selected = obj is not None and obj.select_get(view_layer=layer)
+    return (obj.session_uid if is_selected else None, layer.active_layer_collection.collection.session_uid)
+
+
+def note(context: bpy.types.Context) -> None:
+    """Take what is active now as seen: a CT that has just been loaded stays the panel's."""
+    _seen[context.scene.session_uid] = active_in(context)
+
+
+def follow(*_: Any) -> None:
+    """Bring the panel to the CT of what has become active; nothing else is looked at while that is the same."""
+    from .. import jobs
+
+    context = bpy.context
+    if context.scene is None or context.view_layer is None or not len(context.scene.ctmc_scans):
+        return
+    what = active_in(context)
+    if _seen.get(context.scene.session_uid) == what or jobs.running() is not None:
+        return
+    fingerprint = active_fingerprint(context, what)
+    _seen[context.scene.session_uid] = what
+    activate(context.scene, fingerprint)
+
+
+def notice(context: bpy.types.Context) -> None:
+    """Follow soon where something else is active: a collection that is clicked tells nobody but who draws."""
+    has_changed = len(context.scene.ctmc_scans) and _seen.get(context.scene.session_uid) != active_in(context)
+    if has_changed and not bpy.app.timers.is_registered(follow):
+        bpy.app.timers.register(follow, first_interval=0.0)
+
+
+def clear(*_: Any) -> None:
+    """Forget what was active, as another file is loaded."""
+    _seen.clear()
+
+
+HANDLERS = {"depsgraph_update_post": follow, "load_pre": clear}
+
+
+def register() -> None:
+    """Listen for what becomes active, and for another file."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
+
+
+def unregister() -> None:
+    """Stop listening."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    if bpy.app.timers.is_registered(follow):
+        bpy.app.timers.unregister(follow)
+    clear()
