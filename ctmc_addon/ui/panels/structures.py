@@ -22,14 +22,11 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
     if not len(settings.labels):
         draw_none(layout, context, settings)
         return
-    row = layout.row()
-    row.use_property_split = False
     rows = min(ROWS[1], max(ROWS[0], len(settings.labels)))
-    row.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
-    side = row.column(align=True)
-    side.operator("ctmc.add_threshold", text="", icon="ADD")
-    side.operator("ctmc.remove_structure", text="", icon="REMOVE")
-    row = layout.row(align=True)
+    layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
+    row = layout.row(align=True)  # not beside the list: names need the width
+    row.operator("ctmc.add_threshold", text="", icon="ADD")
+    row.operator("ctmc.remove_structure", text="", icon="REMOVE")
     for which, text in (("all", "All"), ("none", "None"), ("invert", "Invert")):
         row.operator("ctmc.tick_structures", text=text).which = which
     draw_marked(layout, context, settings)
@@ -65,11 +62,7 @@ def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         number = limit.row(align=True)
         number.active = item.use_upper
         number.prop(item, "upper", text="")
-    if is_narrow(context):
-        layout.prop(item, "opacity", slider=True)
-        text = volume_text(context.scene, item)
-        if text:
-            layout.label(text=text, translate=False)
+    layout.prop(item, "opacity", slider=True)
 
 
 def made_of_text(item: Any) -> str:
@@ -88,7 +81,7 @@ def volume_text(scene: bpy.types.Scene, item: Any) -> str:
 
 
 class CTMC_UL_labels(bpy.types.UIList):
-    """A structure in a line: whether it is made, its eye, color, name, opacity, and volume once made."""
+    """A structure in a line: whether it is made, its eye, color, name, and volume once made."""
 
     bl_idname = "CTMC_UL_labels"
 
@@ -119,16 +112,11 @@ class CTMC_UL_labels(bpy.types.UIList):
         color.ui_units_x = 1.0
         color.prop(item, "color", text="")
         row.prop(item, "name", text="", emboss=False, placeholder=called(item) or translate("Name"))
-        if is_narrow(context):
-            return
-        if objects:
+        if objects and not is_narrow(context):
             volume = row.row()
             volume.ui_units_x = 2.6
             volume.alignment = "RIGHT"
             volume.label(text=volume_text(context.scene, item), translate=False)
-        opacity = row.row()
-        opacity.ui_units_x = 2.0
-        opacity.prop(item, "opacity", text="", slider=True)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

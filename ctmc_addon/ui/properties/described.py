@@ -45,7 +45,7 @@ def property_of(about: Setting, default: Any, **options: Any) -> Any:
     if about.high is not None:
         limits["max"] = int(about.high) if is_integer else highest(about)
     if not is_integer:
-        limits["precision"] = 3
+        limits["precision"] = 1 if about.unit == "degrees" else 3
     if about.size > 1:
         return (integers if is_integer else decimals)(label, description, **{"size": about.size, **limits, **options})
     return (integer if is_integer else decimal)(label, description, **limits | options)
