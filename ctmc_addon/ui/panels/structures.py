@@ -77,7 +77,10 @@ def volume_text(scene: bpy.types.Scene, item: Any) -> str:
     measurement = measurements.of(objects[0]) if objects else None
     if measurement is None:
         return ""
-    return f"{measurement.measures.milliliters:.3g} ml" if measurement.measures.closed else translate("open")
+    if not measurement.measures.closed:
+        return translate("open")
+    volume = measurement.measures.milliliters
+    return f"{volume:.0f} ml" if volume >= 100 else f"{volume:.3g} ml"
 
 
 class CTMC_UL_labels(bpy.types.UIList):
