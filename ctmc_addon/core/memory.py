@@ -7,6 +7,7 @@ import ctypes
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,11 +19,24 @@ VERSION_2_LIMITS: tuple[str, ...] = (
     "memory.max",
     "memory.high",
 )  # beyond the second a process is slowed down until it hardly runs
+LOOK_AGAIN = 0.05  # seconds between two questions to the system
+_seen: tuple[float, int | None] = (-math.inf, None)  # when it was asked last, and what it said
 NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
 
 
 def available_bytes() -> int | None:
-    """Return the bytes of memory that can be used without swapping; None where the system does not tell."""
+    """Return the bytes of memory that can be used without swapping; None where the system does not tell.
+
+    Small works ask a hundred times a second, and the system answers from twenty files: it is asked now and then.
+    """
+    global _seen
+    now = time.monotonic()
+    if now - _seen[0] > LOOK_AGAIN:
+        _seen = now, _available()
+    return _seen[1]
+
+
+def _available() -> int | None:
     if sys.platform == "win32":
         return _windows_available()
     if sys.platform.startswith("linux"):

@@ -106,9 +106,23 @@ class Stages:
     def run(self, name: str, steps: Steps[T]) -> Steps[T]:
         """The same steps as the stage `name` of the whole; a stage that is run again adds to its seconds."""
         low, high = self.shares[name]
-        result, seconds = yield from _between_steps(timed_steps(steps), low, high, name)
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-        return result
+        done = seconds = 0.0
+        clock = time.perf_counter
+        try:
+            while True:
+                start = clock()
+                try:
+                    fraction, own = next(steps)
+                except StopIteration as end:
+                    self.seconds[name] = self.seconds.get(name, 0.0) + seconds + clock() - start
+                    result: T = end.value
+                    return result
+                seconds += clock() - start
+                if fraction > done:  # a pause does not know how far it is, and nothing goes back
+                    done = fraction
+                yield Step(low + (high - low) * done, own or name)
+        finally:
+            steps.close()
 
 
 def timed_steps(steps: Steps[T]) -> Steps[tuple[T, float]]:
@@ -147,11 +161,7 @@ def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
     >>> list(equal_part(half_steps(), 1, 2))
     [Step(fraction=0.75, message='Half')]
     """
-    return (yield from _between_steps(steps, number / count, (number + 1) / count))
-
-
-def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") -> Steps[T]:
-    done = 0.0
+    low, done = number / count, 0.0
     try:
         while True:
             try:
@@ -159,7 +169,8 @@ def _between_steps(steps: Steps[T], low: float, high: float, message: str = "") 
             except StopIteration as end:
                 result: T = end.value
                 return result
-            done = max(done, fraction)  # a pause does not know how far it is, and nothing goes back
-            yield Step(low + (high - low) * done, own or message)
+            if fraction > done:
+                done = fraction
+            yield Step(low + done / count, own)
     finally:
         steps.close()

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What memory there is: the machine's, the control group's, the process's, whichever is least."""
 
+import math
+
 import numpy as np
 import pytest
 
+from ctmc_addon.core import memory
 from ctmc_addon.core.errors import MemoryLimitError
 from ctmc_addon.core.memory import NO_THREAD, available_bytes, linux_available, refusal, require
 
@@ -133,3 +136,11 @@ def test_memory_that_the_system_refuses_is_a_sentence_with_the_bytes_asked_for()
         raise RuntimeError(NO_THREAD)
     with pytest.raises(RuntimeError, match=r"^other$"), refusal("smoothing", "crop"):
         raise RuntimeError("other")
+
+
+def test_the_system_is_asked_for_its_memory_now_and_then(monkeypatch):
+    asked = []
+    monkeypatch.setattr(memory, "_available", lambda: asked.append(1) or len(asked))
+    monkeypatch.setattr(memory, "_seen", (-math.inf, None))
+    monkeypatch.setattr(memory.time, "monotonic", iter([1.0, 1.0 + memory.LOOK_AGAIN / 2, 2.0]).__next__)
+    assert [memory.available_bytes() for _ in range(3)] == [1, 1, 2]
