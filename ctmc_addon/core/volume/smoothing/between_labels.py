@@ -8,15 +8,13 @@ other sample binds it, so the wall does not bend where it ends. What smoothing f
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...budget import Budget
 from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import WIDTH, Floats, near_surface, number_bricks, packed
+from .bricks import WIDTH, Floats, Threads, near_surface, number_bricks, packed
 from .local_volume import keep_local_volume_steps
 from .relaxation import relax_steps
 
@@ -51,7 +49,7 @@ def between_labels_steps(
     array like `field`
     """
     workers = budget.thread_count
-    pool = ThreadPoolExecutor(workers) if workers > 1 else None
+    pool = Threads(workers) if workers > 1 else None
     try:
         for skip in SKIPPED[min(slice_steps, 3) - 1]:
             coarse = field[:, ::skip, ::skip]
@@ -74,7 +72,7 @@ def _relaxed_steps(
     sign: NDArray[np.int8],
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[Floats]:
     """The field, of less curvature near where it is 0."""
     yield PAUSE

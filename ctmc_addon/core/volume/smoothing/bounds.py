@@ -9,12 +9,11 @@ so a tube does not tear and nothing is joined across a gap; where they differ it
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
-from .bricks import WIDTH, Bricks, Floats, Places, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
 
 NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
 
@@ -44,7 +43,7 @@ def refined_start(
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
     inside: Inside,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Start:
     """Signed distances carried to the grid with `slice_steps` steps between slices, and the bounds there.
 
@@ -95,7 +94,7 @@ def refined_start(
     return Start(field, low, high)
 
 
-def halved(fine: Bricks, start: Start, coarse: Bricks, pool: ThreadPoolExecutor | None) -> Start:
+def halved(fine: Bricks, start: Start, coarse: Bricks, pool: Threads | None) -> Start:
     """Every other sample along x and y; of an odd number of rows and pairs of bricks, as `field` makes them."""
     taken = [np.empty((len(coarse), WIDTH), np.float32) for _ in range(3)]
 
@@ -112,7 +111,7 @@ def halved(fine: Bricks, start: Start, coarse: Bricks, pool: ThreadPoolExecutor 
     return Start(*taken)
 
 
-def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: ThreadPoolExecutor | None) -> None:
+def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Threads | None) -> None:
     """Carry coarse values to the active bricks of the fine grid, linearly, and back into their bounds."""
 
     def carry(part: slice) -> None:

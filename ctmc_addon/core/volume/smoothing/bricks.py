@@ -142,10 +142,27 @@ def pieces(count: int, at_once: int = ROWS_AT_ONCE) -> list[slice]:
     return [slice(start, min(start + at_once, count)) for start in range(0, count, at_once)]
 
 
-def spread(pool: ThreadPoolExecutor | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
-    """Call `work` for all pieces, side by side, and wait until all are done."""
+class Threads(ThreadPoolExecutor):
+    """Threads that know how many they are."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count)
+        self.count = count
+
+
+def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
+    """Call `work` for all pieces, side by side, and wait until all are done.
+
+    Each thread gets two stretches of pieces: handing over every piece, of 0.2 ms, takes longer than half of it.
+    """
     if pool is None or len(parts) < 2:
         for part in parts:
             work(part)
-    else:
-        list(pool.map(work, parts))
+        return
+    count = -(-len(parts) // (2 * pool.count))
+
+    def stretch(first: int) -> None:
+        for part in parts[first : first + count]:
+            work(part)
+
+    list(pool.map(stretch, range(0, len(parts), count)))

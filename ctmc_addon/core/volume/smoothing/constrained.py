@@ -9,7 +9,6 @@ only single operations on elements, in an order that does not depend on either.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
 from .bounds import Inside, Start, doubled, halved, refined_start
-from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
+from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, widened
 from .islands import keep_islands_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
@@ -120,7 +119,7 @@ def constrained_steps(
     stages = Stages(STAGES)
     budget = budget or Budget()
     workers = budget.thread_count
-    pool = ThreadPoolExecutor(workers) if workers > 1 else None
+    pool = Threads(workers) if workers > 1 else None
     try:
         code, label, inside, inside_label = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
         reach, farthest = reach_of(spacing_mm), 1.5 * band_mm(spacing_mm)
@@ -160,7 +159,7 @@ def _smoothed_steps(
     inside_label: Inside,
     spacing_mm: tuple[float, float, float],
     steps: int,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[tuple[Bricks, Start]]:
     """The smoothest field near the surface, before the constant, and its bounds: on every other pixel, then on all."""
     yield PAUSE
@@ -195,7 +194,7 @@ def _narrow_steps(
     start: Start,
     deep: NDArray[np.bool_],
     sides: tuple[float, float, float],
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[None]:
     """Smooth in place what is near the surface now; farther away the field of every other pixel is smooth enough."""
     near = np.zeros(bricks.shape, bool)

@@ -10,12 +10,11 @@ by which it can stretch a field, so a step of 1 never overshoots, and below 4/3 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
 
 STEP = 1.25
 
@@ -27,7 +26,7 @@ def relax_steps(
     high: Floats,
     spacing_mm: tuple[float, float, float],
     rounds: int,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[None]:
     """Smooth `field` in place.
 
@@ -96,7 +95,7 @@ def relax_steps(
         yield Step((done + 1) / rounds)
 
 
-def _neighbors(bricks: Bricks, pool: ThreadPoolExecutor | None) -> tuple[list[Places], list[Places]]:
+def _neighbors(bricks: Bricks, pool: Threads | None) -> tuple[list[Places], list[Places]]:
     """For every active brick those before and after along y and z; samples before and after along x.
 
     At the border a brick is its own neighbor, a sample its own.

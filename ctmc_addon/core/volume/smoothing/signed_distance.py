@@ -10,14 +10,13 @@ signs turned the same holds outside.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Threads, pieces, spread
 
 
 def signed_distance_steps(
@@ -26,7 +25,7 @@ def signed_distance_steps(
     spacing_mm: tuple[float, float, float],
     reach: tuple[int, int, int],
     farthest_mm: float,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[Floats]:
     """Signed distances, positive inside.
 

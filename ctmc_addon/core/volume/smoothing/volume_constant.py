@@ -7,8 +7,6 @@ formula over the samples is off by a few percent on tubes of two pixels.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +16,14 @@ from ...extraction.marching_cubes import extract_steps
 from ...mesh.triangle_mesh import Surface
 from ...progress import PAUSE, Step, Steps, equal_part
 from .bounds import NEAREST_ZERO, Inside, Start
-from .bricks import WIDTH, Bricks, Floats, Places, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
 from .smooth_field import SmoothField, with_closed_ends
 
 EXACT_ENOUGH = 2e-4  # of the volume
 MOST_TRIALS = 7
 FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
-FACES_AT_ONCE = 1 << 16
+FACES_AT_ONCE = 1 << 14
+PARTS_AT_ONCE = 64
 
 
 def keep_volume_steps(
@@ -37,7 +36,7 @@ def keep_volume_steps(
     far: float,
     close_border: bool,
     budget: Budget,
-    pool: ThreadPoolExecutor | None,
+    pool: Threads | None,
 ) -> Steps[SmoothField]:
     """The whole grid's values, with the constant at which the surface encloses the label's volume.
 
@@ -89,7 +88,7 @@ def keep_volume_steps(
         extracting = extract_steps(make_grid(closed, close_border=True), 0.0, False, budget)
         surface = yield from equal_part(extracting, trial, MOST_TRIALS)
         del closed  # before the next
-        volume, area = yield from equal_part(_measured_steps(surface, sides), trial, MOST_TRIALS)
+        volume, area = yield from equal_part(_measured_steps(surface, sides, pool), trial, MOST_TRIALS)
         del surface
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
@@ -142,20 +141,28 @@ def _next(tried: list[tuple[float, float]], goal: float, area: float) -> float:
     return c0 + (goal - v0) * (c1 - c0) / (v1 - v0)
 
 
-def _measured_steps(surface: Surface, sides: tuple[float, float, float]) -> Steps[tuple[float, float]]:
+def _measured_steps(
+    surface: Surface, sides: tuple[float, float, float], pool: Threads | None
+) -> Steps[tuple[float, float]]:
     """Enclosed volume and area, mm3 and mm2, of a closed surface in index space."""
     points, faces = surface.linear, surface.faces
     middle = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
     coordinates = (points - middle).T.copy()  # (3, V) float64
-    volume, area = 0, 0
-    for part in pieces(len(faces), FACES_AT_ONCE):
+    volumes, areas = [], []
+
+    def measure(part: slice) -> None:
         corners = (faces[part, corner].astype(np.intp) for corner in range(3))
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = ([along.take(of) for along in coordinates] for of in corners)
         along_z = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         along_x = (by - ay) * (cz - az) - (cy - ay) * (bz - az)
         along_y = (bz - az) * (cx - ax) - (cz - az) * (bx - ax)
-        volume += int(np.rint(along_z * (az + bz + cz) / FINEST).astype(np.int64).sum())
+        volumes.append(int(np.rint(along_z * (az + bz + cz) / FINEST).astype(np.int64).sum()))
         x, y, z = along_x * (sides[1] * sides[2]), along_y * (sides[2] * sides[0]), along_z * (sides[0] * sides[1])
-        area += int(np.rint(np.sqrt(x * x + y * y + z * z) / FINEST).astype(np.int64).sum())
-        yield Step(1.0)
-    return volume * FINEST / 6 * (sides[0] * sides[1] * sides[2]), area * FINEST / 2
+        areas.append(int(np.rint(np.sqrt(x * x + y * y + z * z) / FINEST).astype(np.int64).sum()))
+
+    yield PAUSE
+    parts = pieces(len(faces), FACES_AT_ONCE)
+    for first in range(0, len(parts), PARTS_AT_ONCE):
+        spread(pool, measure, parts[first : first + PARTS_AT_ONCE])
+        yield Step((first + 1) / len(parts))
+    return sum(volumes) * FINEST / 6 * (sides[0] * sides[1] * sides[2]), sum(areas) * FINEST / 2
