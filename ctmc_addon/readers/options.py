@@ -167,6 +167,12 @@ class ReadingOptions(Described):
         without="as the file or folder",
         check=checked_name,
     )
+    remove_table: bool = setting(
+        False,
+        "Make air of what lies behind the patient and does not belong to the body, such as the table; for HU",
+        label="Remove Table",
+        type=bool,
+    )
     anatomy_colors: bool = setting(
         False,
         "Color labels whose names are anatomical by these, whatever colors their file gives them",

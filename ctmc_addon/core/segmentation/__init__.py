@@ -20,6 +20,7 @@ from .points import sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
 from .shown import veiled
+from .table import without_table_steps
 
 __all__ = [
     "COMBINATIONS",
@@ -49,4 +50,5 @@ __all__ = [
     "unpacked_mask",
     "veiled",
     "window_of",
+    "without_table_steps",
 ]

@@ -80,6 +80,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         for axis, name in enumerate("XYZ"):
             row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
         layout.prop(self, "strict")
+        layout.prop(self, "remove_table")
         lines = layout.column(align=True)
         lines.scale_y = 0.8
         for line in in_lines(

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ....core.volume import ValueKind
 from ....readers import Series
 from ....reporting.formatting import count, directions
 from ... import jobs
@@ -78,6 +79,8 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
     ]
     draw_table(layout, facts, NAMES)
     draw_views(layout)
+    if volume.kind == ValueKind.HU:
+        layout.operator("ctmc.remove_table", icon="TRASH", depress=loaded.reading.remove_table)
     if len(loaded.series) > 1:
         draw_series(layout, context, loaded)
     if loaded.times > 1:
