@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import doctest
+import itertools
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from ctmc_addon.cli import main
+from ctmc_addon.cli.program import parser
 from ctmc_addon.readers import read_volume
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,6 +50,22 @@ def test_links_to_headings_lead_to_one(page):
     links = re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
     missing = [link for link in links if link[1] not in anchors_of(page.parent / link[0] if link[0] else page)]
     assert missing == []
+
+
+def commands_of(page):
+    """The command lines in a page's blocks of code, as words."""
+    text = page.read_text(encoding="utf-8")
+    blocks = "\n".join(re.findall(r"^```\w*\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)).replace("\\\n", " ")
+    return [shlex.split(line, comments=True) for line in re.findall(r"^ctmc .*$", blocks, re.MULTILINE)]
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if commands_of(page)], ids=lambda page: page.relative_to(ROOT).as_posix()
+)
+def test_every_command_of_a_page_is_one_that_ctmc_knows(page):
+    for words in commands_of(page):
+        own = list(itertools.takewhile(lambda word: word not in (">", "&", "|"), words[1:]))
+        parser(own[0]).parse_args(own)  # leaves with a message where a flag is unknown
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +134,28 @@ def test_the_python_of_the_segmenting_page_runs(readme_folder, monkeypatch, caps
     assert 0 < tumor < grown
     assert 0 < brushed < grown
     assert 16 <= undo <= 16 * brushed
+
+
+@pytest.mark.parametrize(
+    ("page", "made"),
+    [
+        ("index.md", ["bone.stl"]),
+        ("coming-from.md", ["organs.glb"]),
+        ("interfaces.md", ["organs/label 2.ply", "organs.json"]),
+        ("batch.md", ["out/summary.html", "liver.toml"]),
+    ],
+)
+def test_the_commands_of_a_page_run(page, made, readme_folder, monkeypatch, capsys):
+    monkeypatch.chdir(readme_folder)
+    ours = {"lits/": "ct", "labels.nii.gz": "ct/segmentation-0.nii.gz", "cases": "ct"}
+    shown = [[ours.get(word, word) for word in words[1:]] for words in commands_of(ROOT / "docs" / page)]
+    for words in shown[1:3] if page == "batch.md" else shown:  # one batch is enough
+        capsys.readouterr()
+        own = list(itertools.takewhile(lambda word: word not in (">", "&"), words))
+        assert main([*own, *(["--resume"] if own[0] == "batch" and "--resume" not in own else [])]) == 0
+        if ">" in words:
+            Path(words[-1]).write_text(capsys.readouterr().out, encoding="utf-8")
+    assert [name for name in made if not Path(name).is_file()] == []
 
 
 def test_the_command_lines_of_readme_make_what_they_say(readme_folder):
