@@ -149,10 +149,10 @@ def alpha_frames(chest: Chest) -> list[Image.Image]:
 
 
 def threshold_frames(volume: Volume, middle: Vector) -> Iterator[Image.Image]:
-    """One surface for each threshold, from skin to bone."""
+    """One surface for each threshold, from muscle to bone; the skin of a patient is not shown from the front."""
     scene = new_scene((440, 330), samples=10)
     look(scene, middle, azimuth=-24, elevation=18, distance=14, lens=105)
-    for threshold in (-400, -300, -200, -120, -60, -30, 0, 20, 40, 60, 80, 100, 120, 140, 170, 200, 250, 300, 350):
+    for threshold in (0, 20, 40, 60, 80, 100, 120, 140, 170, 200, 250, 300, 350):
         share = (threshold + 400) / 750
         color = tuple(low + (high - low) * share for low, high in zip(SKIN, BONE, strict=True))
         settings = {"smoothing": "gaussian", "smoothing_mm": 2.5, "stride": (3, 3, 2), "min_part_mm3": 3000}
