@@ -8,13 +8,13 @@ def modules() -> tuple[Any, ...]:
     """Everything that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
     from .properties import drawing, figure, preferences, scans, settings, view
-    from .state import drawings, label_looks, session, structures, volumes
+    from .state import drawing_files, drawings, label_looks, session, structures, volumes
     from .state import scans as active_scan
     from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (
         *(translations, preferences, session, volumes, structures, settings, scans, active_scan),
-        *(view, drawing, drawings, figure, jobs, label_looks, live),
+        *(view, drawing, drawings, drawing_files, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
         *(region, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.volume import volume_box
+from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.properties.drawing import points_of
 from ctmc_addon.ui.state import drawings, measurements, surfaces, volumes
 
@@ -214,3 +215,23 @@ def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     assert [line.name for line in bpy.context.scene.ctmc.labels] == ["tumor"]
     assert (mask() == before).all()
+
+
+def test_a_saved_drawing_lies_beside_the_blend_for_other_programs(drawing, tmp_path):
+    scene = bpy.context.scene
+    drawing.radius_mm, drawing.ball = 4.0, True
+    stroke(middle())
+    scene.ctmc.labels[0].name = "tumor"
+    theirs = tmp_path / "case.seg.nrrd"
+    theirs.write_bytes(b"not ours")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    (file,) = tmp_path.glob("*drawn.seg.nrrd")
+    labels = read_volume(file)
+    assert (labels.values == mask()).all()
+    assert labels.label_names == {1: "tumor"}
+    assert np.allclose(labels.affine, volumes.current(scene).affine)
+    assert theirs.read_bytes() == b"not ours"
+    stroke(middle(), erase=True)
+    written = file.stat().st_mtime_ns
+    bpy.ops.wm.save_mainfile()
+    assert file.stat().st_mtime_ns == written  # an empty drawing leaves the last one

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was drawn, for other programs: a `.seg.nrrd` beside the .blend, written whenever that is saved.
+
+The .blend itself holds the drawing, so this file may be moved or deleted; 3D Slicer opens it, and so does Load Labels.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...blender.colors import srgb
+from ...core import CtmcError, finish
+from ...core.files.atomic_write import whole_file
+from ...core.files.file_names import file_name
+from ...core.files.label_files import Segment, write_labels_steps
+from ...core.segmentation import layers_of
+from ..properties.structures import called
+from . import drawings, session, volumes
+
+SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
+_written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
+
+
+def path_beside(blend: str, scene: bpy.types.Scene) -> Path:
+    """Return where the drawing of a scene goes: after the .blend, and after the scene where several have one."""
+    several = sum(any(drawings.structures(other)) for other in bpy.data.scenes) > 1
+    stem = Path(blend).stem + (f" {scene.name}" if several else "")
+    return Path(blend).with_name(file_name(stem) + SUFFIX)
+
+
+def after_save(blend: str, *_: Any) -> None:
+    """Write the drawings of a .blend that was saved; what goes wrong is said in the panel and spoils nothing."""
+    for scene in bpy.data.scenes if blend else ():
+        if volumes.loaded(scene) is None or volumes.is_coarse(scene):
+            continue
+        try:
+            write(path_beside(blend, scene), scene)
+        except (CtmcError, OSError, MemoryError) as error:
+            session.of(scene).message = str(error)
+
+
+def write(path: Path, scene: bpy.types.Scene) -> None:
+    """Write what was drawn in a scene, unless it is written there already; an empty drawing writes nothing."""
+    items = [(item, drawings.of(scene, item)) for item in drawings.structures(scene)]
+    items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
+    lines = [drawings.line_of(scene, item) for item, _ in items]
+    state = [(called(line), tuple(line.color), drawn.revision) for line, (_, drawn) in zip(lines, items, strict=True)]
+    key = (scene.session_uid, str(path))
+    if not items or (_written.get(key) == state and path.exists()):
+        return
+    layers, used = layers_of([drawn.mask for _, drawn in items])
+    segments = [Segment(called(line), srgb(line.color), layer) for line, layer in zip(lines, used, strict=True)]
+    affine = np.asarray(volumes.require_loaded(scene).volume.affine)
+    with whole_file(path) as temporary_path:
+        finish(write_labels_steps(temporary_path, layers, segments, affine))
+    _written[key] = state
+
+
+def register() -> None:
+    """Listen for files that are saved."""
+    bpy.app.handlers.save_post.append(bpy.app.handlers.persistent(after_save))
+
+
+def unregister() -> None:
+    """Stop listening."""
+    bpy.app.handlers.save_post.remove(after_save)
+    _written.clear()
