@@ -19,7 +19,7 @@ from .packed import packed_slices, unpack_into, unpacked_mask
 from .points import sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
-from .shown import veiled
+from .shown import cropped, veiled
 from .table import without_table_steps
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "combined",
     "compete_steps",
     "connected_steps",
+    "cropped",
     "grown_window",
     "holes_filled_steps",
     "islands_steps",

@@ -7,6 +7,7 @@ hides what is drawn. Nothing of this is written to the file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -15,7 +16,7 @@ import numpy as np
 from ...blender.slices import corners_of, slices_of
 from ...blender.viewport import Picture, PreviewSurface
 from ...core import Preview, ReconstructionSettings
-from ...core.segmentation import Mask, grown_window, veiled
+from ...core.segmentation import Mask, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
 from ..properties.preferences import machine
@@ -26,7 +27,7 @@ SOON = 0.01  # seconds from a change to the surface
 CROP_MM = 4.0  # around a structure, for its surface
 
 _handlers: list[Any] = []
-_pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by slice: what decides its picture, and the picture
+_pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
 _made: dict[tuple[int, str], tuple[Any, int]] = {}  # the objects of a structure, and its revision when they came
 
@@ -44,29 +45,22 @@ def seen_color(item: Any) -> tuple[float, ...]:
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color)
 
 
-def picture_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Picture | None:
-    """Return what was drawn, in a slice; made anew only when something about it has changed."""
-    items = [item for item in drawings.structures(scene) if item.shown]
-    active = drawings.active(scene)
-    scale = machine().scale
-    drawn = [drawings.of(scene, item) for item in items]
-    state = (
-        corners_mm.tobytes(),
-        tuple((item.key, one.revision, tuple(item.color)) for item, one in zip(items, drawn, strict=True)),
-        None if active is None else active.key,
-        scale,
-    )
-    if key not in _pictures or _pictures[key][0] != state:
-        masks = [mask_in(scene, one.mask, corners_mm, section) for one in drawn]
-        some = [(mask, item) for mask, item in zip(masks, items, strict=True) if mask.any()]
-        picture = None
-        if some:
-            keys = [item.key for _, item in some]
-            at = keys.index(active.key) if active is not None and active.key in keys else None
-            colors = veiled([mask for mask, _ in some], [seen_color(item) for _, item in some], at)
-            picture = Picture(colors, corners_mm * scale)
-        _pictures[key] = (state, picture)
-    return _pictures[key][1]
+def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Iterator[Picture]:
+    """Yield what was drawn, in a slice, a picture for each structure; made anew only when it has changed."""
+    active, scale = drawings.active(scene), machine().scale
+    for item in drawings.structures(scene):
+        if not item.shown:
+            continue
+        drawn, place = drawings.of(scene, item), (scene.session_uid, item.key, key)
+        is_active = active is not None and active.key == item.key
+        state = (corners_mm.tobytes(), drawn.revision, tuple(item.color), is_active, scale)
+        if place not in _pictures or _pictures[place][0] != state:
+            mask, corners = cropped(mask_in(scene, drawn.mask, corners_mm, section), corners_mm)
+            color = seen_color(item)
+            _pictures[place] = (state, Picture(veiled(mask, color, is_active), corners * scale) if mask.size else None)
+        picture = _pictures[place][1]
+        if picture is not None:
+            yield picture
 
 
 def mask_in(scene: bpy.types.Scene, mask: Mask, corners_mm: Any, section: Any) -> Any:
@@ -90,13 +84,11 @@ def draw() -> None:
     view, scale = scene.ctmc_view, machine().scale
     if view.show_slice:
         section = slice_at(ct.volume, view.plane, view.position)
-        picture = picture_of(scene, "shown", slice_corners(ct.volume, section), section)
-        if picture is not None:
+        for picture in pictures_of(scene, "shown", slice_corners(ct.volume, section), section):
             picture.draw(context.region_data, above=1)
     for obj in slices_of(scene, ct.statistics.fingerprint):
         if obj.visible_get(viewport=space):
-            picture = picture_of(scene, obj.session_uid, corners_of(obj, scale))
-            if picture is not None:
+            for picture in pictures_of(scene, obj.session_uid, corners_of(obj, scale)):
                 picture.draw(context.region_data, above=1)
     if scene.ctmc.preview:
         draw_surfaces(context, ct)
