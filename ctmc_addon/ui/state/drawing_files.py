@@ -26,7 +26,7 @@ _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and pa
 
 
 def path_beside(blend: str, scene: bpy.types.Scene) -> Path:
-    """Return where the drawing of a scene's CT goes: after the .blend, and after scene and CT where several have one."""
+    """Return where the drawing of a scene goes: named after the .blend, and scene and CT where several have one."""
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
     ct = volumes.require_loaded(scene).volume.name
     stem = Path(blend).stem + (f" {scene.name} {ct}" if len(drawn) > 1 else "")
