@@ -14,6 +14,7 @@ from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
 from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.label_complex import ComplexMesh
 from ctmc_addon.core.simplification import whole
+from ctmc_addon.core.simplification.complexes.gaps import gaps_filled_steps
 from ctmc_addon.core.simplification.complexes.shares import Shares
 from ctmc_addon.core.simplification.complexes.simplify import (
     label_distances_steps,
@@ -128,6 +129,37 @@ def test_each_label_keeps_its_share():
     result = finish(simplify_complex_steps(mesh, reduction=0.9))
     for label in mesh.labels:
         assert result.faces[label] / result.full_faces[label] == pytest.approx(0.1, abs=0.005)
+
+
+def touching(radius):
+    """Two balls whose middles are seven samples apart."""
+    z, y, x = np.mgrid[:11, :11, :20]
+    labels = np.zeros(x.shape, int)
+    for label, middle in ((1, 6), (2, 13)):
+        labels[(z - 5) ** 2 + (y - 5) ** 2 + (x - middle) ** 2 < radius**2] = label
+    return labels
+
+
+def test_a_contact_smaller_than_a_triangle_becomes_a_point_that_both_labels_keep():
+    mesh = complex_of(touching(3.1), 2)
+    small = simplify_complex(mesh, reduction=0.98)
+    assert_labels_sound(small)
+    assert len(junction_edges(mesh)) == 12
+    assert len(junction_edges(small)) == 0
+    ours, theirs = ({vertex.tobytes() for vertex in small.of_label(label).vertices} for label in (1, 2))
+    assert len(ours & theirs) == 1
+
+
+@pytest.mark.parametrize(("target", "largest", "filled"), [(40, np.inf, 1), (400, np.inf, 0), (40, 0.1, 0)])
+def test_a_gap_between_labels_smaller_than_four_triangles_is_filled(target, largest, filled):
+    labels = touching(3.6)
+    labels[5, 5, 10] = 0  # in the middle of nine samples where both touch
+    mesh = complex_of(labels, 2)
+    made, collapsed = finish(gaps_filled_steps(mesh, target, largest))
+    assert collapsed.count == filled
+    assert_labels_sound(made)
+    lost = sum(mesh.of_label(label).volume - made.of_label(label).volume for label in mesh.labels)
+    assert -lost == pytest.approx(collapsed.volume, rel=1e-5)
 
 
 def test_a_label_that_touches_none_has_the_bytes_that_it_has_alone():

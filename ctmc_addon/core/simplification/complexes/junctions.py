@@ -3,12 +3,16 @@
 
 An interface is the triangles between one pair of labels. A junction edge has more than two triangles, or one at a
 border; most vertices of junction edges have two of them, between the same labels, and lie on a junction line. Where
-lines end, branch or change their labels is a corner, which is locked.
+lines end, branch or change their labels is a corner, which is locked. Where nothing meets but two labels and what has
+none is a contact, which moves: however its lines branch, both labels are manifold there.
 
 A collapse keeps the complex homeomorphic, so that every label's surface stays closed and manifold, if
 
 - the ends share the vertices across the edge's triangles and no others, and no edge across: no two triangles coincide;
 - it does not connect two vertices of junction lines, or only along the line, and no line of three edges becomes two.
+
+A line around a single triangle between two labels may go all the same, and both then touch at an edge, or a point: each
+label has the surface that it had. Hundreds of contacts as small as a voxel would else keep three vertices each.
 
 Dey, Edelsbrunner, Guha and Nekhayev 1999, Theorem for 2-complexes; Vivodtzev, Bonneau and Hahmann 2010,
 doi:10.1109/TVCG.2009.79.
@@ -28,7 +32,7 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-INTERIOR, ON_LINE, CORNER = 0, 1, 2  # ranks of vertices
+INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # ranks of vertices
 
 
 @dataclass(eq=False)
@@ -38,9 +42,9 @@ class Junctions:
     edges : (E,) bool
         Which edges are junction edges.
     interface : (E,) int32
-        Number of an interface that each edge is in.
+        Number of an interface that each edge is in, between two labels where there is one.
     rank : (V,) int8
-        `INTERIOR` of an interface, `ON_LINE` or `CORNER`.
+        `INTERIOR` of an interface, `CONTACT`, `ON_LINE` or `CORNER`; of two ends the higher stays.
     border : (b,) int32
         Vertices of edges with one triangle.
     """
@@ -91,9 +95,11 @@ def junctions_steps(
     faces_at = np.bincount(face_edges.ravel(), minlength=edge_count)
     yield PAUSE
     first, last = np.zeros(edge_count, np.int32), np.zeros(edge_count, np.int32)
-    for row in face_edges:
-        last[row] = interface
-    yield PAUSE
+    # The one between two labels comes last and stays: a collapse at a line concerns both.
+    for interfaces in (np.flatnonzero(labels[1, interface] == 0), np.flatnonzero(labels[1, interface] != 0)):
+        for row in face_edges:
+            last[row[interfaces]] = interface[interfaces]
+        yield PAUSE
     for row in face_edges[::-1]:
         first[row[::-1]] = interface[::-1]
     yield PAUSE
@@ -101,6 +107,7 @@ def junctions_steps(
     rank = np.zeros(vertex_count, np.int8)
     ends = edges[:, junction]
     rank[ends] = ON_LINE
+    contact = yield from _contacts_steps(faces, interface, labels, vertex_count)
 
     # The faces at junction edges, and the labels on both sides of these.
     slots, at = np.nonzero(np.take(junction, face_edges))
@@ -123,22 +130,53 @@ def junctions_steps(
         np.minimum.at(lowest, end, kind)
         np.maximum.at(highest, end, kind)
     rank[(degree > 0) & ((degree != 2) | (lowest != highest))] = CORNER
+    rank[contact] = CONTACT
     border = edges[:, faces_at == 1].ravel()
     rank[border] = CORNER
     rank[faces[:, odd[face_edges].any(axis=0)]] = CORNER
     return Junctions(junction, last, rank, border)
 
 
+def _contacts_steps(faces: Ints, interface: Ints, labels: Ints, vertex_count: int) -> Steps[Flags]:
+    """Vertices at which two labels and what has none meet, and nothing else, (V,) bool."""
+    of_vertex = np.zeros(vertex_count, np.int32)
+    for corner in faces:
+        of_vertex[corner] = interface
+    mixed = np.zeros(vertex_count, bool)
+    for corner in faces:
+        mixed[corner[np.take(of_vertex, corner) != interface]] = True
+    yield PAUSE
+    vertices, sides = [], []
+    for corner in faces:
+        at = np.flatnonzero(np.take(mixed, corner))
+        for side in labels:
+            vertices.append(corner[at])
+            sides.append(side[interface[at]])
+    keys = np.unique(np.concatenate(vertices).astype(np.int64) << 32 | np.concatenate(sides))
+    vertex, label = keys >> 32, keys & 0xFFFFFFFF
+    yield PAUSE
+    return (np.bincount(vertex[label != 0], minlength=vertex_count) == 2) & mixed
+
+
 def violates_link_condition_steps(
-    collapses: Collapses, faces: Ints, edges: Ints, face_edges: Ints, junctions: Junctions
+    collapses: Collapses, faces: Ints, edges: Ints, face_edges: Ints, junctions: Junctions, walls: Flags
 ) -> Steps[Flags]:
-    """Which collapses would change how the complex is connected, (n,) bool; `edges` are (2, E), the others (3, F)."""
+    """Which collapses would change how the labels are connected, (n,) bool.
+
+    `edges` are (2, E), the other arrays (3, F); `walls` says which faces are between two labels.
+    """
     count, vertex_count = len(collapses.edges), len(junctions.rank)
     across = np.bincount(collapses.owner[collapses.gone], minlength=count)
     shared, _ = yield from shared_neighbors_steps(collapses, edges, vertex_count)
     refused = np.bincount(shared, minlength=count) != across
-    lines, _ = yield from shared_neighbors_steps(collapses, edges[:, junctions.edges], vertex_count)
-    refused[lines] = True
+    lines, third = yield from shared_neighbors_steps(collapses, edges[:, junctions.edges], vertex_count)
+    # Of a contact of one triangle both labels have the face that goes, so neither sees a third neighbor.
+    at = np.flatnonzero(collapses.gone & np.take(walls, collapses.faces))
+    at = at[(np.take(junctions.rank, np.take(faces, collapses.faces[at], axis=1)) == CONTACT).all(axis=0)]
+    owner = collapses.owner[at].astype(np.int64)
+    apex = np.take(faces, collapses.faces[at], axis=1).sum(axis=0, dtype=np.int64)
+    apex -= collapses.kept[owner].astype(np.int64) + collapses.dropped[owner]
+    refused[lines[~np.isin(lines * vertex_count + third, owner * vertex_count + apex)]] = True
 
     moves = np.zeros(vertex_count, bool)
     moves[collapses.kept] = moves[collapses.dropped] = True

@@ -30,6 +30,7 @@ from ..component_removal import CollapsedComponents, Staying
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
+from .gaps import gaps_filled_steps
 from .junctions import interfaces_of
 
 TRIALS = 6  # shares of the triangles that are tried for a maximum error
@@ -217,13 +218,15 @@ def _part_steps(
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents())
+        mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
         collapsing = CollapsingComplex(mesh, target)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
         crossing = collapsing.crossing_count
-        return made, Simplification(whole, collapsing.collapsed_components, collapsing.handles_cut, crossing)
+        collapsed = filled + collapsing.collapsed_components
+        return made, Simplification(whole, collapsed, collapsing.handles_cut, crossing)
     label = mesh.labels[0]
     result = yield from simplification_steps(
         mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget, goal.largest_component

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fill gaps between two labels that are closed all round, and smaller than four triangles of what shall be left.
+
+One sample without a label between two organs leaves a gap of a cubic millimeter in their wall. It never has fewer than
+four triangles, and a line around it. The label with the larger wall there takes it, and the other keeps its surface.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mesh.label_complex import ComplexMesh
+from ...mesh.topology import component_numbers_steps, edges_steps
+from ...mesh.vectors import cross, dot
+from ...progress import PAUSE, Steps
+from ..component_removal import CollapsedComponents
+
+TETRAHEDRON = 4  # triangles
+RINGS = 4  # of triangles around a line are looked at: in a gap of a few samples there are no more
+
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+
+
+def gaps_filled_steps(
+    mesh: ComplexMesh, target: int, largest: float = math.inf
+) -> Steps[tuple[ComplexMesh, CollapsedComponents]]:
+    """Fill the small gaps between labels of a complex.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+    target : int
+        Triangles that shall be left.
+    largest : float
+        No larger volume is filled, in the cube of the mesh's unit.
+
+    Returns
+    -------
+    mesh : ComplexMesh
+        A gap has two walls of one piece each: the larger has gone, and the other separates both labels. The same object
+        where there is no gap.
+    filled : CollapsedComponents
+        The gaps.
+    """
+    nothing = mesh, CollapsedComponents()
+    near = yield from _near_lines_steps(mesh)
+    faces, all_sides = np.ascontiguousarray(mesh.faces[near].T), mesh.sides[near]
+    outer = np.flatnonzero((all_sides == 0).any(axis=1))
+    if not len(outer):
+        return nothing
+    edges, face_edges = yield from edges_steps(faces, len(mesh.vertices))
+    edge_count = edges.shape[1]
+    faces_at = np.bincount(face_edges.ravel(), minlength=edge_count)
+    around = np.take(face_edges, outer, axis=1)  # (3, f)
+    wall, walls = yield from _walls_steps(around, faces_at)
+    own = all_sides[outer].max(axis=1)
+    label = np.zeros(walls, np.int32)
+    label[wall] = own
+    a, b, c = (np.take(mesh.vertices.T, np.take(corner, outer), axis=1).astype(np.float64) for corner in faces)
+    normal = cross(b - a, c - a)
+    area = np.bincount(wall, np.sqrt(dot(normal, normal)) / 2.0, walls)
+    yield PAUSE
+
+    # Across the lines around a wall lies one other wall, and no border.
+    slots, at = np.nonzero(np.take(faces_at, around) != 2)
+    edge, wall_at = around[slots, at], wall[at]
+    meets = np.bincount(edge, minlength=edge_count)
+    total = np.bincount(edge, wall_at, edge_count).astype(np.int64)
+    opposite = total[edge] - wall_at
+    single = np.zeros(walls, np.int64)
+    single[wall_at] = opposite
+    odd = (faces_at[edge] != 3) | (meets[edge] != 2) | (single[wall_at] != opposite)
+    closed = np.ones(walls, bool)
+    closed[wall_at[odd]] = False
+    closed &= np.bincount(wall_at, minlength=walls) > 0
+    numbers = np.arange(walls)
+    closed &= (single != numbers) & (single[single] == numbers) & closed[single] & (label != label[single])
+    small = area + area[single] <= TETRAHEDRON * _area(mesh) / max(1, target)
+    closed &= small & (_euler(wall, np.take(faces, outer, axis=1), around) == 1)
+    closed &= closed[single]
+    yield PAUSE
+
+    first = np.flatnonzero(closed & (numbers < single))
+    if not len(first):
+        return nothing
+    outer = near[outer]
+    volume = _volumes(mesh, outer, wall, walls)
+    volumes = volume[first] + volume[single[first]]
+    fits = (volumes > 0) & (volumes <= largest)  # what lies around both labels is negative
+    first, volumes = first[fits], volumes[fits]
+    if not len(first):
+        return nothing
+    second = single[first]
+    goes = np.where(area[first] >= area[second], first, second)
+    stays = np.where(area[first] >= area[second], second, first)
+    takes = np.zeros(walls, np.int32)
+    takes[stays] = label[goes]
+    gone = np.zeros(walls, bool)
+    gone[goes] = True
+    sides = mesh.sides.copy()
+    filled = takes[wall] != 0
+    at = outer[filled]
+    sides[at] = np.where(sides[at] == 0, takes[wall[filled]][:, None], sides[at])
+    left = np.ones(len(mesh.faces), bool)
+    left[outer[gone[wall]]] = False
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces[left]] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    normals = None if mesh.normals is None else mesh.normals[used]
+    made = ComplexMesh(mesh.vertices[used], number[mesh.faces[left]], sides[left], normals)
+    return made, CollapsedComponents(len(first), float(volumes.max()), math.fsum(volumes.tolist()))
+
+
+def _near_lines_steps(mesh: ComplexMesh) -> Steps[Indices]:
+    """The triangles up to `RINGS` away from a vertex of two interfaces: those of small gaps, and few of the others."""
+    keys = mesh.sides.max(axis=1).astype(np.int64) << 32 | mesh.sides.min(axis=1)
+    at_vertex = np.empty(len(mesh.vertices), np.int64)
+    for corner in mesh.faces.T:
+        at_vertex[corner] = keys
+    yield PAUSE
+    near = np.zeros(len(mesh.vertices), bool)
+    for corner in mesh.faces.T:
+        near[corner[np.take(at_vertex, corner) != keys]] = True
+    yield PAUSE
+    for _ in range(RINGS):
+        touched = np.take(near, mesh.faces).any(axis=1)
+        near[mesh.faces[touched]] = True
+        yield PAUSE
+    return np.flatnonzero(touched)
+
+
+def _walls_steps(around: Ints, faces_at: Indices) -> Steps[tuple[Indices, int]]:
+    """The number of the wall that each face is in, whose edges are (3, f), and how many walls there are.
+
+    Faces are in one wall where they share an edge of two faces.
+    """
+    count = around.shape[1]
+    face = np.tile(np.arange(count, dtype=np.int32), 3)
+    node = np.where(np.take(faces_at, around).ravel() == 2, count + around.ravel(), face).astype(np.int32)
+    links = np.stack([face, node, node], axis=1)
+    number = (yield from component_numbers_steps(links, count + len(faces_at)))[:count]
+    return number.astype(np.int64), int(number.max()) + 1
+
+
+def _euler(wall: Indices, corners: Ints, around: Ints) -> Indices:
+    """Euler number of every wall, whose faces have these corners and edges, (3, f)."""
+    walls = int(wall.max()) + 1
+    owner = np.tile(wall, 3)
+    result = np.bincount(wall, minlength=walls)
+    for part, sign in ((corners, 1), (around, -1)):
+        count = int(part.max()) + 1
+        result = result + sign * np.bincount(np.unique(owner * count + part.ravel()) // count, minlength=walls)
+    return result
+
+
+def _area(mesh: ComplexMesh) -> float:
+    """Area of all triangles."""
+    a, b, c = (np.take(mesh.vertices.T, corner, axis=1) for corner in mesh.faces.T)
+    normal = cross(b - a, c - a)
+    return float(np.sqrt(dot(normal, normal)).sum(dtype=np.float64)) / 2.0
+
+
+def _volumes(mesh: ComplexMesh, outer: Indices, wall: Indices, walls: int) -> NDArray[np.float64]:
+    """What every wall adds to the volume that lies around the labels, which is positive in a gap."""
+    corners = np.take(mesh.faces, outer, axis=0)
+    origin = mesh.vertices[0].astype(np.float64)
+    a, b, c = (mesh.vertices[corner].astype(np.float64).T - origin[:, None] for corner in corners.T)
+    sign = np.where(mesh.sides[outer, 0] == 0, 1.0, -1.0)
+    sums: NDArray[np.float64] = np.bincount(wall, sign * dot(a, cross(b, c)) / 6.0, walls).astype(np.float64)
+    return sums
