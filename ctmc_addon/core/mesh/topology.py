@@ -42,16 +42,29 @@ def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
     face_edges = np.empty(len(low), np.int32)
     edges, count = [np.empty((2, 0), np.int32)], 0
     for corners in buckets(low, vertex_count):
-        keys = low[corners].astype(np.int64) * vertex_count + high[corners]
-        order = np.argsort(keys, kind="stable")
-        keys = keys[order]
-        new = np.ones(len(keys), bool)
-        new[1:] = keys[1:] != keys[:-1]
-        face_edges[corners[order]] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
-        edges.append(np.array(np.divmod(keys[new], vertex_count), np.int32))
+        lower, higher = np.take(low, corners), np.take(high, corners)
+        order = _order(lower, higher, vertex_count)
+        lower, higher = np.take(lower, order), np.take(higher, order)
+        new = np.ones(len(order), bool)
+        new[1:] = (lower[1:] != lower[:-1]) | (higher[1:] != higher[:-1])
+        face_edges[np.take(corners, order)] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
+        edges.append(np.stack([lower[new], higher[new]]))
         count += edges[-1].shape[1]
         yield PAUSE
     return np.concatenate(edges, axis=1), face_edges.reshape(faces.shape)
+
+
+def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
+    """A stable order of pairs by the first number, and then by the second, which is below `vertex_count`."""
+    lowest, highest = int(lower.min(initial=vertex_count)), int(lower.max(initial=0))
+    bits = len(lower).bit_length()
+    keys = (lower - np.int32(lowest)).astype(np.int64) * vertex_count + higher
+    if (highest - lowest + 1) * vertex_count >= 1 << 63 - bits:
+        return np.argsort(keys, kind="stable")
+    # Numbers are sorted several times faster than their places; these are the last bits of them.
+    keys = keys << bits | np.arange(len(keys))
+    keys.sort()
+    return keys & (1 << bits) - 1
 
 
 def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArray[np.int64], NDArray[np.int64]]]:
@@ -108,26 +121,29 @@ def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
 def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Lowest vertex of the component that every vertex is in, (V,) int32; a vertex without faces is its own.
 
-    Every vertex takes the lowest number among its faces' vertices and then that number's number
-    (pointer jumping), until nothing changes; the rounds grow with the logarithm of the diameter.
+    Where the two ends of an edge have different numbers, the vertex with the higher number takes the lower one, and then
+    that number's number (pointer jumping), until nothing changes; the rounds grow with the logarithm of the diameter.
     """
     lowest = np.arange(vertex_count, dtype=np.int32)
     starts = range(0, len(faces), FACES_PER_STEP)
-    links = [faces[start : start + FACES_PER_STEP, pair : pair + 2] for start in starts for pair in (0, 1)]
+    links = [
+        (faces[start : start + FACES_PER_STEP, pair], faces[start : start + FACES_PER_STEP, pair + 1])
+        for start in starts
+        for pair in (0, 1)
+    ]
     while links:
-        open_links: list[Ints] = []
+        open_links: list[tuple[Ints, Ints]] = []
         root = lowest.copy()  # a link is done with only when both its ends have had one root since the last round
-        for block in links:
-            a, b = root[block[:, 0]], root[block[:, 1]]
-            differ = a != b
-            if differ.any():
-                open_links.append(block[differ])
-                low = np.minimum(a, b)[differ]
-                np.minimum.at(lowest, a[differ], low)
-                np.minimum.at(lowest, b[differ], low)
+        for first, second in links:
+            a, b = np.take(root, first), np.take(root, second)
+            differ = np.flatnonzero(a != b)
+            if len(differ):
+                a, b = a[differ], b[differ]
+                open_links.append((a, b))
+                lowest[np.maximum(a, b)] = np.minimum(a, b)  # of several any will do: the others are asked again
             yield PAUSE
         while True:
-            shorter = lowest[lowest]
+            shorter = np.take(lowest, lowest)
             yield PAUSE
             if (shorter == lowest).all():
                 break

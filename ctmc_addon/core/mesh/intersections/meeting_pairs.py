@@ -90,7 +90,7 @@ def self_intersections_steps(
     yield PAUSE
     low, high = yield from _boxes_steps(columns, rows)
     blocks: Pairs = BoxTree(low, high, selected).pairs()
-    if selected is not None:
+    if selected is not None and 2 * selected.sum() < len(selected):
         blocks, kept = yield from _kept_steps(blocks, selected)
         numbers, selected = numbers[kept], selected[kept]
         columns, rows = _used(columns, np.take(rows, kept, axis=1))
