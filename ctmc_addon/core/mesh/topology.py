@@ -121,8 +121,9 @@ def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
 def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Lowest vertex of the component that every vertex is in, (V,) int32; a vertex without faces is its own.
 
-    Where the two ends of an edge have different numbers, the vertex with the higher number takes the lower one, and then
-    that number's number (pointer jumping), until nothing changes; the rounds grow with the logarithm of the diameter.
+    Where the two ends of an edge have different numbers, the vertex of the higher number takes the lower one, and
+    then that number's number (pointer jumping), until nothing changes; the rounds grow with the logarithm of the
+    diameter.
     """
     lowest = np.arange(vertex_count, dtype=np.int32)
     starts = range(0, len(faces), FACES_PER_STEP)
