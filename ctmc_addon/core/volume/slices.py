@@ -94,10 +94,15 @@ def stepped_position(volume: Volume, plane: str, position: float, by: int) -> fl
 
 
 def slice_values(volume: Volume, section: SliceIndex) -> NDArray[Any]:
-    """Return the samples of a slice, a view (rows, columns); of the two other axes, the faster one runs along a row."""
-    if section.axis == 0:
-        return volume.values[:, :, section.index]
-    return volume.values[:, section.index] if section.axis == 1 else volume.values[section.index]
+    """Return the samples of a slice (rows, columns), a view of values in memory.
+
+    Of the two other axes, the faster one runs along a row.
+    """
+    columns, rows, slices = (
+        range(section.index, section.index + 1) if axis == section.axis else range(size)
+        for axis, size in enumerate(volume.size)
+    )
+    return np.squeeze(volume.samples(slices, rows, columns), axis=2 - section.axis)  # not all values, which are read
 
 
 def slice_corners(volume: Volume, section: SliceIndex) -> NDArray[np.float64]:
