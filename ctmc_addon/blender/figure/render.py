@@ -22,7 +22,7 @@ from ...core import OutputError, Step, Steps, finish
 from ...core.files.atomic_write import whole_file
 from ..output_files import require_room
 from .compose import FigureScene, compose
-from .samples import OVERLAP, clean_page, is_denoised
+from .samples import OVERLAP, clean_border, clean_page, is_denoised
 from .shown import shown_surfaces
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
 from .styles import EDGE_MM, NAME
@@ -192,6 +192,8 @@ def png_steps(figure: FigureScene, path: Path, name: str, dpi: float, tiled: boo
                     raise OutputError(f"Blender rendered {tile.size} of {name}, not its rows {first} to {last}")
                 rows_of_tile = tile.crop((0, last - high, width, last - low))
             picture.paste(clean_page(rows_of_tile, figure.paper) if denoised else rows_of_tile, (0, height - high))
+        if denoised:
+            clean_border(picture, figure.paper)
         picture.save(path, "PNG", dpi=(dpi, dpi))
     finally:
         part.unlink(missing_ok=True)

@@ -16,13 +16,14 @@ from ..colors import Color, srgb
 from .spec import FigureStyle
 
 DENOISED = 40  # samples of a pixel before the denoiser; how smooth edges are comes from them
+SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and seen from afar
 NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
 FEWEST, MOST = 16, 512
 COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
 LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
 OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
 PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
-BORDER = 2  # pixels along the sides of a page, which are empty, and in whose corners it leaves more
+BORDER = 3  # pixels along the sides of a page, which are empty, and where it leaves more
 
 
 def can_denoise() -> bool:
@@ -41,7 +42,8 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
     if style.samples is not None or style.style != "illustration" or style.distances is not None:
         cycles.samples = style.samples or (COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES)
     elif can_denoise():
-        cycles.samples = DENOISED
+        small = scene.render.resolution_x * scene.render.resolution_y <= SMALL_PIXELS
+        cycles.samples = DENOISED_SMALL if small else DENOISED
         cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
         cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
     else:
@@ -62,6 +64,14 @@ def clean_page(rows: Any, paper: Color) -> Any:
     levels = np.array(rows)
     page = np.array(srgb(paper), np.uint8)
     near = (np.abs(levels[..., :3].astype(np.int16) - page) <= PAGE_LEVELS).all(axis=2)
-    near[:, :BORDER] = near[:, -BORDER:] = True
     levels[near, :3] = page
     return Image.fromarray(levels)
+
+
+def clean_border(picture: Any, paper: Color) -> None:
+    """Give the empty border of a picture, a Pillow image, the color of the page again."""
+    width, height = picture.size
+    empty = srgb(paper) if picture.mode == "RGB" else (*srgb(paper), 0)
+    for box in ((0, 0, width, BORDER), (0, height - BORDER, width, height),
+                (0, 0, BORDER, height), (width - BORDER, 0, width, height)):  # fmt: skip
+        picture.paste(empty, box)
