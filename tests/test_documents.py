@@ -52,6 +52,13 @@ def test_links_to_headings_lead_to_one(page):
     assert missing == []
 
 
+def test_every_page_is_in_the_list_of_the_site():
+    listed = re.findall(r": ([\w/.-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    made = {"gallery.md", "python.md", "contributing.md", "changelog.md", "security.md"}  # by tools/site_hooks.py
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert sorted(listed) == sorted(pages | made)
+
+
 def commands_of(page):
     """The command lines in a page's blocks of code, as words."""
     text = page.read_text(encoding="utf-8")
@@ -92,7 +99,7 @@ def page_of(name):
 def test_the_command_lines_of_the_simulation_page_choose_an_alpha(readme_folder, monkeypatch):
     lines = [line for line in page_of("simulation.md").splitlines() if line.startswith("ctmc reconstruct ct/")]
     monkeypatch.chdir(readme_folder)
-    assert [main(shlex.split(line)[1:]) for line in lines] == [0, 0]
+    assert [main(shlex.split(line)[1:]) for line in lines] == [0, 0, 0]
     report = json.loads((readme_folder / "tumor.json").read_text(encoding="utf-8"))
     assert 0 < report["alpha"] == report["alpha_choice"]["alpha"] < 1
     assert (report["smallest_angle_deg"] >= 5, report["below_5_deg"], report["closed"]) == (True, 0, True)

@@ -38,13 +38,13 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.files.atomic_write import made_folder, write_json
 from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
-from ctmc_addon.core.segmentation import islands_steps
+from ctmc_addon.core.segmentation import without_table_steps
 from ctmc_addon.core.volume import ValueKind
 
 FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
 SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), reduction=0.9)
 SIDES = (1, 2, 3)
-BONE_HU, TISSUE_HU, AIR_HU = 200.0, -300, -1000
+BONE_HU = 200.0
 SMALLEST_MM3 = 500.0  # of a component of a threshold's surface
 STAGES = {"Making the phantom": 2, "Writing the phantom": 4, "Reading": 1, "Reconstructing": 6, "Writing": 7}
 
@@ -111,14 +111,6 @@ def demo_of_ct(folder: Path, ct: Path) -> None:
         reconstructed(folder, ct, Stages({name: STAGES[name] for name in list(STAGES)[2:]}), progress, None)
 
 
-def within_body(volume: Volume) -> Volume:
-    """Return a CT in which all is air but its largest component of tissue: no table, and nothing on it."""
-    tissue = volume.values > TISSUE_HU
-    body = finish(islands_steps(tissue, 1.0, largest=1))
-    values = np.where(tissue & ~body, AIR_HU, volume.values).astype(volume.values.dtype)
-    return Volume(values, volume.affine, notes=volume.notes, name=volume.name, kind=volume.kind)
-
-
 def chosen_subject(volume: Volume) -> Subject:
     """Return what is reconstructed of a volume: its largest label, bone where it has HU, else what Otsu divides."""
     if volume.kind == ValueKind.LABEL:
@@ -134,7 +126,9 @@ def chosen_subject(volume: Volume) -> Subject:
     small = f"without components below {SMALLEST_MM3:g} mm3"
     if volume.kind == ValueKind.HU and float(volume.values.max()) > BONE_HU:
         return Subject(
-            replace(settings, threshold=BONE_HU), "surface", f"bone of the body, {BONE_HU:g} HU and more, {small}"
+            replace(settings, threshold=BONE_HU),
+            "surface",
+            f"bone, {BONE_HU:g} HU and more, without the table, {small}",
         )
     return Subject(settings, "surface", f"what Otsu's threshold divides, {small}")
 
@@ -144,7 +138,7 @@ def reconstructed(folder: Path, path: Path, stages: Stages, progress: Progress, 
     volume = progress.finish(stages.run("Reading", readers.read_volume_steps(path)))
     if subject is None:
         subject = chosen_subject(volume)
-        volume = within_body(volume) if subject.settings.threshold is not None else volume
+        volume = finish(without_table_steps(volume)) if subject.settings.threshold is not None else volume
     results = {}
     for at, side in enumerate(SIDES):
         steps = reconstruct_steps(volume, replace(subject.settings, stride=(side, side, 1)))

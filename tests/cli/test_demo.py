@@ -68,22 +68,13 @@ def test_the_demo_chooses_the_largest_label_or_bone_or_what_otsu_divides(demo):
 
 
 @pytest.mark.once
-def test_the_demo_leaves_the_table_out(demo):
-    values = np.full((4, 8, 8), -1000, np.int16)
-    values[:, 1:5], values[:, 2, 2], values[:, 7] = 40, 700, 300
-    kept = demo.within_body(Volume(values, np.eye(4), kind=ValueKind.HU)).values
-    assert np.array_equal(kept[:, :7], values[:, :7])
-    assert (kept[:, 7] == -1000).all()
-
-
-@pytest.mark.once
 def test_the_demo_of_a_ct_says_what_it_chose(demo, ctmc, tmp_path, capfd, monkeypatch):
     assert ctmc("phantom", tmp_path, "--slices", 5, "--size", 64, "--format", "nifti", "--quiet").code == 0
     outputs = demo.Outputs
     monkeypatch.setattr(demo, "Outputs", lambda paths, figure: outputs(paths[1:]))  # no .blend, no picture
     demo.demo_of_ct(tmp_path / "out", tmp_path / "volume-0.nii.gz")
     told, _ = capfd.readouterr()
-    assert "bone of the body, 200 HU and more, without components below 500 mm3" in told
+    assert "bone, 200 HU and more, without the table, without components below 500 mm3" in told
     assert "against 1 x 1 px" in told
     report = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     assert report["files"] == ["surface.stl"]
