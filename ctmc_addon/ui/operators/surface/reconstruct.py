@@ -155,11 +155,11 @@ def structures_steps(
 ) -> Steps[list[FinishedSurface]]:
     """Make the surfaces of several structures, in their order: labels as one work, each threshold by itself."""
     of_labels = [request for request in requests if request.settings.label is not None]
-    works = [labels_steps(labels, of_labels)] if of_labels else []
-    works += [labels_steps(volume, [request]) for request in requests if request.settings.label is None]
+    works = [(labels, of_labels)] if of_labels else []
+    works += [(volume, [request]) for request in requests if request.settings.label is None]
     made: dict[SurfaceRequest, FinishedSurface] = {}
-    for number, work in enumerate(works):
-        for surface in (yield from equal_part(work, number, len(works))):
+    for number, (source, group) in enumerate(works):
+        for surface in (yield from equal_part(labels_steps(source, group), number, len(works))):
             made[surface.request] = surface
     return [made[request] for request in requests]
 
