@@ -5,10 +5,11 @@ from .eye import frame, is_held
 from .legend import draw_legend
 from .overlay import Picture, draw_labels, draw_letters, draw_lines, draw_path
 from .preview_surface import PreviewSurface
-from .shaders import can_draw, free_shader
+from .shaders import WHOLE, can_draw, free_shader
 from .strip import Shown, Strip, draw_strip, placed_names, strip_in, width_of
 
 __all__ = [
+    "WHOLE",
     "Picture",
     "PreviewSurface",
     "Shown",

@@ -9,7 +9,7 @@ def modules() -> tuple[Any, ...]:
     from . import figure, figure_view, rotation
     from .ct import histogram, load, load_labels, region, slice, structure_list, threshold, view
     from .ct import table as ct_table
-    from .draw import edits, grow, radius, scissors, stroke, structures
+    from .draw import edits, grow, quad_view, radius, scissors, stroke, structures
     from .scene import pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
 
@@ -29,7 +29,7 @@ def modules() -> tuple[Any, ...]:
     )
     return (
         *viewing,
-        *(structures, stroke, grow, scissors, edits, radius),
+        *(structures, stroke, grow, scissors, edits, radius, quad_view),
         reconstruct,
         alpha,
         simplify,

@@ -46,6 +46,7 @@ def draw_tools(layout: Any, context: bpy.types.Context) -> None:
         for tool in pair:
             button = row.operator("ctmc.draw_tool", text=tool.bl_label, depress=tool.bl_idname == active)
             button.tool = tool.bl_idname
+    column.operator("ctmc.quad_view", icon="VIEW_ORTHO")
 
 
 def draw_structures(layout: Any, settings: Any) -> None:

@@ -14,13 +14,14 @@ import bpy
 import numpy as np
 
 from ...blender.slices import corners_of, slices_of
-from ...blender.viewport import Picture, PreviewSurface
+from ...blender.viewport import WHOLE, Picture, PreviewSurface
 from ...core import Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, drawings, session, surfaces, volumes
+from .slice_hits import slices_in
 
 DISPLAY_GAMMA = 2.2
 SOON = 0.01  # seconds from a change to the surface
@@ -91,15 +92,15 @@ def draw() -> None:
             for picture in pictures_of(scene, obj.session_uid, corners_of(obj, scale)):
                 picture.draw(context.region_data, above=1)
     if scene.ctmc.preview:
-        draw_surfaces(context, ct)
+        draw_surfaces(context)
 
 
-def draw_surfaces(context: Any, ct: volumes.Loaded) -> None:
+def draw_surfaces(context: Any) -> None:
     """Draw the coarse surfaces, with a tool of ours up to the slice."""
     scene, region = context.scene, context.region_data
     if any(is_behind(scene, item) for item in drawings.structures(scene)):
         wake()
-    plane = plane_of(context, ct) if scene.ctmc_view.show_slice and tool_of(context) else (0.0, 0.0, 0.0, 0.0)
+    plane = plane_of(context) if tool_of(context) else WHOLE
     for item in drawings.structures(scene):
         _, surface = _surfaces.get((scene.session_uid, item.key), (0, None))
         if surface is not None and item.shown and not is_made(scene, item):
@@ -122,17 +123,22 @@ def shows(scene: bpy.types.Scene, label: int | None) -> bool:
     return label is not None and any(line.value == label for line in lines)
 
 
-def plane_of(context: Any, ct: volumes.Loaded) -> tuple[float, float, float, float]:
-    """Return the plane of the slice in the viewport, positive on the viewer's side; Blender units."""
-    view, region = context.scene.ctmc_view, context.region_data
-    corners = slice_corners(ct.volume, slice_at(ct.volume, view.plane, view.position)) * machine().scale
-    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-    normal /= np.linalg.norm(normal)
+def plane_of(context: Any) -> tuple[float, float, float, float]:
+    """Return the plane of the slice that faces the viewer most, positive on the viewer's side; Blender units."""
+    region = context.region_data
     eye = np.array(region.view_matrix.inverted())
-    side = normal @ (eye[:3, 3] - corners[0]) if region.is_perspective else normal @ eye[:3, 2]
-    normal *= 1.0 if side >= 0 else -1.0
-    a, b, c = normal.tolist()
-    return a, b, c, -float(normal @ corners[0])
+    best, most = WHOLE, 0.0
+    for corners_mm in slices_in(context.scene, context.space_data):
+        corners = corners_mm * machine().scale
+        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+        normal /= np.linalg.norm(normal)
+        facing = abs(float(normal @ eye[:3, 2]))
+        if facing > most:
+            side = normal @ (eye[:3, 3] - corners[0]) if region.is_perspective else normal @ eye[:3, 2]
+            normal *= 1.0 if side >= 0 else -1.0
+            a, b, c = normal.tolist()
+            best, most = (a, b, c, -float(normal @ corners[0])), facing
+    return best
 
 
 def follow(_properties: Any, name: str) -> None:

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Three slices at once, each from its own side, beside the view that turns: the operator `ctmc.quad_view`."""
+
+from __future__ import annotations
+
+import bpy
+
+from ....blender.slices import slices_of
+from ....blender.viewport import frame
+from ....core.volume import volume_box
+from ...needs import Needs
+from ...properties.preferences import machine
+from ...state import session, volumes
+from ...translations import translate
+from ..scene.slice_object import in_object_mode
+
+
+class CTMC_OT_quad_view(Needs, bpy.types.Operator):
+    """Divide the viewport into Blender's four views, with three slices to draw on."""
+
+    bl_idname = "ctmc.quad_view"
+    bl_label = "Quad View"
+    bl_description = (
+        "Show three slices at once, from three sides, beside the view that turns; all can be drawn on, and Pick Point "
+        "moves them. Once more brings one view back; the slices stay, as objects"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (in_object_mode, volumes.has_volume)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene, area = context.scene, context.area
+        if area is None or area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        ct, space = volumes.require_loaded(scene), area.spaces.active
+        is_divided = bool(space.region_quadviews)
+        if not is_divided and not any(slices_of(scene, ct.statistics.fingerprint)):
+            bpy.ops.ctmc.add_slice(three=True)
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with context.temp_override(area=area, region=region):
+            bpy.ops.screen.region_quadview()
+        scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
+        for view in space.region_quadviews or [space.region_3d]:
+            frame(area, space, view, volume_box(ct.volume) * machine().scale)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((CTMC_OT_quad_view,))
