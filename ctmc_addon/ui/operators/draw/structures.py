@@ -6,9 +6,10 @@ from __future__ import annotations
 import bpy
 from bpy.props import StringProperty
 
+from ....blender.slices import slices_of
 from ... import jobs
 from ...needs import Needs
-from ...state import drawings
+from ...state import drawings, volumes
 from ...translations import translate
 from ..scene.slice_object import in_object_mode
 from .needs import can_draw
@@ -30,7 +31,7 @@ class CTMC_OT_draw_add(Needs, bpy.types.Operator):
 
 
 class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
-    """Take a tool, and show the slice that it draws on."""
+    """Take a tool, and show a slice to draw on where there is none."""
 
     bl_idname = "ctmc.draw_tool"
     bl_label = "Take Tool"
@@ -41,7 +42,9 @@ class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
     needs = (can_draw, in_object_mode)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        context.scene.ctmc_view.show_slice = True
+        ct = volumes.require_loaded(context.scene)
+        if not any(slices_of(context.scene, ct.statistics.fingerprint)):
+            context.scene.ctmc_view.show_slice = True
         bpy.ops.wm.tool_set_by_id(name=self.tool)
         return {"FINISHED"}
 
