@@ -141,7 +141,7 @@ def take(desk: Desk) -> None:
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (2, 2, 1)")
     desk.wait(COUNTED)
     rows = rows_of(desk, up=True)
-    load, copy = rows["bpy.ops.ctmc.load()"], rows["bpy.ops.ctmc.copy_command()"]
+    load, copy = rows["bpy.ops.ctmc.load_labels()"], rows["bpy.ops.ctmc.copy_command()"]
     keep(desk, "load", load - 75, rows["ctmc.surface_from"] - HEADING, view=False)
     keep(desk, "surface", rows["ctmc.surface_from"] - HEADING, rows["ctmc.alpha"] - HEADING - 52)
     desk.ask("bpy.context.scene.ctmc.preview = True")

@@ -130,7 +130,7 @@ def test_what_was_wrong_with_a_load_stands_below_its_button(desk, balls, languag
     message = "ours('ui.state.session').of(bpy.context.scene).load_message"
     desk.ask("ours('ui.state.session').of(bpy.context.scene).load_message = ''; redraw()")
     _, below = desk.find("ctmc.surface_from", 0.4)
-    x, y = desk.find(LOAD)
+    x, y = desk.find(LOAD, 0.3)
     before = desk.look(f"results-04-{language}-before")
     desk.click()
     choose_file(desk, f"{desk.inside}/broken.nii")
@@ -139,7 +139,7 @@ def test_what_was_wrong_with_a_load_stands_below_its_button(desk, balls, languag
     desk.key("Escape")
     after = desk.look(f"results-05-{language}-refused")
     assert words in said
-    assert desk.find(LOAD) == (x, y)
+    assert desk.find(LOAD, 0.3) == (x, y)
     lines = (desk.find("ctmc.surface_from", 0.4)[1] - below) / 20
     assert 1 < lines < 8
     box = (x - 100, y + 16, x + 100, y + 60)
