@@ -168,7 +168,7 @@ def test_the_commands_of_a_page_run(page, made, readme_folder, monkeypatch, caps
 def test_the_command_lines_of_readme_make_what_they_say(readme_folder):
     made = {path.name for path in readme_folder.iterdir()}
     assert {"ct", "bone.stl", "tumor.ply", "liver.stl", "organs", "patient.html", "out"} <= made
-    assert len(list((readme_folder / "organs").iterdir())) == 2
+    assert len(list((readme_folder / "organs").glob("*.stl"))) == 2
     header, count = (readme_folder / "bone.stl").read_bytes()[80:84], (readme_folder / "bone.stl").stat().st_size
     assert count == 84 + 50 * int.from_bytes(header, "little")
     assert json.loads((readme_folder / "out" / "summary.json").read_text(encoding="utf-8"))
