@@ -218,7 +218,7 @@ class CollapseLog:
         """Mark these changes, which stand, and all that depend on them, as undone; what of each round they are."""
         index = self._indexed()
         undone = np.zeros(self._ends()[0], bool)
-        touches = [np.zeros(0, np.int64)]
+        touches = [np.zeros(0, np.int32)]
         asked = np.unique(changes)
         while len(asked):
             undone[asked] = True
@@ -268,12 +268,13 @@ class _Index:
         self.before = np.concatenate([each.before for each in rounds])
         # The touches of each change follow one another. Numbers of 16 bits are sorted several times faster.
         sorts = [each.owner.astype(np.uint16 if each.count <= 1 << 16 else np.uint32) for each in rounds]
-        order = [np.argsort(owner, kind="stable") + each.start for owner, each in zip(sorts, rounds, strict=True)]
-        self._touches = np.concatenate(order)
+        self._touches = np.empty(len(self.change), np.int32)
+        for owner, each in zip(sorts, rounds, strict=True):
+            self._touches[each.start : each.start + len(owner)] = np.argsort(owner, kind="stable") + each.start
         self._counts = np.bincount(self.change, minlength=rounds[-1].first + rounds[-1].count)
         self._ends = np.cumsum(self._counts)
 
-    def touches_of(self, changes: NDArray[Any]) -> Indices:
+    def touches_of(self, changes: NDArray[Any]) -> Ints:
         """The touches of these changes."""
         counts = self._counts[changes]
         ends = np.cumsum(counts)
