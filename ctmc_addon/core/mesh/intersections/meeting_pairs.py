@@ -90,6 +90,7 @@ def self_intersections_steps(
     yield PAUSE
     low, high = yield from _boxes_steps(columns, rows)
     blocks: Pairs = BoxTree(low, high, selected).pairs()
+    del low, high
     if selected is not None and 2 * selected.sum() < len(selected):
         blocks, kept = yield from _kept_steps(blocks, selected)
         numbers, selected = numbers[kept], selected[kept]
@@ -154,12 +155,13 @@ class _Measured:
         columns, faces = self.columns, self.faces
         self.corners = [np.take(columns, corner, axis=1) for corner in faces]
         yield PAUSE
-        start, b, c = (corner.astype(np.float64) for corner in self.corners)
-        to_b, to_c = b - start, c - start
+        start = self.corners[0].astype(np.float64)
+        to_b, to_c = (corner - start for corner in self.corners[1:])
         size = np.maximum(np.abs(to_b).max(axis=0), np.abs(to_c).max(axis=0))
         error = PLANE_ERROR * size * size  # of a normal's product with an offset, for every unit of that
         yield PAUSE
         self.normals = cross(to_b, to_c)
+        del to_b, to_c, size
         self.offsets = dot(self.normals, start)
         # No offset is longer than twice the largest coordinate; that again for what the products lose.
         self.errors = error * (4 * float(np.abs(columns).max()))
