@@ -31,9 +31,10 @@ PARTS = {  # name: module, what is measured
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
     "small_components": "simplification of surfaces with thousands of small components",
     "bounds": "simplification to a greatest error in millimeters",
-    "many_labels": "104 labels at once against the largest alone",
-    "reading": "a DICOM folder against SimpleITK",
-    "processes": "a file to an STL file against 3D Slicer's recipe in VTK, whole processes",
+    "many_labels": "104 labels at once against the largest alone; a patient's organs with shared walls",
+    "reading": "DICOM folders against SimpleITK",
+    "livers": "the start of ctmc; livers from labels to STL against 3D Slicer's recipe, whole processes",
+    "processes": "bone from a file to an STL file against 3D Slicer's recipe in VTK, whole processes",
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",
 }

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All labels of a volume at once: 104 bodies of an adult's sizes in 512 x 512 x 600, against the largest one alone."""
+"""All labels of a volume at once: 104 bodies of an adult's sizes in 512 x 512 x 600, against the largest one alone.
+
+And the organs of a patient, with shared walls against each by itself.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from numpy.typing import NDArray
 
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct, reconstruct_labels
 from ctmc_addon.core.volume import label_extents_steps
+from ctmc_addon.readers import read_volume
 
 from .measuring import Session
 
@@ -82,3 +86,18 @@ def measure(session: Session) -> None:
 
         work = f"{len(extents)} labels of 512 x 512 x 600, smoothing {smoothing}"
         session.compare(work, everything, {"the largest label alone": (alone, 4.0)}, repeats=min(3, session.repeats))
+    organs = session.data / "ts_nifti" / "example_seg_fast_force_split.nii.gz"
+    if organs.exists():
+        volume = read_volume(organs)
+        count = len(finish(label_extents_steps(volume)))
+
+        def made(interfaces: str) -> Any:
+            settings = ReconstructionSettings(label=1, interfaces=interfaces)
+            return reconstruct_labels(replace(volume), settings).surfaces
+
+        session.compare(
+            f"{count} organs of a patient at 3 mm, walls shared",
+            lambda: made("shared"),
+            {"each by itself": (lambda: made("separate"), None)},
+            repeats=min(3, session.repeats),
+        )

@@ -6,13 +6,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ctmc_addon.core.phantom.phantom import LIVER
 
 from . import scenes
 from .measuring import Session
@@ -23,15 +22,13 @@ REMOVED = 0.9  # of the triangles, where they are reduced
 
 
 def measure(session: Session) -> None:
-    """All rows of this part: a liver from labels, bone from HU of the phantom and of the largest real CT."""
+    """All rows of this part: bone from HU of the phantom and of the largest real CT."""
     made = scenes.made_abdomen()
     stored = {"phantom": (made.volume.values, made.volume.affine)}
     real = scenes.real_ct(session.data, session.also)
     if real:
         name, largest = max(real.items(), key=lambda item: item[1].values.size)
         stored[name] = (largest.values, largest.affine)
-    labels = written(session.scratch / "labels.nii", made.labels.values, made.labels.affine)
-    compare(session, "the phantom's liver", labels, ["--label", str(LIVER)])
     for name, (values, affine) in stored.items():
         source = written(session.scratch / f"{name}.nii", values, affine)
         compare(session, f"bone of {name}", source, ["--threshold", str(scenes.BONE)])
@@ -46,13 +43,15 @@ def written(path: Path, values: NDArray[Any], affine: NDArray[np.float64]) -> Pa
     return path
 
 
-def compare(session: Session, work: str, source: Path, inside: list[str]) -> None:
-    """All triangles, and with nine of ten removed."""
+def compare(
+    session: Session, work: str, source: Path, inside: list[str], targets: Mapping[float, float] | None = None
+) -> None:
+    """All triangles, and with nine of ten removed; CTMC with one thread, as the recipe is but for flying edges."""
     for removed in (0.0, REMOVED):
-        ours = [*inside, *(["--simplify", str(removed)] if removed else [])]
+        ours = [*inside, "--threads", "1", *(["--simplify", str(removed)] if removed else [])]
         theirs = [*inside, *(["--decimate", str(removed)] if removed else [])]
         out = session.scratch / "process.stl"
-        peers = {SLICER: (lambda t=theirs, o=out: recipe(source, o, t), None)}
+        peers = {SLICER: (lambda t=theirs, o=out: recipe(source, o, t), (targets or {}).get(removed))}
         if inside[0] == "--threshold" and not removed:
             peers[VTK] = (lambda t=theirs, o=out: recipe(source, o, [*t, "--bare"]), None)
         counts = [reconstruct(source, out, ours), *(call() for call, _ in peers.values())]
@@ -76,13 +75,14 @@ def recipe(source: Path, out: Path, words: list[str]) -> int:
     return run(["benchmarks.slicer_recipe", str(source), str(out), *words], out)
 
 
-def run(module_and_words: list[str], out: Path) -> int:
-    """Run a module in a fresh Python and look into the STL it made."""
-    out.unlink(missing_ok=True)
+def run(module_and_words: list[str], out: Path | None) -> int:
+    """Run a module in a fresh Python and look into the STL it made, if it makes one."""
+    if out is not None:
+        out.unlink(missing_ok=True)
     # This checkout and the benchmark, wherever the process starts.
     settings = {**os.environ, "PYTHONPATH": os.pathsep.join([*FOLDERS, os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, "-m", *module_and_words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=settings)
     if done.returncode:
         raise RuntimeError(done.stderr)
-    return int(np.fromfile(out, "<u4", 1, offset=80)[0])
+    return 0 if out is None else int(np.fromfile(out, "<u4", 1, offset=80)[0])
