@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test fuzz test-all test-window test-package package lint types build address site bench accuracy segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
+.PHONY: help setup demo test fuzz test-all test-window test-package package lint types build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -57,6 +57,9 @@ bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extr
 accuracy: setup  ## how near surfaces come to closed forms, of labels beside the peers': the tables of docs/development/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
 	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.labels $(ARGS)
+
+interfaces:  ## walls that labels share, ours and the peers'; LABELS=PATH:PATH for label volumes simplified together and alone
+	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.shared_walls $(ARGS)
 
 segmentation:  ## clicks to a Dice by a simulated user, ours and the peers'; ARGS="liver tumor --clicks 6" for some
 	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.segmentation $(ARGS)
