@@ -9,6 +9,7 @@ that differ. While a stroke is drawn its mask is ahead of the file, until `store
 
 from __future__ import annotations
 
+import dataclasses
 import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -33,6 +34,9 @@ class Drawn:
 
     Parameters
     ----------
+    labels : Volume
+        The mask as labels of the list of structures. After every change of the file they are another volume, as what
+        is known of a volume, such as where its labels lie, is kept with it.
     unpacked : dict of int to bytes
         The slices of the file that the mask was made of.
     revision : int
@@ -42,6 +46,7 @@ class Drawn:
     """
 
     mask: Mask
+    labels: Volume
     unpacked: dict[int, bytes] = field(default_factory=dict)
     revision: int = 0
     grown: tuple[Any, Change] | None = None
@@ -96,14 +101,13 @@ def free_value(scene: bpy.types.Scene) -> int:
 
 
 def connect(scene: bpy.types.Scene, item: Any) -> Any:
-    """Give what was drawn its line in the list of structures, where it has none, and its voxels; return the line."""
+    """Give what was drawn its line in the list of structures, where it has none; return the line."""
     stored = scene.ctmc
     if not any(source.key == item.key for source in stored.label_sources):
         value = free_value(scene)
         source = stored.label_sources.add()
         source.key, source.offset = item.key, value - 1
         stored.add_labels([(value, item.name, tuple(item.color))], item.key)
-    put(scene, item)
     return line_of(scene, item)
 
 
@@ -116,10 +120,13 @@ def connect_all(scene: bpy.types.Scene) -> None:
             connect(scene, item)
 
 
-def put(scene: bpy.types.Scene, item: Any) -> None:
-    """Hand the voxels to the list of structures, as a volume of its own: what was made of the last one is old."""
-    labels = label_volume(of(scene, item).mask, volumes.require_loaded(scene).volume)
-    structure_list.put(item.key, labels)
+def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
+    """Return what was drawn of a structure, for the list; None of another source, or without the CT."""
+    if volumes.loaded(scene) is None or volumes.is_coarse(scene):
+        return None
+    fingerprint = scene.ctmc.volume_fingerprint
+    item = next((one for one in scene.ctmc_draw.structures if (one.key, one.fingerprint) == (key, fingerprint)), None)
+    return None if item is None else of(scene, item).labels
 
 
 def forget(scene: bpy.types.Scene, key: str) -> None:
@@ -147,7 +154,8 @@ def of(scene: bpy.types.Scene, item: Any) -> Drawn:
     key, volume = (scene.session_uid, item.key), volumes.require_loaded(scene).volume
     drawn = _drawn.get(key)
     if drawn is None or drawn.mask.shape != volume.shape:
-        drawn = _drawn[key] = Drawn(np.zeros(volume.shape, bool))
+        mask = np.zeros(volume.shape, bool)
+        drawn = _drawn[key] = Drawn(mask, label_volume(mask, volume))
         take(drawn, item)
     return drawn
 
@@ -159,7 +167,8 @@ def take(drawn: Drawn, item: Any) -> bool:
     changed = {n: content.get(n, b"") for n in numbers if content.get(n, b"") != drawn.unpacked.get(n, b"")}
     if changed or not drawn.revision:
         unpack_into(drawn.mask, changed)
-        drawn.unpacked, drawn.revision = content, next(_revisions)
+        drawn.unpacked = content
+        is_stored(drawn)
     return bool(changed)
 
 
@@ -175,8 +184,13 @@ def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
             item.slices.add().number = number
         item.slices[places[number]].content = content
         drawn.unpacked[number] = content
-    drawn.revision = next(_revisions)
+    is_stored(drawn)
     change_events.notify(scene.ctmc, change_events.DRAWN)
+
+
+def is_stored(drawn: Drawn) -> None:
+    """Note that a mask is what the file has, after a change."""
+    drawn.labels, drawn.revision = dataclasses.replace(drawn.labels), next(_revisions)
 
 
 def touched(drawn: Drawn) -> None:
@@ -253,7 +267,6 @@ def follow_file(*_: Any) -> None:
             del _drawn[uid, key]
             changed.add(uid)
         elif take(drawn, item):
-            put(scene, item)
             changed.add(uid)
     for scene in scenes.values():
         connect_all(scene)  # a structure whose removal was undone
@@ -293,6 +306,7 @@ HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_post": aft
 def register() -> None:
     """Listen for undo, for another file and for another CT."""
     change_events.subscribe(follow)
+    structure_list.ask(voxels_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
@@ -300,6 +314,7 @@ def register() -> None:
 def unregister() -> None:
     """Stop listening, and release all masks."""
     change_events.unsubscribe(follow)
+    structure_list.ask_no_more(voxels_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     clear()

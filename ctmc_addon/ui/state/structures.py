@@ -4,13 +4,13 @@
 The list `scene.ctmc.labels` and the sources `scene.ctmc.label_sources` are the file's, so undo, saving and opening need
 nothing here; the voxels of a source are kept by its key while the session lasts. What is combined is derived from both.
 
-A structure from elsewhere (a drawn mask, a click) is a source without a path: `add_labels(scene, labels, key)`. Where
-its voxels change later, hand the new ones to `put(key, labels)`, and call `change_events.notify(scene.ctmc, "labels")`.
+A structure from elsewhere (a drawn mask, a click) is a source without a path: `add_labels(scene, labels, key)`. Voxels
+that another module keeps, as `drawings` does, are asked of it whenever they are needed: `ask(maker)`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,10 +43,30 @@ class PlacedLabels(NamedTuple):
     key: str
 
 
+Maker = Callable[[bpy.types.Scene, str], Volume | None]
+"""Returns the voxels of a source of a scene by its key; None of a source that it does not keep."""
+
 _sources: dict[str, Volume] = {}
+_makers: list[Maker] = []
 _combined: dict[
     int, tuple[tuple[Any, ...], Volume]
 ] = {}  # by the scene's session_uid: of which sources, and the labels
+
+
+def ask(maker: Maker) -> None:
+    """Ask another module for the voxels of sources that are not kept here."""
+    _makers.append(maker)
+
+
+def ask_no_more(maker: Maker) -> None:
+    """Stop asking it."""
+    _makers.remove(maker)
+
+
+def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
+    """Return the voxels of a source of a scene; None where they are not in memory."""
+    made = (maker(scene, key) for maker in _makers)
+    return _sources.get(key) or next((labels for labels in made if labels is not None), None)
 
 
 def label_volume(scene: bpy.types.Scene) -> Volume | None:
@@ -58,10 +78,11 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
     if ct is None:
         return None
     own = [(ct.full, 0)] if ct.volume.kind == ValueKind.LABEL else []
-    added = [(_sources[source.key], source.offset) for source in scene.ctmc.label_sources if source.key in _sources]
+    sources = [(voxels_of(scene, source.key), source.offset) for source in scene.ctmc.label_sources]
+    added = [(volume, offset) for volume, offset in sources if volume is not None]
     if not added:
         return own[0][0] if own else None
-    key = tuple((id(volume), offset) for volume, offset in (own + added))
+    key = (*own, *added)  # the volumes themselves: the id of one that is gone may be another's
     known = _combined.get(scene.session_uid)
     if known is None or known[0] != key:
         known = (key, combined_labels(own + added))
@@ -97,7 +118,7 @@ def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) 
         If the CT is not in memory.
     """
     item = scene.ctmc.structure_of(settings)
-    if item is not None and item.source and item.source not in _sources:
+    if item is not None and item.source and voxels_of(scene, item.source) is None:
         raise LabelError(f"the labels of {item.name or settings.label} are not in memory; press Load Again")
     return volume_of(scene, settings) or volumes.require_loaded(scene).full
 
@@ -110,7 +131,7 @@ def origin_of(scene: bpy.types.Scene, item: Any) -> tuple[str, int]:
 
 def missing(scene: bpy.types.Scene) -> list[Any]:
     """Return the sources that the file knows and this session has not read."""
-    return [source for source in scene.ctmc.label_sources if source.key not in _sources]
+    return [source for source in scene.ctmc.label_sources if voxels_of(scene, source.key) is None]
 
 
 def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:

@@ -96,7 +96,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     scale = machine().scale
     of_labels = shown_labels(scene, volume) if settings.use_label else None
     colors = label_colors(settings) if of_labels is not None else {}
-    key = (shown_slice, window, level, above, upper, labels, bands, scale, tuple(colors.items()), id(of_labels))
+    key = (shown_slice, window, level, above, upper, labels, bands, scale, tuple(colors.items()), of_labels)
     if _last.get("volume") is not volume or _last.get("key") != key:
         values = slice_values(volume, shown_slice)
         tinted = labels if volume.kind != ValueKind.HU and of_labels is None else ()

@@ -8,10 +8,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.core.volume import volume_box
+from ctmc_addon.core import finish
+from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.properties.drawing import points_of
-from ctmc_addon.ui.state import drawings, measurements, surfaces, volumes
+from ctmc_addon.ui.state import drawings, measurements, structures, surfaces, volumes
 
 
 def middle():
@@ -202,6 +203,32 @@ def test_reconstruct_makes_what_was_drawn_under_its_name(drawing):
         assert obj.name.endswith(name)
         drawn = drawings.of(scene, item).mask.sum() * np.prod(volumes.current(scene).spacing)
         assert measurements.of(obj).measures.volume == pytest.approx(drawn, rel=0.05)
+
+
+def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
+    scene = bpy.context.scene
+    bpy.ops.ctmc.draw_add()
+    drawing.ball = True
+    assert finish(label_extents_steps(structures.label_volume(scene))) == {}
+    for radius_mm in (3.0, 6.0):
+        drawing.radius_mm = radius_mm
+        stroke(middle())
+        extents = finish(label_extents_steps(structures.label_volume(scene)))
+        assert [extent.voxels for extent in extents.values()] == [mask().sum()]
+
+
+def test_a_copied_scene_has_a_drawing_of_its_own(drawing):
+    first = bpy.context.scene
+    drawing.radius_mm, drawing.ball = 3.0, True
+    stroke(middle())
+    before = mask().sum()
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    second.ctmc_draw.radius_mm = 6.0
+    stroke(middle())
+    assert mask().sum() > before
+    for scene, voxels in ((first, before), (second, mask().sum())):
+        assert (structures.label_volume(scene).values > 0).sum() == voxels
 
 
 def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
