@@ -19,6 +19,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...blender.surface import read_provenance
 from ...core import Volume
 from ...core.segmentation import Change, Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind, linear, structure_color
@@ -96,8 +97,10 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 
 
 def free_value(scene: bpy.types.Scene) -> int:
-    """Return a label that no line of the list has."""
-    return max((line.value for line in scene.ctmc.labels), default=0) + 1
+    """Return a label that no line of the list has, and no surface of the CT, whose line may be gone."""
+    made = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
+    used = [one.settings.label or 0 for one in made if one.fingerprint == scene.ctmc.volume_fingerprint]
+    return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
 def connect(scene: bpy.types.Scene, item: Any) -> Any:

@@ -38,7 +38,15 @@ def forget(scene: bpy.types.Scene, fingerprint: str) -> None:
 
 
 def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
-    """Make another CT of the scene the panel's; return whether it is one."""
+    """Make another CT of the scene the panel's, and say so; return whether it is one."""
+    is_another = bring_back(scene, fingerprint)
+    if is_another:
+        change_events.notify(scene.ctmc, "volume")
+    return is_another
+
+
+def bring_back(scene: bpy.types.Scene, fingerprint: str) -> bool:
+    """Give the panel what it knew of another CT of the scene, and keep what it knows now; return whether it is one."""
     if not fingerprint or fingerprint == scene.ctmc.volume_fingerprint:
         return False
     if not any(scan.volume_fingerprint == fingerprint for scan in scene.ctmc_scans):
@@ -47,7 +55,6 @@ def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
     with filling():
         take_over(scene.ctmc, next(scan for scan in scene.ctmc_scans if scan.volume_fingerprint == fingerprint))
     forget(scene, fingerprint)
-    change_events.notify(scene.ctmc, "volume")
     return True
 
 

@@ -191,14 +191,15 @@ def conclude(
     is_first = not stored.volume_fingerprint
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
-    if is_another_ct:
+    is_known = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
+    if is_another_ct and not is_known:
         scans.park(scene)
         scans.forget(scene, loaded.statistics.fingerprint)
     volumes.keep(loaded, scene)
     show_options(stored, loaded.reading)
     if holds_region:
         stored.region_for = stored.volume_fingerprint
-    if is_another_ct:
+    if is_another_ct and not is_known:
         stored.volume_name = stored.volume_name if is_another_time else ""
         goes_by_number = is_another_time or not len(stored.labels)
         if not goes_by_number:

@@ -217,6 +217,21 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
 
 
+def test_a_new_structure_is_not_that_of_a_surface_whose_line_was_removed(drawing):
+    scene = bpy.context.scene
+    drawing.radius_mm, drawing.ball = 4.0, True
+    stroke(middle())
+    scene.ctmc.labels[0].name = "tumor"
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ctmc.remove_structure()
+    bpy.ops.ctmc.draw_add()
+    (line,) = scene.ctmc.labels
+    line.name = "kidney"
+    assert surfaces.of_structure(scene, line) == []
+    assert "tumor" in scene.objects
+    assert "kidney" not in scene.objects
+
+
 def test_a_copied_scene_has_a_drawing_of_its_own(drawing):
     first = bpy.context.scene
     drawing.radius_mm, drawing.ball = 3.0, True
@@ -235,12 +250,19 @@ def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
     drawing.radius_mm = 5.0
     stroke(middle())
     bpy.context.scene.ctmc.labels[0].name = "tumor"
+    bpy.ops.ctmc.add_threshold()
+    bpy.context.scene.ctmc.volume_name = "case 1"
+    bpy.context.scene.ctmc.label_index = 0
+    lines = [(line.name, line.kind, line.threshold, line.chosen) for line in bpy.context.scene.ctmc.labels]
     before = mask().copy()
     np.save(tmp_path / "other.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
     bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"), spacing=(1, 1, 2))
     assert not any(drawings.structures(bpy.context.scene))
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    assert [line.name for line in bpy.context.scene.ctmc.labels] == ["tumor"]
+    stored = bpy.context.scene.ctmc
+    assert [(line.name, line.kind, line.threshold, line.chosen) for line in stored.labels] == lines
+    assert stored.volume_name == "case 1"
+    assert [scan.volume_fingerprint == stored.volume_fingerprint for scan in bpy.context.scene.ctmc_scans] == [False]
     assert (mask() == before).all()
 
 
