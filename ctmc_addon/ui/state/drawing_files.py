@@ -22,14 +22,18 @@ from ..properties.structures import called
 from . import drawings, session, volumes
 
 SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
+SHORT = 4  # letters of a fingerprint
 _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
 
 
 def path_beside(blend: str, scene: bpy.types.Scene) -> Path:
-    """Return where the drawing of a scene goes: named after the .blend, and scene and CT where several have one."""
+    """Return where the drawing of a scene goes: named after the .blend, and scene and CT where several have one.
+
+    CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
+    """
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
-    ct = volumes.require_loaded(scene).volume.name
-    stem = Path(blend).stem + (f" {scene.name} {ct}" if len(drawn) > 1 else "")
+    ct, fingerprint = volumes.called(scene), scene.ctmc.volume_fingerprint
+    stem = Path(blend).stem + (f" {scene.name} {ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
     return Path(blend).with_name(file_name(stem) + SUFFIX)
 
 

@@ -249,9 +249,13 @@ def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:
 def ml_of(scene: bpy.types.Scene, item: Any) -> float:
     """Return the volume of a structure, ml."""
     window = window_in(scene, item)
-    spacing = volumes.require_loaded(scene).volume.spacing
     voxels = 0 if window is None else int(np.count_nonzero(of(scene, item).mask[window]))
-    return voxels * float(np.prod(spacing)) / 1000
+    return voxels * voxel_mm3(volumes.require_loaded(scene).volume) / 1000
+
+
+def voxel_mm3(volume: Volume) -> float:
+    """Return the volume of a voxel; the sides of one from a tilted gantry are not at right angles."""
+    return float(abs(np.linalg.det(volume.affine[:3, :3])))
 
 
 def label_volume(mask: Mask, volume: Volume) -> Volume:

@@ -156,6 +156,11 @@ def last_path() -> Path | None:
     return _loaded[next(reversed(_loaded))].path if _loaded else None
 
 
+def called(scene: bpy.types.Scene) -> str:
+    """Return what the CT of a scene is called: the panel's Name, else as its file or folder; it must be loaded."""
+    return str(scene.ctmc.volume_name).strip() or require_loaded(scene).volume.name
+
+
 def missing(scene: bpy.types.Scene) -> bool:
     """Return whether the file knows a CT that is not in memory."""
     return bool(scene.ctmc.volume_path) and loaded(scene) is None

@@ -88,7 +88,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         targets = {} if self.new else surfaces.targets(context, runs)
         fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
         volume_name = scene.ctmc.volume_name.strip()
-        name = volume_name or loaded.volume.name
+        name = volumes.called(scene)
         labels = None
         for run in runs:
             if run.label is not None:

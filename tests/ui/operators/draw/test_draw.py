@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from ctmc_addon.core import finish
 from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.properties.drawing import points_of
-from ctmc_addon.ui.state import drawings, measurements, structures, surfaces, volumes
+from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
 
 
 def middle():
@@ -217,6 +219,17 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
 
 
+def test_the_volume_of_a_drawing_in_slices_of_a_tilted_gantry(drawing, monkeypatch):
+    scene = bpy.context.scene
+    stroke(middle())
+    ct = volumes.loaded(scene)
+    affine = ct.volume.affine.copy()
+    affine[1, 2] = affine[2, 2]  # by 45 degrees
+    tilted = replace(ct, volume=replace(ct.volume, affine=affine))
+    monkeypatch.setitem(volumes._loaded, ct.statistics.fingerprint, tilted)
+    assert drawings.ml_of(scene, drawings.active(scene)) == pytest.approx(mask().sum() * 1 * 1 * 2 / 1000)
+
+
 def test_a_new_structure_is_not_that_of_a_surface_whose_line_was_removed(drawing):
     scene = bpy.context.scene
     drawing.radius_mm, drawing.ball = 4.0, True
@@ -264,6 +277,28 @@ def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
     assert stored.volume_name == "case 1"
     assert [scan.volume_fingerprint == stored.volume_fingerprint for scan in bpy.context.scene.ctmc_scans] == [False]
     assert (mask() == before).all()
+
+
+def test_drawings_of_two_cts_of_one_name_lie_apart_under_the_name_of_the_panel(drawing, tmp_path):
+    scene = bpy.context.scene
+    files = {}
+    stroke(middle())
+    scene.ctmc.volume_name = "case 7"
+    (tmp_path / "second").mkdir()
+    np.save(tmp_path / "second" / "ball.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "second" / "ball.npy"), spacing=(1, 1, 2))
+    stroke(middle())
+    scene.ctmc.volume_name = "case 7"
+    first = scene.ctmc_scans[0].volume_fingerprint
+    for _ in range(2):
+        before = mask().copy()
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+        (new,) = set(tmp_path.glob("*drawn.seg.nrrd")) - files.keys()
+        files[new] = before
+        scans.activate(scene, first)
+    for file, drawn in files.items():
+        assert (read_volume(file).values == drawn).all()
+        assert file.name.startswith("case Scene case 7 ")
 
 
 def test_a_saved_drawing_lies_beside_the_blend_for_other_programs(drawing, tmp_path):
