@@ -400,13 +400,13 @@ class _Making:
         faces, sides, placed = self.faces, self.sides, self.placed
         placing = placed.positions_steps(self.owners, None, self.origins, self.budget.thread_count)
         ends = [(yield from placing), self.linear]
-        group = self.group[placed.labels]
+        group, off_edges = self.group[placed.labels], placed.off_edges
         if not settings.close_border and self.on_cap.any():
             faces, sides = faces[~self.on_cap], sides[~self.on_cap]
             used = np.zeros(placed.count, bool)
             used[faces] = True
             faces = (np.cumsum(used, dtype=np.int32) - np.int32(1))[faces]
-            ends, group = [points[used] for points in ends], group[used]
+            ends, group, off_edges = [points[used] for points in ends], group[used], off_edges[used]
         yield PAUSE
         order = np.argsort(group, kind="stable")
         firsts = np.searchsorted(group, np.arange(len(self.labels) + 2), sorter=order)
@@ -418,7 +418,7 @@ class _Making:
                 yield PAUSE
         faces = transform_faces(volume.affine, faces)
         values = np.array([0, *self.labels], np.int32)
-        surface = ComplexSurface(ends[0], ends[1], faces, values[sides])
+        surface = ComplexSurface(ends[0], ends[1], faces, values[sides], off_edges)
         with_surface = set(values[np.flatnonzero(np.bincount(sides.reshape(-1), minlength=2)[1:]) + 1].tolist())
         for label in self.labels:
             if label not in with_surface:

@@ -173,11 +173,13 @@ class _Making:
             self.target = settings.target_faces or round(len(full_mesh.faces) * (1 - (settings.reduction or 0)))
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
-        self.crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, simplified))
         if simplified is None:
+            self.crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
             for label, result in full.items():
                 results[label] = replace(result, self_intersections=self.crossings.get(label, 0))
         else:
+            if simplified.self_intersections != 0:  # some, or not tested yet
+                self.crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, full))
         timed = tuple(Stage(name, stages.seconds[name]) for name in WEIGHTS if name in stages.seconds)
         for made in (full, results):
@@ -269,10 +271,7 @@ class _Making:
         )
 
 
-def _crossings_steps(full: ComplexMesh, simplified: ComplexSimplification | None) -> Steps[dict[int, int]]:
+def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
     """Count the pairs of triangles that meet where they may not, by label; one of two labels counts for both."""
-    mesh, known = (full, None) if simplified is None else (simplified.mesh, simplified.self_intersections)
-    if known == 0:
-        return {}
-    pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces)
+    pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces, selected)
     return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}

@@ -8,6 +8,7 @@ that lay within another label becomes that label.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +67,10 @@ def _between_different(surface: ComplexSurface, sides: NDArray[np.int32]) -> Com
     """Return the triangles whose sides differ, with the vertices that they use."""
     stay = np.flatnonzero(sides[:, 0] != sides[:, 1])
     if len(stay) == len(sides):
-        return ComplexSurface(surface.midpoints, surface.linear, surface.faces, sides)
+        return replace(surface, sides=sides)
     faces, used = surface.faces[stay], np.zeros(len(surface.linear), bool)
     used[faces] = True
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return ComplexSurface(surface.midpoints[used], surface.linear[used], number[faces], sides[stay])
+    return ComplexSurface(
+        surface.midpoints[used], surface.linear[used], number[faces], sides[stay], surface.off_edges[used]
+    )

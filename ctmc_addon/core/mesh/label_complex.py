@@ -123,12 +123,20 @@ class ComplexSurface:
         As in `ComplexMesh`; the same for every alpha.
     sides : (F, 2) int32
         As in `ComplexMesh`.
+    off_edges : (V,) bool
+        Whether a vertex lies inside a face or a voxel, as in voxels of three labels or more; others lie on edges.
     """
 
     midpoints: NDArray[np.float32]
     linear: NDArray[np.float32]
     faces: NDArray[np.int32]
     sides: NDArray[np.int32]
+    off_edges: NDArray[np.bool_]
+
+    @property
+    def may_cross(self) -> NDArray[np.bool_]:
+        """Whether a triangle may cross others, (F,): those of the case table do not, as with one label."""
+        return self.off_edges[self.faces].any(axis=1)
 
     def at(self, alpha: float) -> ComplexMesh:
         """The complex at `alpha`, in float32 in the order in which Blender mixes a shape key."""

@@ -20,6 +20,7 @@ from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
     pattern_numbers,
     pattern_of,
 )
+from ctmc_addon.core.mesh import self_intersections
 from ctmc_addon.core.progress import finish
 
 
@@ -149,6 +150,14 @@ def test_both_voxels_at_a_face_cut_it_alike():
                         )
             cuts.append(cut)
         assert cuts[0] == cuts[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_triangles_cross_whatever_the_owners_are(seed):
+    numbers = np.random.default_rng(seed).integers(0, 4, (9, 9, 9)).astype(np.uint8)
+    positions, faces, _ = complex_of(numbers)
+    assert len(faces) > 5000
+    assert self_intersections(positions, faces).tolist() == []
 
 
 def test_points_on_faces_are_where_three_labels_meet_without_a_diagonal():

@@ -161,6 +161,14 @@ class Placed:
         out[points] = out[~out[points]]
         return out
 
+    @property
+    def off_edges(self) -> NDArray[np.bool_]:
+        """Whether each vertex is a mean of others, (V,)."""
+        out = np.zeros(self.count, bool)
+        for faces, starts in zip(self.faces, self.starts.tolist(), strict=True):
+            out[starts[3] : starts[3] + len(faces.point_first) - 1] = True
+        return out
+
     def positions_steps(
         self, owners: Owners, shares: list[list[NDArray[np.float64]]] | None, origins: NDArray[np.intp], threads: int
     ) -> Steps[Floats]:

@@ -142,9 +142,12 @@ def pattern_of(number: int) -> Pattern:
     triangles: list[tuple[int, int, int]] = []
     sides: list[tuple[int, int]] = []
     inner: list[Loop] = []
-    for group in _groups(segments):
+    groups = _groups(segments)
+    for group in groups:
         nodes = {node for segment in group for node in segment[:2]}
-        cut = _cut_loops(group) if max(nodes) < FACE_POINT else None
+        # Diagonals of two loops could cross; what cuts off a corner has none.
+        is_flat = len(group) == 3 or len(groups) == 1
+        cut = _cut_loops(group) if is_flat and max(nodes) < FACE_POINT else None
         if cut is not None:
             triangles += cut
             sides += [group[0][2:]] * len(cut)
