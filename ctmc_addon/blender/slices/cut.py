@@ -18,18 +18,13 @@ from numpy.typing import NDArray
 from ...core import MeshError
 from ..ct_box import link_beside_ct
 from .cut_nodes import cut_nodes
+from .cuttable import require_cuttable
 from .material import picture_coordinates
 from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
 IN_PLANE = 1e-4  # of a slice's diagonal: nearer to its plane lies in it
 ARROW = 0.1  # length of the arrow, of the slice's diagonal
-
-
-def require_cuttable(obj: bpy.types.Object) -> None:
-    """Raise `MeshError` for an object that cannot be cut open."""
-    if obj.type != "MESH" or is_slice(obj):
-        raise MeshError(f"{obj.name} is not a surface; choose surfaces")
 
 
 def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], plane: bpy.types.Object) -> None:

@@ -10,7 +10,7 @@ def modules() -> tuple[Any, ...]:
     from .ct import histogram, load, load_labels, region, slice, structure_list, threshold, view
     from .ct import table as ct_table
     from .draw import edits, grow, quad_view, radius, scissors, stroke, structures
-    from .scene import pick_point, rulers, slice_object, studio, volume_object
+    from .scene import cut_away, pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
 
     viewing = (
@@ -23,6 +23,7 @@ def modules() -> tuple[Any, ...]:
         histogram,
         slice,
         slice_object,
+        cut_away,
         pick_point,
         volume_object,
         region,

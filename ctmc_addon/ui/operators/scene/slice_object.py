@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from ....blender.slices import add_slice, at_corners, cut_at_slice, cuts_of, flip, is_slice
+from ....blender.slices import add_slice, at_corners, cut_at_slice, cuts_of, flip, is_cuttable, is_slice
 from ....core import MeshError
 from ....core.volume import PLANES, SliceIndex, slice_at, slice_corners, slice_through, value_at
 from ... import jobs
@@ -104,13 +104,13 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not in_object_mode(cls, context):
             return False
-        if not any(obj.type == "MESH" and not is_slice(obj) for obj in context.selected_objects):
+        if not any(is_cuttable(obj) for obj in context.selected_objects):
             cls.poll_message_set("Select surfaces first")
             return False
         return is_slice(context.object) or volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        surfaces = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_slice(obj)]
+        surfaces = [obj for obj in context.selected_objects if is_cuttable(obj)]
         if not is_slice(context.object):
             view = context.scene.ctmc_view
             section = slice_at(volumes.require_loaded(context.scene).volume, view.plane, view.position)

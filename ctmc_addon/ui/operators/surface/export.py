@@ -10,6 +10,7 @@ from bpy.props import EnumProperty, StringProperty
 
 from ....blender.export import export_together
 from ....blender.shape_change import shape_change
+from ....blender.slices import is_cut_box
 from ....blender.surface import read_provenance
 from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SPACES, SURFACE_SUFFIXES
@@ -68,7 +69,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.object is None or context.object.type != "MESH":
+        if context.object is None or context.object.type != "MESH" or is_cut_box(context.object):
             cls.poll_message_set("Choose a surface first")
             return False
         if context.object.mode == "EDIT":
@@ -94,7 +95,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         """What goes to the file, in the order of the labels; the active surface where there is nothing else."""
         chosen = []
         if self.which == "SELECTED":
-            chosen = [obj for obj in context.selected_objects if obj.type == "MESH"]
+            chosen = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_cut_box(obj)]
         elif self.which == "VISIBLE":
             chosen = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
         return sorted(chosen, key=label_and_name) or [context.object]

@@ -69,6 +69,11 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
         row.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
         column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
+        row = draw_pair(column, context)
+        row.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
+        row = row.row(align=True)
+        row.operator("ctmc.flip_cut_away", icon="UV_SYNC_SELECT")
+        row.operator("ctmc.remove_cut_away", text="", icon="X")
         obj = context.view_layer.objects.active
         if is_slice(obj) or surfaces.is_surface(obj):
             draw_shape_change(layout, context, obj)
