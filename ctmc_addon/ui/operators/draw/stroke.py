@@ -16,7 +16,7 @@ from ....core.segmentation import brushed_window
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
-from ...state import drawings, session
+from ...state import drawings, session, volumes
 from ...translations import translate
 from ...viewport.slice_hits import SliceHit, slice_under
 from .needs import active_or_new, allowed_in, can_draw, limits_of, structure_of, volume_of
@@ -43,9 +43,9 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         self.start(context.scene)
         try:
             self.dab(context.scene, [tuple(point.at) for point in self.stroke], tuple(self.normal))
-        except CtmcError as error:
-            return jobs.refuse(self, context.scene.session_uid, error)
-        return self.finish(context)
+            return self.finish(context)
+        except (CtmcError, MemoryError) as error:
+            return self.give_up(context, error)
 
     def start(self, scene: bpy.types.Scene) -> None:
         """Remember what is drawn on."""
@@ -88,7 +88,10 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         self.area, self.hit = context.area.as_pointer(), hit
         self.start(context.scene)
         drawings.begin_stroke(self)
-        self.follow(context, hit)
+        try:
+            self.follow(context, hit)
+        except (CtmcError, MemoryError) as error:
+            return self.give_up(context, error)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -104,20 +107,30 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
             self.cancel(context)
             return {"CANCELLED"}
-        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            drawings.end_stroke(self)
-            return self.finish(context)
-        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
-            hit = slice_under(context.scene, context.area, event, self.hit.corners_mm)
-            if hit is not None:
-                self.follow(context, hit)
+        try:
+            if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+                drawings.end_stroke(self)
+                return self.finish(context)
+            if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
+                hit = slice_under(context.scene, context.area, event, self.hit.corners_mm)
+                if hit is not None:
+                    self.follow(context, hit)
+        except (CtmcError, MemoryError) as error:
+            return self.give_up(context, error)
         return {"RUNNING_MODAL"}
 
+    def give_up(self, context: bpy.types.Context, error: Exception) -> set[str]:
+        """Take the stroke back, and say why."""
+        self.cancel(context)
+        return jobs.refuse(self, context.scene.session_uid, error)
+
     def cancel(self, context: bpy.types.Context) -> None:
-        """Bring back what the file has."""
+        """Bring back what the file has, while structure and CT are there."""
         drawings.end_stroke(self)
         scene = context.scene
-        item = structure_of(scene, self.key)
+        item = next((one for one in drawings.structures(scene) if one.key == self.key), None)
+        if item is None or volumes.loaded(scene) is None:
+            return
         drawings.revert(scene, item, self.touched)
         if self.is_new:
             drawings.remove(scene, item)

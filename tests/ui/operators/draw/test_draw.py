@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,11 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.core import finish
 from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
+from ctmc_addon.ui import operators
+from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
 from ctmc_addon.ui.properties.drawing import points_of
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
+from ctmc_addon.ui.viewport.slice_hits import SliceHit
 
 
 def middle():
@@ -217,6 +221,28 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         stroke(middle())
         extents = finish(label_extents_steps(structures.label_volume(scene)))
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
+
+
+def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, monkeypatch):
+    def without_memory(*_args):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(operators.draw.stroke, "brushed_window", without_memory)
+        with pytest.raises(RuntimeError, match="memory"):
+            stroke(middle())
+        assert len(bpy.context.scene.ctmc.labels) == 0
+        drawn = SimpleNamespace(report=lambda *_: None)
+        for name in ("start", "dab", "follow", "give_up", "cancel"):
+            setattr(drawn, name, MethodType(getattr(CTMC_OT_draw_stroke, name), drawn))
+        drawn.erase, drawn.hit = False, SliceHit(middle(), np.eye(4, 3))
+        drawn.start(bpy.context.scene)
+        drawings.begin_stroke(drawn)
+        monkeypatch.setattr(operators.draw.stroke, "slice_under", lambda *_: drawn.hit)
+        moved = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
+        assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
+    assert not drawings.stroke_under_way()
+    assert len(bpy.context.scene.ctmc.labels) == 0
 
 
 def test_the_volume_of_a_drawing_in_slices_of_a_tilted_gantry(drawing, monkeypatch):
