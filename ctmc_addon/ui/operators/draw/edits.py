@@ -157,8 +157,9 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
         """Return the work on the whole CT: the other one may lie anywhere."""
         scene, how = context.scene, context.scene.ctmc_draw.combination
         item, volume, name = drawings.active(scene), volume_of(scene), scene.ctmc_draw.other
-        line = next((line for line in scene.ctmc.labels if line.name == name and line.kind == LABEL), None)
-        if item is None or line is None or line.source == item.key:
+        others = [line for line in scene.ctmc.labels if item is not None and line.source != item.key]
+        line = next((line for line in others if name and line.name == name and line.kind == LABEL), None)
+        if item is None or line is None:
             raise SettingsError("choose another structure to combine with, drawn or a label")
         first, second = drawings.of(scene, item).mask.copy(), mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)

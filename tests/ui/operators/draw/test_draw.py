@@ -223,6 +223,13 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
 
 
+def test_with_nothing_chosen_a_label_without_a_name_is_not_combined(drawing):
+    bpy.context.scene.ctmc.add_labels([(1, "", (1.0, 1.0, 1.0))])
+    stroke(middle())
+    with pytest.raises(RuntimeError, match="choose another structure"):
+        bpy.ops.ctmc.draw_combine()
+
+
 def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, monkeypatch):
     def without_memory(*_args):
         raise MemoryError
