@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
 import re
 import sys
@@ -53,6 +54,18 @@ class Parser(argparse.ArgumentParser):
         if words and words[0] in self.commands:
             return self.commands[words[0]].parse_known_args(words[1:], namespace)
         return super().parse_known_args(list(self.values_joined(words)), namespace)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As in `argparse`, but what is not understood is refused with what was meant, where that is known."""
+        parsed, rest = self.parse_known_args(args, namespace)
+        if rest:
+            parser: Parser = parsed.parser
+            near = difflib.get_close_matches(rest[0], parser._option_string_actions, 1) if rest[0][0] == "-" else []
+            remedy = f"; did you mean {near[0]}?" if near else ""
+            if rest[0][0] != "-" and isinstance(getattr(parsed, "label", None), list):
+                remedy = "; names of labels have commas between them, and quotes around those with spaces"
+            self.error(f"unrecognized arguments: {' '.join(rest)}{remedy}")
+        return parsed
 
     def values_joined(self, words: Sequence[str]) -> Iterator[str]:
         """`--stride 2 2 1 INPUT` as `--stride=2 2 1 INPUT`: what is not a number is not the flag's."""

@@ -26,6 +26,22 @@ from ..core.volume import ALL, chosen_labels_steps, region_box
 from .surface_writer import SurfaceWriter
 
 
+def open_words(number: int, opened: int) -> str:
+    """Return how many surfaces there are and how many of them are open, with the remedy.
+
+    Examples
+    --------
+    >>> open_words(3, 0), open_words(1, 1)
+    ('3', '1, open: --close-border closes it at the border')
+    >>> open_words(3, 2)
+    '3, 2 of them open: --close-border closes them at the border'
+    """
+    if not opened:
+        return str(number)
+    which, what = (f"{opened} of them open", "them") if number > 1 else ("open", "it")
+    return f"{number}, {which}: --close-border closes {what} at the border"
+
+
 @dataclass(frozen=True)
 class Surfaces:
     """What was made of one input.

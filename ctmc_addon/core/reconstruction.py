@@ -17,7 +17,7 @@ from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
 
-OPEN_NOTE = "The surface is open and encloses no volume; close_border closes it at the border of the volume or region."
+OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 
 
 class Stage(NamedTuple):

@@ -98,3 +98,19 @@ def test_the_older_name_of_the_gaussians_width_is_understood():
     file = {"label": 2, "smoothing_mm": 1.5}
     assert overridden(file, {"smoothing": "constrained"}) == {"label": 2, "smoothing": "constrained"}
     assert overridden({"label": 2, "smoothing": "constrained"}, {"smoothing_mm": 1}) == {"label": 2, "smoothing_mm": 1}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--treshold 3", "unrecognized arguments: --treshold 3; did you mean --threshold?"),
+        ("--label liver spleen", "unrecognized arguments: spleen; names of labels have commas between them"),
+        ("--stride 2 2 1 spleen", "unrecognized arguments: spleen\n"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_what_was_meant(capsys, line, words):
+    parser = Parser()
+    add_settings(parser, many=("label",))
+    with pytest.raises(SystemExit):
+        parser.parse_args(line.split())
+    assert words in capsys.readouterr().err

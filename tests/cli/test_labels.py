@@ -227,6 +227,20 @@ def test_a_batch_has_a_row_and_a_folder_for_each_case(ctmc, labels_file, tmp_pat
     assert names_in(out / "organs") == ["Liver 1.stl", "kidney left.stl", "liver 9.stl"]
 
 
+@pytest.mark.parametrize("labels", ["CON,nowhere,unknown", "nowhere,unknown"])
+def test_a_case_that_lacks_some_of_its_labels_keeps_the_others(ctmc, labels_file, tmp_path, labels):
+    out = tmp_path / "out"
+    done = ctmc("batch", labels_file, "-o", out, "--label", labels, "--no-thumbnails", "--jobs", "1")
+    assert done.code == 0, done.errors
+    record = json.loads((out / "organs.json").read_text("utf-8"))
+    if "CON" in labels:
+        assert names_in(out / "organs") == ["CON_.stl"]
+        assert (record["status"], record["absent_labels"]) == ("done", ["nowhere", "unknown"])
+    else:
+        assert record["status"] == "absent"
+        assert not (out / "organs").exists()
+
+
 def test_a_batch_has_a_page_for_each_case_and_links_it(ctmc, labels_file, tmp_path):
     out = tmp_path / "out"
     words = (

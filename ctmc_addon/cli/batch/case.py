@@ -28,7 +28,13 @@ from ...core import (
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
-from ...core.volume import chosen_labels_steps, inside_values_steps, label_extents_steps, region_box
+from ...core.volume import (
+    chosen_labels_steps,
+    existing_labels_steps,
+    inside_values_steps,
+    label_extents_steps,
+    region_box,
+)
 from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
@@ -152,7 +158,7 @@ class Case:
             "error": None,
             **report,
             "stages": [reading._asdict(), *report["stages"]],
-            "notes": [without_folders(note, task) for note in report["notes"]],
+            "notes": [with_flags(without_folders(note, task)) for note in report["notes"]],
             **identity(task, output),
             **self.input_key,
             "run": task["run"],
@@ -230,19 +236,22 @@ class Case:
 def present_labels(
     volume: Volume, settings: ReconstructionSettings, choices: Sequence[int | str]
 ) -> tuple[list[int | str], list[int | str]]:
-    """Return which of several labels the volume has, and which are absent.
+    """Return which of several labels the volume has, and which are absent: a table may name what no voxel has.
 
     Raises
     ------
     AbsentLabelError
         If it has none of them.
     """
+    box = region_box(volume, settings)
     present: list[int | str] = []
     absent: list[int | str] = []
     refusal: AbsentLabelError | None = None
     for choice in choices:
         try:
-            finish(chosen_labels_steps(volume, [choice], region_box(volume, settings)))
+            values = finish(chosen_labels_steps(volume, [choice], box))
+            if finish(label_extents_steps(volume, box)).keys().isdisjoint(values):
+                raise AbsentLabelError(f"no voxel has the label {choice}; {finish(existing_labels_steps(volume, box))}")
             present.append(choice)
         except AbsentLabelError as error:
             refusal = error

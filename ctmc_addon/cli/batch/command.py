@@ -31,6 +31,7 @@ from ..arguments import add_quiet, add_reading, add_settings, at_least, given_se
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import source_of
 from ..outputs import Outputs
+from ..surfaces import open_words
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect, values_of
 from .files import (
@@ -316,6 +317,10 @@ def table_of(rows: Sequence[SummaryRow]) -> str:
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]
+    opened = sum(row.closed is False for row in rows)
+    if opened:
+        done = sum(row.status == DONE for row in rows)
+        errors.append(("surfaces", open_words(done, opened)))
     if absent:
         errors.append(("absent", f"{len(absent)} without the label, such as {', '.join(absent[:MOST_ABSENT])}"))
     return table(lines) + (f"\n\n{listing(errors)}" if errors else "")

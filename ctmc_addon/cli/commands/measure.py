@@ -22,7 +22,7 @@ from ...core import (
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.volume import ValueKind
 from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels
-from ..surfaces import may_be_several, surfaces_steps
+from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import fetched_steps, head_of, needed_steps, source_of
 
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
     opened = sum(row.volume_ml is None for row in rows)
     facts = titled("note", surfaces.notes)
     if opened:
-        facts.insert(0, ("surfaces", f"{len(rows)}, {opened} of them open: --close-border closes them at the border"))
+        facts.insert(0, ("surfaces", open_words(len(rows), opened)))
     if output is not None:
         facts.append(("written", output.name))
     print(f"{head_of(volume)}\n\n{table(table_cells(rows, kind))}" + (f"\n\n{listing(facts)}" if facts else ""))

@@ -39,10 +39,11 @@ from ..arguments import (
     command_of,
     reading_of,
     settings_and_labels,
+    with_flags,
 )
 from ..blender_host import require_blender
 from ..outputs import Outputs, surface_output, written_steps
-from ..surfaces import Surfaces, may_be_several, surfaces_steps
+from ..surfaces import Surfaces, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
@@ -302,7 +303,7 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         *(("small", line) for line in small_components_lines(result)),
         ("threshold", f"{result.threshold:.6g}"),
         ("voxels", f"{result.voxels_visited} visited"),
-        *titled("note", report["notes"]),
+        *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
     settings = f"settings: {command_of(result.settings) or 'the defaults'}"
@@ -338,10 +339,9 @@ def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path]
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
     opened = sum(not result.measures.closed for result in surfaces.results)
-    shapes = f", {opened} of them open: --close-border closes them at the border" if opened else ""
     shown = [
-        ("surfaces", f"{len(surfaces.results)}{shapes}"),
-        *titled("note", surfaces.notes),
+        ("surfaces", open_words(len(surfaces.results), opened)),
+        *titled("note", [with_flags(note) for note in surfaces.notes]),
         ("written", written + more),
     ]
     return (

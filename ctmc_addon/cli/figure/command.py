@@ -14,7 +14,7 @@ from ...core import Budget, Reconstruction, Stages
 from ..arguments import Parser, settings_and_labels
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
-from ..surfaces import surfaces_steps
+from ..surfaces import open_words, surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable
 
@@ -75,6 +75,7 @@ def run(args: argparse.Namespace) -> None:
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
         ("figure", common.size_of(page, size)),
-        ("triangles", ", ".join(f"{len(result.mesh.faces):,}" for result in results)),
+        ("surfaces", open_words(len(results), sum(not result.measures.closed for result in results))),
+        ("triangles", " + ".join(f"{len(result.mesh.faces):,}" for result in results)),
     ]
     print(common.summary(facts, surfaces.notes, [target, blend]))

@@ -34,6 +34,7 @@ from ..arguments import (
     flags_checked,
     given_table,
     settings_and_labels,
+    with_flags,
 )
 from ..blender_host import blender_at_work, objects_of
 from ..described_flags import add_described, add_flag
@@ -206,4 +207,4 @@ def size_of(page: Page, size: tuple[int, int]) -> str:
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
     """Return what came out, for a person: facts, notes, and the files that were written."""
     written = ", ".join(file.name for file in files if file is not None)
-    return listing([*facts, *titled("note", list(dict.fromkeys(notes))), ("written", written)])
+    return listing([*facts, *titled("note", [with_flags(note) for note in dict.fromkeys(notes)]), ("written", written)])

@@ -208,7 +208,8 @@ def field_steps(
     threshold = yield from stages.run(looking, used_threshold_steps(volume, settings))
     notes = smoothing.notes(settings)
     if settings.label is None and settings.threshold is None:
-        notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.", *notes)
+        advice = "" if volume.kind != ValueKind.LABEL else " It tells no labels apart: give one, several or all."
+        notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.{advice}", *notes)
     inner = relative_box(window, origin)
     plain: GrayValues | LabelMask
     if settings.label is None:
@@ -244,8 +245,8 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
         volumes = (
-            f"; the surface encloses {smooth.volume_mm3:.6g} mm3 at alpha 1 and stride 1, "
-            f"the samples {smooth.label_mm3:.6g} mm3"
+            f"; the surface encloses {smooth.volume_mm3:.1f} mm3 at alpha 1 and stride 1, "
+            f"the samples {smooth.label_mm3:.1f} mm3"
         )
     notes = [smoothed_note(slice_steps, volumes)]
     if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:

@@ -231,9 +231,12 @@ def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absen
 def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_path):
     np.save(tmp_path / "open.npy", ball(14))  # reaches over the border
     out = tmp_path / "out"
-    assert ctmc("batch", tmp_path / "open.npy", "-o", out, *FLAGS, "--no-thumbnails").code == 0
+    done = ctmc("batch", tmp_path / "open.npy", "-o", out, *FLAGS, "--no-thumbnails")
+    assert done.code == 0
+    assert "surfaces  1, open: --close-border closes it at the border" in done.out
     [row] = summary(out)
     assert (row["status"], row["volume_mm3"]) == ("done", None)
+    assert "; --close-border closes it" in row["notes"]
     assert row["faces"] > 0
     record = json.loads((out / "open.json").read_text("utf-8"))
     assert (record["closed"], record["volume_mm3"]) == (False, None)
