@@ -76,6 +76,6 @@ def run(args: argparse.Namespace) -> None:
     facts = [
         ("figure", common.size_of(page, size)),
         ("surfaces", open_words(len(results), sum(not result.measures.closed for result in results))),
-        ("triangles", " + ".join(f"{len(result.mesh.faces):,}" for result in results)),
+        ("triangles", f"{sum(len(result.mesh.faces) for result in results):,}"),
     ]
     print(common.summary(facts, surfaces.notes, [target, blend]))
