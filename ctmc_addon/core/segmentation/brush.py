@@ -52,18 +52,19 @@ def brushed_window(
         raise SettingsError(f"a brush has a radius above 0 mm, not {radius_mm:g}; choose one such as 5")
     if stroke.ndim != 2 or stroke.shape[1] != 3 or not len(stroke) or not np.isfinite(stroke).all():
         raise SettingsError("a stroke is one point or more of three finite numbers x y z in RAS+ mm")
-    window = _window(volume, stroke, radius_mm)
+    axis = thickness = None
+    lines = list(pairwise(stroke)) or [(stroke[0], stroke[0])]
+    if normal is not None:
+        axis = np.array(normal, np.float64)
+        axis /= math.sqrt(float((axis * axis).sum()))
+        thickness = _half_thickness(volume, axis)
+        lines = [(start, end - float(((end - start) * axis).sum()) * axis) for start, end in lines]  # in its plane
+    window = _window(volume, np.concatenate(lines), radius_mm, axis, thickness)
     touched = np.zeros(tuple(side.stop - side.start for side in window), bool)
     if not touched.size:
         return window, touched
     z, y, x = np.meshgrid(*(np.arange(side.start, side.stop) for side in window), indexing="ij")
     at = transform_points(volume.affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1))  # (n, 3)
-    axis = thickness = None
-    if normal is not None:
-        axis = np.array(normal, np.float64)
-        axis /= math.sqrt(float((axis * axis).sum()))
-        thickness = _half_thickness(volume, axis)
-    lines = list(pairwise(stroke)) or [(stroke[0], stroke[0])]
     flat = touched.ravel()
     for start, end in lines:
         flat |= _near_line(at, start, end, radius_mm, axis, thickness)
@@ -101,13 +102,22 @@ def brush(
     return drawn
 
 
-def _window(volume: Placed, stroke: NDArray[np.float64], radius_mm: float) -> Window:
-    """Return the window that holds all samples which the stroke may touch."""
+def _window(
+    volume: Placed,
+    stroke: NDArray[np.float64],
+    radius_mm: float,
+    axis: NDArray[np.float64] | None,
+    half_mm: float | None,
+) -> Window:
+    """Return the window that holds all samples which the stroke may touch; of discs, with their axis."""
     index = to_index(volume.affine, stroke)
-    # The index moves by a row of the inverse for each mm, so a ball reaches the row's length.
+    # The index moves by a row of the inverse for each mm, so a ball reaches the row's length, and a disc that of the
+    # row's part in its plane and half its thickness along the rest.
     origin = volume.affine[:3, 3]
     inverse = to_index(volume.affine, origin + np.eye(3)).T  # (3, 3): a row for each axis of the index
-    reach = radius_mm * (1 + SLACK) * np.sqrt((inverse * inverse).sum(axis=1))
+    along = np.zeros(3) if axis is None else (inverse * axis).sum(axis=1)
+    across = np.sqrt(np.maximum((inverse * inverse).sum(axis=1) - along * along, 0.0))
+    reach = (1 + SLACK) * (radius_mm * across + (half_mm or 0.0) * np.abs(along))
     low = np.ceil(index.min(axis=0) - reach - SLACK).astype(int)
     high = np.floor(index.max(axis=0) + reach + SLACK).astype(int) + 1
     x, y, z = (
@@ -139,7 +149,6 @@ def _near_line(
         above = apart[:, 0] * axis[0] + apart[:, 1] * axis[1] + apart[:, 2] * axis[2]
         inside = (above >= -half_mm * (1 + SLACK)) & (above < half_mm * (1 - SLACK))
         apart = apart - above[:, None] * axis
-        along = along - float((along * axis).sum()) * axis
     length = float((along * along).sum())
     if length > 0:
         share = (apart[:, 0] * along[0] + apart[:, 1] * along[1] + apart[:, 2] * along[2]) / length
