@@ -119,8 +119,13 @@ def is_made(scene: bpy.types.Scene, item: Any) -> bool:
 
 def shows(scene: bpy.types.Scene, label: int | None) -> bool:
     """Return whether a label was drawn, so that it is shown here and needs no other preview."""
-    lines = (drawings.line_of(scene, item) for item in drawings.structures(scene))
-    return label is not None and any(line.value == label for line in lines)
+    return label in labels_of(scene)
+
+
+def labels_of(scene: bpy.types.Scene) -> set[int]:
+    """Return the labels that were drawn."""
+    keys = {item.key for item in drawings.structures(scene)}
+    return {line.value for line in scene.ctmc.labels if line.source in keys}
 
 
 def plane_of(context: Any) -> tuple[float, float, float, float]:

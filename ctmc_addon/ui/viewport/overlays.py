@@ -88,7 +88,8 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
     labels, bands = wanted_labels(settings), ticked_bands(settings)
-    labels = tuple(label for label in labels if not drawn.shows(scene, label))  # `drawn` lays those over the slice
+    by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
+    labels = tuple(label for label in labels if label not in by_hand)
     draws = bool(drawn.tool_of(bpy.context))  # what is drawn is seen best on gray
     above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
