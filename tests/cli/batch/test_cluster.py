@@ -56,7 +56,7 @@ def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_
 
 def test_the_extension_calls_no_scheduler(monkeypatch):
     monkeypatch.setattr(scheduler, "__name__", "bl_ext.user_default.ctmc.ctmc_addon.cli.scheduler")
-    monkeypatch.setattr(scheduler.asyncio, "run", None)
+    monkeypatch.setattr("asyncio.run", None)
     with pytest.raises(scheduler.CtmcError, match="the extension in Blender asks for no network"):
         scheduler.Scheduler("tcp://127.0.0.1:8786")
 
