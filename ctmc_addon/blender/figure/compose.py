@@ -406,7 +406,8 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
         draw_callouts(board, layout, callouts_of(figure, cells[0], style, board))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
-        legend(board, entries, x, y, layout.legend_columns)
+        above = layout.legend_above_mm
+        legend(board, entries, layout.margin if above else x, y + above, layout.legend_columns)
     if style.orientation:
         off = reach_mm(board.font_mm) + board.font_mm / 2
         rotation = figure.copies[0][0].matrix_world.to_quaternion().to_matrix()

@@ -42,6 +42,7 @@ class Layout:
     caption_top: float
     caption: tuple[str, ...]
     legend_columns: int = 1
+    legend_above_mm: float = 0.0  # from the footer's bottom to a legend above scale bar and axes; 0 where it is beside
     named_beside: bool = False  # names stand beside the picture, and none in the footer
 
     def center(self, which: int) -> tuple[float, float]:
@@ -98,8 +99,14 @@ def make_layout(
     beside = (
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
     )  # the scale bar and the axes
-    legend_columns = columns_of_legend([board.width_of(name) for name in names], inner - beside, cap)
+    widths = [board.width_of(name) for name in names]
+    legend_columns, legend_above = columns_of_legend(widths, inner - beside, cap), 0.0
     footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
+    across = columns_of_legend(widths, inner, cap)
+    above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
+    stacked = above + legend_mm(math.ceil(len(names) / across), font)
+    if names and style.distances is None and stacked < footer:  # a long legend takes the page's width
+        legend_columns, legend_above, footer = across, above, stacked
     below = (
         MARGIN_MM
         + caption_mm
@@ -143,6 +150,7 @@ def make_layout(
         caption_top=MARGIN_MM + caption_mm,
         caption=caption,
         legend_columns=legend_columns,
+        legend_above_mm=legend_above,
         named_beside=aside > 0,
     )
 
@@ -165,7 +173,18 @@ def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float
     """
     if len(widths_mm) <= MOST_IN_A_COLUMN:
         return 1
-    return max(1, int(room_mm // (max(widths_mm) + side_mm + GAP_MM + COLUMN_GAP_MM)))
+
+    def taken(columns: int) -> float:
+        rows = math.ceil(len(widths_mm) / columns)
+        starts = range(0, len(widths_mm), rows)
+        return sum(max(widths_mm[at : at + rows]) + side_mm + GAP_MM + COLUMN_GAP_MM for at in starts)
+
+    return max((columns for columns in range(2, len(widths_mm)) if taken(columns) <= room_mm), default=1)
+
+
+def legend_mm(rows: int, font: float) -> float:
+    """Return the height of a legend of so many rows, mm."""
+    return (rows - 1) * LEADING * font + font
 
 
 def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float) -> float:
@@ -186,7 +205,7 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
     if style.distances is not None:
         heights.append(3.0 * LEADING * font)
     elif legend_rows:
-        heights.append((legend_rows - 1) * LEADING * font + font)
+        heights.append(legend_mm(legend_rows, font))
     if style.orientation:
         heights.append(2 * reach_mm + font)
     return max(heights)

@@ -45,6 +45,18 @@ def render(things, path, page=SMALL, blend=None, lines=(), **style):
     return finish(figure_steps(cells, path, page, FigureStyle(**{"style": "paper", **style}), blend))
 
 
+def test_a_long_legend_takes_the_width_of_the_page(thing):
+    """Sixty names of 12 letters: a column of them, as there is room for beside scale bar and axes, is 210 mm high."""
+    shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(60))
+    figures = [compose([Cell(those)], Page(85.0, 72.0), FigureStyle(style="clinical")) for those in (shown, shown[:5])]
+    layout, few = [figure.layout for figure in figures]
+    for figure in figures:
+        figure.remove()
+    assert layout.legend_columns >= 3
+    assert 0 < layout.legend_above_mm < layout.footer_mm < 90
+    assert (few.legend_columns, few.legend_above_mm) == (1, 0)
+
+
 @pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
 def test_a_png_has_the_asked_size_in_millimeters(thing, tmp_path, width_mm, dpi):
     page = Page(width_mm, dpi, height_mm=20.0)
