@@ -76,8 +76,8 @@ figures: setup  ## the pictures of docs/figures.md, by the commands on that page
 readme-pictures: setup  ## the pictures of README, rendered from the CT of a chest: CT=FOLDER; a quarter of an hour
 	@$(python) tools/make_readme_pictures.py "$(CT)" $(ARGS)
 
-sidebar-pictures: setup  ## the pictures of docs/sidebar.md, taken in a windowed Blender; needs what test-window needs
-	@PYTHONPATH=tests $(python) -m window.sidebar_pictures $(ARGS)
+sidebar-pictures: setup  ## the pictures of docs/sidebar.md, of the phantom or CT=FOLDER, in a windowed Blender; needs what test-window needs
+	@PYTHONPATH=tests $(python) -m window.sidebar_pictures $(if $(CT),--ct "$(CT)") $(ARGS)
 
 translations: setup  ## list what the sidebar shows in English for want of a translation
 	@PYTHONPATH=tests $(python) -m ui.strings_of_ours

@@ -91,8 +91,8 @@ class Desk:
         return done.stdout
 
     def bring(self, source: Path) -> str:
-        """Copy a file in; its path there."""
-        shutil.copyfile(source, self.folder / source.name)
+        """Copy a file or a folder in; its path there."""
+        (shutil.copytree if source.is_dir() else shutil.copyfile)(source, self.folder / source.name)
         return f"{self.inside}/{source.name}"
 
     def install(self, package: Path) -> str:

@@ -105,10 +105,12 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         desk.key("n")
         desk.wait("viewport().sidebar.width > 100")
         choose_tab(desk)
-    with person.step("Load CT, its path typed"):
+    with person.step("Load CT, its path typed, Remove Table"):
         person.press("bpy.ops.ctmc.load()")
         choose_file(desk, ct)
         desk.wait(f"{IDLE} and {LOADED}")
+        person.press("bpy.ops.ctmc.remove_table()")
+        desk.wait(f"{IDLE} and bpy.context.scene.ctmc.remove_table")
         desk.wait(QUIET)
     with person.step("Drag the histogram's line to the bone"):
         person.press("bpy.ops.ctmc.histogram()")

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`make sidebar-pictures`: the pictures of docs/sidebar.md, of the phantom, taken in a windowed Blender 5.2.
+"""`make sidebar-pictures CT=PATH`: the pictures of docs/sidebar.md, taken in a windowed Blender 5.2.
 
-One Blender goes the newcomer's way, another through the page's steps in their order. The whole screens are kept in
-out/sidebar, their parts that the page shows in docs/pictures/sidebar. `ARGS="CT THRESHOLD"` goes the newcomer's way
-with a CT of one's own and prints its seconds; those pictures are in out/sidebar alone.
+They are of the phantom unless a CT is given, such as LIDC-IDRI-0314 of The Cancer Imaging Archive (CC BY 3.0), of
+which the committed ones are. One Blender goes the newcomer's way, another through the page's steps in their order. The
+whole screens are kept in out/sidebar, their parts that the page shows in docs/pictures/sidebar. `ARGS=--seconds` goes
+the newcomer's way alone and prints its seconds; those pictures are in out/sidebar alone.
 """
 
 from __future__ import annotations
 
-import shutil
+import argparse
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from PIL import Image
@@ -27,7 +29,9 @@ SIZE = (1300, 2000)  # a window so high that the sidebar is seen whole in two lo
 COLORS = 96  # of a picture, to keep the file small
 VIEW = 560  # pixels of the viewport beside the sidebar
 HEADING = 40  # pixels from the top of a heading to the row below it
+HEADER = 18  # pixels from the middle of a closed heading to the one below it
 DISTANCE = 9.0  # of the eye
+TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
 MOST_BYTES = 300_000  # a render is the largest
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
@@ -46,7 +50,7 @@ LOOK_AT = """
 from mathutils import Euler, Vector
 about = viewport().space.region_3d
 about.view_perspective, about.view_distance = "ORTHO", {distance}
-about.view_rotation = Euler((1.15, 0, 2.75)).to_quaternion()
+about.view_rotation = Euler(({tilt}, 0, 2.75)).to_quaternion()
 about.view_location = (0.0, 0.0, 0.0)
 about.update()
 right, up = (about.view_rotation @ Vector(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
@@ -65,25 +69,42 @@ job = ours("ui.jobs").running()
 go_on = job.advance
 job.advance = lambda: None if job.step.fraction > 0.6 else go_on()
 """
+# The CT with its slice at a height in mm, and no surface.
+ALONE = """
+scene = bpy.context.scene
+bpy.data.batch_remove(list(bpy.data.meshes))
+heights = ours("core.volume").volume_box(ours("ui.state.volumes").current(scene))[:, 2]
+scene.ctmc_view.show_slice, scene.ctmc_view.plane = True, "axial"
+scene.ctmc_view.position = ({height} - heights.min()) / (heights.max() - heights.min())
+"""
 PROGRESS = "(lambda job: None if job is None else job.step.fraction)(ours('ui.jobs').running())"
 TABLE = "ours('ui.state.session').of(bpy.context.scene).rotation"
 
 
 def main() -> int:
     """Take every picture; 0 if all went well, or if this machine has no means for a window."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ct", type=Path, help="file or folder of a CT in HU; the phantom without it")
+    parser.add_argument("--threshold", type=float, default=200.0, help="HU (%(default)g)")
+    parser.add_argument(
+        "--click", type=float, nargs=3, default=TUMOR, metavar=("R", "A", "S"), help="mm, where to draw"
+    )
+    parser.add_argument("--seconds", action="store_true", help="time the newcomer's way, and keep no picture of it")
+    asked = parser.parse_args()
     try:
         require_means()
         provide(SUITE)
         with used(SUITE) as root:
-            if len(sys.argv) > 1:
-                go_with(root, Path(sys.argv[1]), float(sys.argv[2]))
+            package, phantom = make()
+            ct = asked.ct or phantom
+            go_the_newcomers_way(root, package, ct, asked.threshold, shown=not asked.seconds)
+            if asked.seconds:
                 return 0
-            package, ct = make()
-            go_the_newcomers_way(root, package, ct)
             desk = Desk(root, OUT, SIZE)
             try:
                 prepare(desk, package, ct)
-                take(desk)
+                take(desk, asked.threshold)
+                take_drawing(desk, asked.click)
             finally:
                 desk.close()
     except NoWindowError as reason:
@@ -102,23 +123,16 @@ def make() -> tuple[Path, Path]:
     return package, OUT / "ct" / "volume-0.nii.gz"
 
 
-def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float = 200.0, *, shown: bool = True) -> None:
+def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, *, shown: bool) -> None:
     """Install the zip and go all the way to a render, a picture for every step."""
     desk = Desk(root, OUT / "newcomer", newcomer.SIZE)
     try:
         seconds = newcomer.install(desk, package)
-        path = f"{desk.inside}/{ct.name}"
-        (shutil.copytree if ct.is_dir() else shutil.copyfile)(ct, desk.folder / ct.name)
+        path = desk.bring(ct)
         desk.open()
         newcomer.go(desk, path, threshold, seconds, keep_step if shown else lambda *_: None)
     finally:
         desk.close()
-
-
-def go_with(root: Path, ct: Path, threshold: float) -> None:
-    """The same with a CT of one's own, whose pictures are nobody else's."""
-    package, _ = make()
-    go_the_newcomers_way(root, package, ct, threshold, shown=False)
 
 
 def keep_step(number: int, picture: Image.Image) -> None:
@@ -127,18 +141,18 @@ def keep_step(number: int, picture: Image.Image) -> None:
 
 
 def prepare(desk: Desk, package: Path, ct: Path) -> None:
-    """A Blender with the extension, its sidebar open, and the phantom loaded."""
+    """A Blender with the extension, its sidebar open, and the CT loaded without its table."""
     desk.install(package)
     volume = desk.bring(ct)
     desk.open()
     desk.ask(SCENE)
     desk.wait("bring_tab('CTMC')")
-    desk.ask(f"bpy.context.scene.ctmc.preview = False; bpy.ops.ctmc.load(filepath='{volume}')")
+    desk.ask(f"bpy.context.scene.ctmc.preview = False; bpy.ops.ctmc.load(filepath='{volume}', remove_table=True)")
 
 
-def take(desk: Desk) -> None:
+def take(desk: Desk, threshold: float) -> None:
     """A picture for every step of the page."""
-    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (2, 2, 1)")
+    desk.ask(f"s = bpy.context.scene.ctmc; s.threshold = {threshold}; s.stride = (2, 2, 1)")
     desk.wait(COUNTED)
     rows = rows_of(desk, up=True)
     load, copy = rows["bpy.ops.ctmc.load_labels()"], rows["bpy.ops.ctmc.copy_command()"]
@@ -167,6 +181,19 @@ def take(desk: Desk) -> None:
     keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 28)
 
 
+def take_drawing(desk: Desk, click: Sequence[float]) -> None:
+    """The panel Draw, with a structure that grew from a click, in mm."""
+    desk.ask(ALONE.format(height=click[2]))
+    rows = rows_of(desk, up=True)
+    left, *_ = box(desk)
+    desk.click(left + 40, rows["ctmc.alpha"] - HEADING - 52 - HEADER)  # its heading, the one above Voxels and Alpha
+    desk.ask(f"bpy.ops.ctmc.draw_tool(tool='ctmc.grow'); bpy.ops.ctmc.draw_grow(point_mm={tuple(click)})")
+    desk.wait(f"{IDLE} and {QUIET}")
+    rows = rows_of(desk, up=True)
+    top, bottom = rows["bpy.ops.ctmc.quad_view()"] - 90, rows["bpy.ops.ctmc.draw_between()"] + 28
+    keep(desk, "draw", top, bottom, tilt=0.6)
+
+
 def rows_of(desk: Desk, *, up: bool) -> dict[str, int]:
     """Scroll the sidebar to one end, and where on the screen the fields and buttons then in sight are."""
     left, top, width, height = box(desk)
@@ -189,10 +216,10 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
     return answer
 
 
-def keep(desk: Desk, name: str, top: int, bottom: int, *, view: bool = True) -> None:
+def keep(desk: Desk, name: str, top: int, bottom: int, *, view: bool = True, tilt: float = 1.15) -> None:
     """Keep a strip of the sidebar between two rows, with the viewport beside it unless told, as a small PNG."""
     left, _, width, _ = box(desk)
-    desk.ask(LOOK_AT.format(distance=DISTANCE, x=left - VIEW // 2, y=(top + bottom) // 2))
+    desk.ask(LOOK_AT.format(distance=DISTANCE, tilt=tilt, x=left - VIEW // 2, y=(top + bottom) // 2))
     write(name, desk.look(name).crop((left - (VIEW if view else 0), top, left + width, bottom)))
 
 
