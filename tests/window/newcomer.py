@@ -19,6 +19,7 @@ from window.scenes import IDLE, LOADED, QUIET, choose_file
 SIZE = (1180, 900)
 RENDER_MENU = ((126, 14), (168, 38))  # of the bar at the top, and its first line, Render Image
 PICKER = (28, -220)  # pixels from the field of a color to a yellow in the wheel that opens above it
+WHEEL = 130  # pixels that the wheel reaches beyond the viewport
 # File browser and render in the same window, as only that can be photographed, and a picture that a processor renders.
 BEGIN = """
 preferences, scene = bpy.context.preferences, bpy.context.scene
@@ -59,8 +60,8 @@ class Newcomer:
         self.sought = 0.0
 
     @contextmanager
-    def step(self, text: str) -> Iterator[None]:
-        """Time a step, then take its picture."""
+    def step(self, text: str, beside: int = 0) -> Iterator[None]:
+        """Time a step, then take its picture: the viewport, and so many pixels beside it."""
         start, self.sought = time.monotonic(), 0.0
         yield
         self.seconds.append(time.monotonic() - start - self.sought)
@@ -68,7 +69,7 @@ class Newcomer:
         print(f"{number}. {text}: {self.seconds[-1]:.1f} s", flush=True)
         picture = self.desk.look(f"newcomer-{number}")
         left, top, width, height = self.desk.ask(AREA) or (0, 0, *picture.size)
-        self.keep(number, picture.crop((left, top, left + width, top + height)))
+        self.keep(number, picture.crop((left, top, left + width + beside, top + height)))
 
     def see(self, button: str, at: float = 0.65) -> tuple[int, int]:
         """Look for a button; where it is, with the mouse on it."""
@@ -125,7 +126,7 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
     with person.step("Remove Small"):
         person.press("bpy.ops.ctmc.remove_small()")
         desk.wait(f"{IDLE} and bpy.context.scene.ctmc.min_part_mm3 == 10")
-    with person.step("Choose a color"):
+    with person.step("Choose a color", WHEEL):
         choose_color(desk, *person.see("ctmc.color", 0.77))
     with person.step("Open Slice, Cut at Slice"):
         x, y = person.see("ctmc_view.show_slice", 0.155)

@@ -8,6 +8,7 @@ from window.desk import Desk
 IDLE = "ours('ui.jobs').running() is None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
 LOADED = "ours('ui.state.volumes').current(bpy.context.scene) is not None"
+PRESSES = 20  # of Enter: Blender loses them while it reads a folder of many files
 # Where the corners of the CT's box are on the screen: lowest and highest x and y, and those of what is free to see.
 SEEN = """
 view = viewport()
@@ -66,4 +67,7 @@ def choose_file(desk: Desk, path: str) -> None:
     desk.key("Return")
     left, top, width, height = regions["WINDOW"]
     desk.move(left + width // 2, top + height // 2)
-    desk.key("Return")
+    for _ in range(PRESSES):
+        desk.key("Return")
+        if desk.ask("answer = browser() is None"):
+            break

@@ -26,7 +26,7 @@ SHOWN = ROOT / "docs" / "pictures" / "sidebar"
 SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
 SIZE = (1300, 2000)  # a window so high that the sidebar is seen whole in two looks
-COLORS = 96  # of a picture, to keep the file small
+COLORS = 192  # of a picture, to keep the file small
 VIEW = 560  # pixels of the viewport beside the sidebar
 HEADING = 40  # pixels from the top of a heading to the row below it
 HEADER = 18  # pixels from the middle of a closed heading to the one below it
@@ -129,6 +129,8 @@ def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, 
     try:
         seconds = newcomer.install(desk, package)
         path = desk.bring(ct)
+        if ct.is_dir():
+            path = f"{path}/{min(ct.iterdir()).name}"  # any slice will do
         desk.open()
         newcomer.go(desk, path, threshold, seconds, keep_step if shown else lambda *_: None)
     finally:
@@ -171,13 +173,14 @@ def take(desk: Desk, threshold: float) -> None:
     desk.ask(BEGIN.format(operator="deviation_map"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     rows = rows_of(desk, up=False)
-    keep(desk, "results", rows["bpy.ops.ctmc.measure()"] - 300, rows["bpy.ops.ctmc.adopt_settings()"] + 28)
+    keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 23)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
     desk.wait(f"{TABLE} is not None and {IDLE}")
     rows = rows_of(desk, up=False)
     top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
+    desk.ask("bpy.ops.ctmc.deviation_view()")
     keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 28)
 
 
