@@ -173,7 +173,7 @@ def take(desk: Desk, threshold: float) -> None:
     desk.ask(BEGIN.format(operator="deviation_map"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     rows = rows_of(desk, up=False)
-    keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 23)
+    keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 14)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
     desk.wait(f"{TABLE} is not None and {IDLE}")
