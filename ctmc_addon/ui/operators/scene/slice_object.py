@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -86,7 +87,8 @@ def new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.ty
     """Add a slice of the scene's CT, with window and level as the sidebar has them."""
     ct = volumes.require_loaded(scene)
     window, level = window_and_level(scene.ctmc_view)
-    return add_slice(scene, ct.volume, section, plane, window, level, machine().scale, ct.statistics.fingerprint)
+    volume = replace(ct.volume, name=volumes.called(scene))
+    return add_slice(scene, volume, section, plane, window, level, machine().scale, ct.statistics.fingerprint)
 
 
 class CTMC_OT_cut_at_slice(bpy.types.Operator):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         ct, settings = volumes.require_loaded(scene), scene.ctmc.to_settings()
         x, y, z = box_of(ct.full, settings.region, settings.region_unit)
-        part = ct.full.part((x, y, z))
+        part = replace(ct.full, name=volumes.called(scene)).part((x, y, z))
         return self.steps(part, settings.stride, scene.session_uid, ct.statistics.fingerprint)
 
     def steps(self, part: Volume, stride: tuple[int, int, int], uid: int, fingerprint: str) -> Steps[jobs.Conclusion]:

@@ -11,14 +11,15 @@ import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
 from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
-from ....core import CtmcError, MeshError, Reconstruction, Steps, TriangleMesh
+from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Steps, TriangleMesh
 from ....core.files.file_names import file_name
 from ....core.mesh import ReferenceSurface, vertex_distances_steps
 from ....readers import ReadingOptions
 from ....reporting.command_line import command_line
 from ... import jobs
 from ...properties.reading import options_of_scene
-from ...state import measurements, session, structures, surfaces, volumes
+from ...properties.structures import called
+from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate
 from ...viewport import deviation
@@ -192,6 +193,10 @@ def command_text(scene: bpy.types.Scene) -> str:
     for settings in stored.all_settings():
         item = stored.structure_of(settings)
         output = file_name(name if settings.label is None else f"{name}_label_{settings.label}") + ".stl"
+        if item is not None and drawings.drawn_by(scene, item) is not None:
+            raise SettingsError(
+                f"no command makes {called(item)}, which was drawn; save the .blend and take the labels beside it"
+            )
         path, number = structures.origin_of(scene, item)
         if path:  # labels of a file beside the CT
             lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions()))

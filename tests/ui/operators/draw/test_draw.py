@@ -11,6 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.blender.volume import vdb_writer
 from ctmc_addon.core import finish
 from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
@@ -221,6 +222,24 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         stroke(middle())
         extents = finish(label_extents_steps(structures.label_volume(scene)))
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
+
+
+def test_no_command_is_said_to_make_what_was_drawn(drawing):
+    stroke(middle())
+    with pytest.raises(RuntimeError, match="no command makes Structure, which was drawn; save the"):
+        bpy.ops.ctmc.copy_command()
+
+
+def test_slices_and_volumes_are_called_as_the_panel_says(loaded, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    loaded.ctmc.volume_name = "case 7"
+    before = set(bpy.data.objects)
+    bpy.ops.ctmc.add_slice()
+    if vdb_writer() is not None:
+        bpy.ops.ctmc.add_volume()
+        assert [file.name for file in tmp_path.glob("*.vdb")] == ["case 7.vdb"]
+    for obj in set(bpy.data.objects) - before:
+        assert {name.startswith("case 7") for name in (obj.name, obj.data.name, obj.data.materials[0].name)} == {True}
 
 
 def test_with_nothing_chosen_a_label_without_a_name_is_not_combined(drawing):
