@@ -158,6 +158,10 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
     if text.endswith(("/", "\\")) or (text and path.is_dir() and not is_surface):
         require_writable(path / f"surface{suffix}" if path.is_dir() else path)
         return {"folder": path, "suffix": suffix}
+    if path.suffix.lower() == ".png":
+        raise OutputError(
+            f"{path.name} is a picture; --figure {path.name} makes it beside a surface, ctmc figure alone"
+        )
     if several and text and not path.suffix:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
     if several and count_known:

@@ -14,6 +14,8 @@ from ..core import VERSION, CtmcError, memory_refusal
 from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
 
+WORKER = "batch-case"  # for `ctmc batch` to start, not for people
+
 # The module of every command, in the order of the help. Only that of the command that is called is imported.
 COMMANDS = {
     "info": ".commands.info",
@@ -26,17 +28,18 @@ COMMANDS = {
     "experiment": ".experiment.command",
     "figure": ".figure.command",
     "settings": ".commands.settings",
-    "batch-case": ".batch.worker",
+    WORKER: ".batch.worker",
 }
 
 
 def parser(command: str | None = None) -> Parser:
-    """Return the parser of `ctmc`, with a subparser for one command, or for every one where it is not one of them."""
+    """Return the parser of `ctmc`, with a subparser for one command, or for every one for people where it is none."""
     top = Parser(prog="ctmc", description="CT stacks to surfaces by improved Marching Cubes.")
     top.add_argument("--version", action="version", version=f"ctmc {VERSION}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in [COMMANDS[command]] if command in COMMANDS else COMMANDS.values():
-        import_module(module, __package__).add_parser(commands)
+    public = [name for name in COMMANDS if name != WORKER]
+    for name in [command] if command in COMMANDS else public:
+        import_module(COMMANDS[name], __package__).add_parser(commands)
     return top
 
 

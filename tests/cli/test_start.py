@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from ctmc_addon.cli import main
-from ctmc_addon.cli.program import COMMANDS, parser
+from ctmc_addon.cli.program import COMMANDS, WORKER, parser
 from ctmc_addon.version import VERSION
 
 IMPORTED = "; import sys; print(*sys.modules)"
@@ -36,7 +36,15 @@ def test_a_command_does_not_import_the_others():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_is_found_alone_and_among_all(command):
-    for made in (parser(command), parser()):
+    for made in (parser(command), *([] if command == WORKER else [parser()])):
         with pytest.raises(SystemExit) as stop:
             made.parse_args([command, "-h"])
         assert stop.value.code == 0
+
+
+def test_an_unknown_command_is_refused_with_those_for_people(capsys):
+    with pytest.raises(SystemExit):
+        parser("render").parse_args(["render"])
+    said = capsys.readouterr().err
+    assert "'reconstruct'" in said
+    assert WORKER not in said

@@ -104,6 +104,7 @@ def test_a_place_that_cannot_be_written_is_said_before_the_work(refused, tmp_pat
     (tmp_path / "file").write_text("")
     # INPUT does not exist: had reading begun, the sentence would be about it.
     assert words in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / name)
+    assert "--figure b.png makes it" in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / "b.png")
     assert "an empty name needs one of the suffixes" in refused("reconstruct", tmp_path / "no input", "-o", "")
 
 
