@@ -15,7 +15,7 @@ import numpy as np
 
 from ...blender.slices import corners_of, slices_of
 from ...blender.viewport import WHOLE, Picture, PreviewSurface
-from ...core import Preview, ReconstructionSettings
+from ...core import CtmcError, Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
@@ -174,7 +174,11 @@ def tick() -> float | None:
         for item in drawings.structures(scene):
             if is_behind(scene, item):
                 revision = drawings.of(scene, item).revision
-                _surfaces[scene.session_uid, item.key] = (revision, surface_of(scene, item))
+                try:
+                    surface = surface_of(scene, item)
+                except (CtmcError, MemoryError):  # none is shown until the next stroke
+                    surface = None
+                _surfaces[scene.session_uid, item.key] = (revision, surface)
                 session.redraw_viewports()
                 return SOON
     return None

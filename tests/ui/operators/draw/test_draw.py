@@ -19,6 +19,7 @@ from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
 from ctmc_addon.ui.properties.drawing import points_of
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
+from ctmc_addon.ui.viewport import drawn
 from ctmc_addon.ui.viewport.slice_hits import SliceHit
 
 
@@ -224,6 +225,19 @@ def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
         assert [extent.voxels for extent in extents.values()] == [mask().sum()]
 
 
+def test_a_preview_without_memory_is_tried_once(drawing, monkeypatch):
+    def without_memory(*_args):
+        raise MemoryError
+
+    scene = bpy.context.scene
+    stroke(middle())
+    monkeypatch.setattr(drawn, "surface_of", without_memory)
+    drawn.tick()
+    assert not drawn.is_behind(scene, drawings.active(scene))
+    stroke(middle(), erase=True)
+    assert drawn.is_behind(scene, drawings.active(scene))
+
+
 def test_no_command_is_said_to_make_what_was_drawn(drawing):
     stroke(middle())
     with pytest.raises(RuntimeError, match="no command makes Structure, which was drawn; save the"):
@@ -348,8 +362,8 @@ def test_drawings_of_two_cts_of_one_name_lie_apart_under_the_name_of_the_panel(d
         (new,) = set(tmp_path.glob("*drawn.seg.nrrd")) - files.keys()
         files[new] = before
         scans.activate(scene, first)
-    for file, drawn in files.items():
-        assert (read_volume(file).values == drawn).all()
+    for file, before in files.items():
+        assert (read_volume(file).values == before).all()
         assert file.name.startswith("case Scene case 7 ")
 
 
