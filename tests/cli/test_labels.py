@@ -236,6 +236,7 @@ def test_a_case_that_lacks_some_of_its_labels_keeps_the_others(ctmc, labels_file
     if "CON" in labels:
         assert names_in(out / "organs") == ["CON_.stl"]
         assert (record["status"], record["absent_labels"]) == ("done", ["nowhere", "unknown"])
+        assert "organs,5,CON," in (out / "labels.csv").read_text("utf-8")
     else:
         assert record["status"] == "absent"
         assert not (out / "organs").exists()

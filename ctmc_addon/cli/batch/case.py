@@ -151,6 +151,8 @@ class Case:
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = outputs.surface_files(surfaces)
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
+        if len(output["labels"]) > 1 and not surfaces.are_several:  # the one that the case has: a row of labels.csv too
+            surfaces = replace(surfaces, names=surfaces.titles)
         report = report_of(surfaces)
         record = {
             "case": name,
