@@ -122,7 +122,7 @@ def test_export_writes_what_the_list_of_formats_says(desk):
 
 
 def test_load_opens_where_the_last_ct_lies_with_flips_to_click(desk):
-    desk.press("bpy.ops.ctmc.load()", "load")
+    desk.press("bpy.ops.ctmc.load()", "load", 0.3)
     regions = desk.wait("browser()")
     desk.look("layout-04-load")
     where = desk.ask(f"answer = {BROWSED}.params.directory.decode()")
