@@ -59,7 +59,9 @@ def bring_back(scene: bpy.types.Scene, fingerprint: str) -> bool:
 
 
 def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str:
-    """Return the CT that the active object, else the active collection, is of; empty where it is of none.
+    """Return the CT that the object or the collection which became active is of; empty where it is of none.
+
+    An object that is no longer selected is still Blender's active one, but has not become so.
 
     Parameters
     ----------
@@ -69,9 +71,11 @@ def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str
     """
     layer = context.view_layer
     obj, before = layer.objects.active, _seen.get(context.scene.session_uid)
-    if before is None or before[0] != what[0]:
+    if what[0] is not None and (before is None or before[0] != what[0]):
         provenance = read_provenance(obj)
         return provenance.fingerprint if provenance is not None else fingerprint_of_box(obj)
+    if before is not None and before[1] == what[1]:
+        return ""
     boxes = {fingerprint_of_box(box) for box in boxes_in(layer.active_layer_collection.collection)}
     return boxes.pop() if len(boxes) == 1 else ""
 

@@ -248,6 +248,18 @@ def test_the_ct_of_what_is_active_is_the_panels_with_its_own_structures(scene, p
     assert scene.ctmc.volume_fingerprint == first
 
 
+def test_a_surface_that_is_no_longer_selected_does_not_bring_its_ct_back(scene, patient):
+    load_labels(patient / "masks")
+    bpy.ops.ctmc.reconstruct()
+    save(patient / "other.nii.gz", np.where(cube(4, 4, 4) > 0, 700, -1000).astype(np.int16))
+    bpy.ops.ctmc.load(filepath=str(patient / "other.nii.gz"))
+    second = scene.ctmc.volume_fingerprint
+    assert bpy.context.view_layer.objects.active.select_get()
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.context.view_layer.update()
+    assert scene.ctmc.volume_fingerprint == second
+
+
 def test_a_ct_that_is_not_in_memory_is_the_panels_and_can_be_loaded_again(scene, patient):
     save(patient / "other.nii.gz", np.where(cube(4, 4, 4) > 0, 700, -1000).astype(np.int16))
     first = scene.ctmc.volume_fingerprint
