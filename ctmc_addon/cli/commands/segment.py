@@ -38,6 +38,7 @@ from ...core.segmentation import (
     sample_at,
 )
 from ...core.volume import ValueKind, box_of, structure_color
+from ...reporting.formatting import milliliters
 from .. import dicom_segmentation
 from ..arguments import UsageError, add_input, add_quiet, reading_of
 from ..described_flags import add_flag
@@ -315,5 +316,5 @@ def text_of(masks: Masks, ct: Volume, output: Path) -> str:
     lines = []
     for name, mask in masks.items():
         voxels = int(np.count_nonzero(mask))
-        lines.append((name, f"{voxels * voxel_ml:.4g} ml, {voxels} voxels"))
+        lines.append((name, f"{milliliters(voxels * voxel_ml)}, {voxels} voxels"))
     return listing([*lines, ("file", output.name)])

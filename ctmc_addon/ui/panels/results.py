@@ -13,7 +13,7 @@ import bpy
 
 from ...blender.surface import Provenance, read_provenance
 from ...core.mesh import Measures
-from ...reporting.formatting import count
+from ...reporting.formatting import count, milliliters
 from ..operators.surface.pick_component import ACTIONS
 from ..state import measurements, surfaces
 from ..state.measurements import Measurement
@@ -126,7 +126,7 @@ def facts_of(
         measures, distance = measurement.measures, measurement.distance
         if distance is not None:
             values[2:4] = [f"{distance.mean:.3g} mm", f"{distance.largest:.3g} mm"]
-        values[4] = f"{measures.milliliters:.4g} ml" if measures.closed else translate("- (open)")
+        values[4] = milliliters(measures.milliliters) if measures.closed else translate("- (open)")
         values[5] = f"{measures.square_centimeters:.4g} cm2"
         if measurement.self_intersections is not None:
             values[6] = count(measurement.self_intersections)

@@ -7,6 +7,7 @@ import bpy
 
 from ...core import StructureRow
 from ...core.volume import ValueKind
+from ...reporting.formatting import milliliters
 from .. import jobs
 from ..state import session
 from ..translations import translate
@@ -49,7 +50,7 @@ def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
     """Names and values of a row; what is not known is left out."""
     unit = "HU" if kind == ValueKind.HU else ""
     facts = [
-        ("Volume", translate("- (open)") if row.volume_ml is None else f"{row.volume_ml:.4g} ml"),
+        ("Volume", translate("- (open)") if row.volume_ml is None else milliliters(row.volume_ml)),
         ("Area", f"{row.area_cm2:.4g} cm2"),
         ("Components", f"{row.components}"),
         ("Largest Diameter", f"{row.largest_diameter_mm:.4g} mm"),

@@ -12,6 +12,7 @@ import numpy as np
 from ....core import ReadError, SettingsError, Steps, Volume
 from ....core.segmentation import Mask, Window, range_mask_steps
 from ....core.volume import ValueKind
+from ....reporting.formatting import milliliters
 from ...state import drawings, volumes
 from ...translations import translate
 
@@ -86,5 +87,5 @@ def whole(shape: Sequence[int]) -> Window:
 
 def volume_text(scene: bpy.types.Scene, item: Any) -> str:
     """Return what a structure is called, and how large it is."""
-    text, name = translate("{name}: {volume} ml"), drawings.line_of(scene, item).name
-    return text.format(name=name, volume=f"{drawings.ml_of(scene, item):.4g}")
+    text, name = translate("{name}: {volume}"), drawings.line_of(scene, item).name
+    return text.format(name=name, volume=milliliters(drawings.ml_of(scene, item)))
