@@ -16,11 +16,11 @@ from .islands import holes_filled_steps, islands_steps
 from .layers import layers_of
 from .margin import margin_steps
 from .packed import packed_slices, unpack_into, unpacked_mask
+from .patient_table import without_table_steps
 from .points import sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
 from .shown import cropped, veiled
-from .table import without_table_steps
 
 __all__ = [
     "COMBINATIONS",

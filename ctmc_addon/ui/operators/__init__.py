@@ -7,8 +7,7 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
-    from .ct import histogram, load, load_labels, region, slice, structure_list, threshold, view
-    from .ct import table as ct_table
+    from .ct import histogram, load, load_labels, patient_table, region, slice, structure_list, threshold, view
     from .draw import edits, grow, quad_view, radius, scissors, stroke, structures
     from .scene import cut_away, pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
@@ -16,7 +15,7 @@ def modules() -> tuple[Any, ...]:
     viewing = (
         load,
         load_labels,
-        ct_table,
+        patient_table,
         structure_list,
         view,
         threshold,
