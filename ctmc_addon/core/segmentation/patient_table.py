@@ -86,7 +86,7 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     first = _enlarged(table.first, steps, shape) * along
     if table.backwards:  # the first sample that was looked at lies at the back
         first += (count - 1) % along
-    note = f"The table was removed: {table.milliliters:.3g} ml behind the body."
+    note = f"The table was removed: {table.milliliters:.1f} ml behind the body."
     reader = WithoutTable(volume, replace(table, first=first))
     removed = replace(volume, reader=reader, notes=(*volume.notes, note))
     return removed if volume.reader.own_bytes else (yield from removed.in_memory_steps())

@@ -7,9 +7,10 @@ Corners, edges and faces are numbered as in case_table.py. On each face the labe
     three, a b a c  the runs of b and of c are cut off, and a is connected
     three or four   the crossings are joined at a point on the face, which both voxels at it share
 
-The segments of a voxel form connected groups. A group without a point on a face is a loop between two labels, and is
-cut into triangles as in case_table.py. Every other group is a fan around a point inside the voxel. After Hege, Seebass,
-Stalling and Zoeckler 1997, ZIB SC-97-05, and Wu and Sullivan 2003, doi:10.1002/nme.775.
+The segments of a voxel form connected groups. A group without a point on a face is a loop between two labels. If it is
+the only group, or cuts off one corner, it is cut into triangles as in case_table.py. Every other group is a fan around
+a point inside the voxel: diagonals of two loops could cross. After Hege, Seebass, Stalling and Zoeckler 1997, ZIB
+SC-97-05, and Wu and Sullivan 2003, doi:10.1002/nme.775.
 
 A voxel's pattern is a number: three bits for each corner, the first corner with the same label, and a bit for each face
 that says whether there the label of the face's first corner is larger than that of its second.
@@ -145,9 +146,8 @@ def pattern_of(number: int) -> Pattern:
     groups = _groups(segments)
     for group in groups:
         nodes = {node for segment in group for node in segment[:2]}
-        # Diagonals of two loops could cross; what cuts off a corner has none.
-        is_flat = len(group) == 3 or len(groups) == 1
-        cut = _cut_loops(group) if is_flat and max(nodes) < FACE_POINT else None
+        stays_apart = len(group) == 3 or len(groups) == 1
+        cut = _cut_loops(group) if stays_apart and max(nodes) < FACE_POINT else None
         if cut is not None:
             triangles += cut
             sides += [group[0][2:]] * len(cut)
