@@ -312,9 +312,8 @@ def checked_steps(path: Path, masks: Masks, ct: Volume) -> Steps[None]:
 
 def text_of(masks: Masks, ct: Volume, output: Path) -> str:
     """Return the volumes of the structures, for a person."""
-    voxel_ml = abs(float(np.linalg.det(ct.affine[:3, :3]))) / 1000
     lines = []
     for name, mask in masks.items():
         voxels = int(np.count_nonzero(mask))
-        lines.append((name, f"{milliliters(voxels * voxel_ml)}, {voxels} voxels"))
+        lines.append((name, f"{milliliters(voxels * ct.voxel_mm3 / 1000)}, {voxels} voxels"))
     return listing([*lines, ("file", output.name)])

@@ -97,12 +97,11 @@ def table_steps(ct: Volume) -> Steps[Table | None]:
     side = next(at for at, letter in enumerate(ct.orientation) if letter in "AP")
     axis, backwards = 2 - side, ct.orientation[side] == "A"
     mask: Mask = np.ascontiguousarray(ct.values >= NOT_AIR)
-    voxel_mm3 = float(abs(np.linalg.det(ct.affine[:3, :3])))
     core = yield from margin_steps(mask, ct.spacing, -CORE_MM)
     length_mm = next(
         size * mm for size, mm, letter in zip(ct.size, ct.spacing, ct.orientation, strict=True) if letter in "SI"
     )
-    core = yield from islands_steps(core, voxel_mm3, at_least_mm3=min(BODY_MM3, ARM_MM2 * length_mm))
+    core = yield from islands_steps(core, ct.voxel_mm3, at_least_mm3=min(BODY_MM3, ARM_MM2 * length_mm))
     body = yield from margin_steps(core, ct.spacing, CORE_MM, within=mask)
     body, mask = (np.moveaxis(each, axis, -1) for each in (body, mask))
     if backwards:
@@ -116,7 +115,7 @@ def table_steps(ct: Volume) -> Steps[Table | None]:
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
     behind = np.count_nonzero(mask & (np.arange(count) >= first[..., None]))
-    return Table(first, axis, backwards, behind * voxel_mm3 / 1000.0) if behind else None
+    return Table(first, axis, backwards, behind * ct.voxel_mm3 / 1000.0) if behind else None
 
 
 def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:

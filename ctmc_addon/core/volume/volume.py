@@ -61,6 +61,17 @@ class Placed(ABC):
         return (x, y, z)
 
     @property
+    def voxel_mm3(self) -> float:
+        """Volume of a voxel, mm3; the sides of one from a tilted gantry are not at right angles.
+
+        Examples
+        --------
+        >>> Volume(np.zeros((2, 2, 2)), np.diag([0.5, 0.5, 2.0, 1.0])).voxel_mm3
+        0.5
+        """
+        return float(abs(np.linalg.det(self.affine[:3, :3])))
+
+    @property
     def orientation(self) -> str:
         """The patient's side that each axis (x, y, z) runs towards, such as 'LPS'."""
         return axis_codes(self.affine)

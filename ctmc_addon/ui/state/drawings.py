@@ -250,12 +250,7 @@ def ml_of(scene: bpy.types.Scene, item: Any) -> float:
     """Return the volume of a structure, ml."""
     window = window_in(scene, item)
     voxels = 0 if window is None else int(np.count_nonzero(of(scene, item).mask[window]))
-    return voxels * voxel_mm3(volumes.require_loaded(scene).volume) / 1000
-
-
-def voxel_mm3(volume: Volume) -> float:
-    """Return the volume of a voxel; the sides of one from a tilted gantry are not at right angles."""
-    return float(abs(np.linalg.det(volume.affine[:3, :3])))
+    return voxels * volumes.require_loaded(scene).volume.voxel_mm3 / 1000
 
 
 def label_volume(mask: Mask, volume: Volume) -> Volume:

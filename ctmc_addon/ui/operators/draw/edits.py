@@ -110,7 +110,7 @@ class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
         largest = 1 if self.largest else None
 
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
-            return (yield from islands_steps(mask, drawings.voxel_mm3(volume), at_least_mm3, largest))
+            return (yield from islands_steps(mask, volume.voxel_mm3, at_least_mm3, largest))
 
         return steps
 
@@ -124,7 +124,7 @@ class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
 
     def work(self, _scene: bpy.types.Scene) -> Work:
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
-            return (yield from holes_filled_steps(mask, drawings.voxel_mm3(volume)))
+            return (yield from holes_filled_steps(mask, volume.voxel_mm3))
 
         return steps
 
