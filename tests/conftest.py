@@ -43,6 +43,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
+def tmp_path(tmp_path: Path) -> Path:
+    """Give each test a folder with nothing beside it.
+
+    A segmentation looks for its CT in the folders beside its own, which would be those of other tests.
+    """
+    folder = tmp_path / "files"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def name_of_an_ended_process():
     """Make hidden names as a process of this machine chose them that has ended."""
     from ctmc_addon.core.files.temporary_names import temporary_name
