@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ...core.volume import ValueKind
+from ...reporting.formatting import milliliters
 from ..operators.ct.structure_list import is_visible
 from ..properties.structures import LABEL, called
 from ..state import measurements, structures, surfaces, volumes
@@ -79,8 +80,7 @@ def volume_text(scene: bpy.types.Scene, item: Any) -> str:
         return ""
     if not measurement.measures.closed:
         return translate("open")
-    volume = measurement.measures.milliliters
-    return f"{volume:.0f} ml" if volume >= 100 else f"{volume:.3g} ml"
+    return milliliters(measurement.measures.milliliters)
 
 
 class CTMC_UL_labels(bpy.types.UIList):
@@ -117,7 +117,7 @@ class CTMC_UL_labels(bpy.types.UIList):
         row.prop(item, "name", text="", emboss=False, placeholder=called(item) or translate("Name"))
         if objects and not is_narrow(context):
             volume = row.row()
-            volume.ui_units_x = 2.6
+            volume.ui_units_x = 3.0
             volume.alignment = "RIGHT"
             volume.label(text=volume_text(context.scene, item), translate=False)
 

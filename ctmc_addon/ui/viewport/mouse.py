@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the mouse is in a 3D viewport, for operators that take clicks there."""
+"""Operators that take clicks in a 3D viewport, and where the mouse is there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,40 @@ from typing import Any
 
 import bpy
 
+from ..translations import translate
+
 COVERING = {"UI", "TOOLS", "HEADER", "TOOL_HEADER", "HUD", "ASSET_SHELF"}
+
+
+class Clicks:
+    """An operator that takes clicks in the viewport it was pressed in; inherited before `bpy.types.Operator`."""
+
+    def ask(self, context: bpy.types.Context) -> None:
+        """Say in the status bar what to click."""
+        raise NotImplementedError
+
+    def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        """Begin, where there is a viewport."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
+            return {"CANCELLED"}
+        self.area = context.area.as_pointer()
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+        self.ask(context)
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Give pointer and status bar back."""
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+
+
+def is_end(event: bpy.types.Event) -> bool:
+    """Return whether an event ends clicks that have no last one."""
+    return event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"
 
 
 def viewport_at(context: bpy.types.Context, pointer: int) -> bpy.types.Area | None:

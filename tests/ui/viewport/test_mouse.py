@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Euler, Matrix, Vector
 
 from ctmc_addon.blender.viewport.eye import region_of
-from ctmc_addon.ui.viewport.mouse import ray_under, window_under
+from ctmc_addon.ui.viewport.mouse import Clicks, ray_under, window_under
 
 
 def view(*degrees):
@@ -64,3 +64,28 @@ def test_on_a_bar_and_outside_there_is_no_view(quad):
     assert window_under(quad, SimpleNamespace(mouse_x=120, mouse_y=50)) is quad.regions[2]
     assert window_under(quad, SimpleNamespace(mouse_x=160, mouse_y=50)) is None
     assert window_under(quad, SimpleNamespace(mouse_x=-5, mouse_y=50)) is None
+
+
+def test_clicks_have_a_cross_as_pointer_and_a_text_in_the_status_bar_until_they_are_canceled():
+    told = []
+
+    class Operator(Clicks):
+        def ask(self, context):
+            context.workspace.status_text_set("Click")
+
+        def report(self, kind, text):
+            told.append(text)
+
+    context = SimpleNamespace(
+        area=SimpleNamespace(type="VIEW_3D", as_pointer=lambda: 7),
+        window=SimpleNamespace(cursor_modal_set=told.append, cursor_modal_restore=lambda: told.append(None)),
+        window_manager=SimpleNamespace(modal_handler_add=told.append),
+        workspace=SimpleNamespace(status_text_set=told.append),
+    )
+    operator = Operator()
+    assert operator.invoke(context, None) == {"RUNNING_MODAL"}
+    assert (operator.area, told) == (7, ["CROSSHAIR", operator, "Click"])
+    operator.cancel(context)
+    assert told[3:] == [None, None]
+    assert operator.invoke(SimpleNamespace(area=None), None) == {"CANCELLED"}
+    assert told[5:] == ["Press this in a 3D viewport"]

@@ -18,7 +18,7 @@ from ...properties.preferences import machine
 from ...state import session, volumes
 from ...translations import translate
 from ...viewport import slice_objects
-from ...viewport.mouse import ray_under, viewport_at
+from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 
 def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
@@ -54,7 +54,7 @@ def point_text(volume: Volume, point_mm: Sequence[float]) -> str:
     return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"
 
 
-class CTMC_OT_pick_point(Needs, bpy.types.Operator):
+class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
     """Let the slices meet at clicked points, until Esc."""
 
     bl_idname = "ctmc.pick_point"
@@ -83,15 +83,8 @@ class CTMC_OT_pick_point(Needs, bpy.types.Operator):
         slice_objects.show(scene)
         session.redraw_viewports()
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
-            return {"CANCELLED"}
-        self.area = context.area.as_pointer()
-        context.window.cursor_modal_set("CROSSHAIR")
-        context.window_manager.modal_handler_add(self)
+    def ask(self, context: bpy.types.Context) -> None:
         self.say(context, "")
-        return {"RUNNING_MODAL"}
 
     def say(self, context: bpy.types.Context, text: str) -> None:
         """Write into the status bar."""
@@ -101,8 +94,7 @@ class CTMC_OT_pick_point(Needs, bpy.types.Operator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Follow the mouse; navigation and all else passes through."""
         area, ct = viewport_at(context, self.area), volumes.loaded(context.scene)
-        ends = event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"
-        if area is None or ct is None or ends:
+        if area is None or ct is None or is_end(event):
             self.cancel(context)
             return {"FINISHED"}
         is_click = event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK")
@@ -115,13 +107,6 @@ class CTMC_OT_pick_point(Needs, bpy.types.Operator):
         self.pick(context, *found)
         bpy.ops.ed.undo_push(message=translate(self.bl_label))
         return {"RUNNING_MODAL"}
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Give pointer and status bar back."""
-        if context.window is not None:
-            context.window.cursor_modal_restore()
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_pick_point,))

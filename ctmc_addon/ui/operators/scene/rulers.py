@@ -15,10 +15,10 @@ from ...properties.preferences import machine
 from ...state import session
 from ...translations import translate
 from ...viewport import rulers
-from ...viewport.mouse import ray_under, viewport_at, window_under
+from ...viewport.mouse import Clicks, ray_under, viewport_at, window_under
 
 
-class Measure:
+class Measure(Clicks):
     """Clicks on surfaces become an object that says its value; inherited before `bpy.types.Operator`."""
 
     kind = ""
@@ -42,18 +42,11 @@ class Measure:
         session.redraw_viewports()
         return {"FINISHED"}
 
-    def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the points, one click each."""
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
-            return {"CANCELLED"}
-        self.area = context.area.as_pointer()
         self.points = list[Any]()
         rulers.pending.world_points, rulers.pending.next_point = [], None
-        context.window.cursor_modal_set("CROSSHAIR")
-        context.window_manager.modal_handler_add(self)
-        self.ask(context)
-        return {"RUNNING_MODAL"}
+        return super().invoke(context, event)
 
     def ask(self: Any, context: bpy.types.Context) -> None:
         """Say in the status bar what the next click is."""
@@ -92,10 +85,7 @@ class Measure:
     def cancel(self: Any, context: bpy.types.Context) -> None:
         """Stop drawing the wire, and restore pointer and status bar."""
         rulers.pending.world_points, rulers.pending.next_point = [], None
-        if context.window is not None:
-            context.window.cursor_modal_restore()
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        super().cancel(context)
         session.redraw_viewports()
 
 

@@ -20,7 +20,7 @@ from ...needs import Needs
 from ...properties.preferences import machine
 from ...state import measurements, session, surfaces
 from ...translations import translate
-from ...viewport.mouse import ray_under, viewport_at
+from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 ACTIONS = {
     "REMOVE": ("Remove", "Take the component away"),
@@ -29,7 +29,7 @@ ACTIONS = {
 }
 
 
-class CTMC_OT_pick_component(Needs, bpy.types.Operator):
+class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
     """Keep, remove or separate the components that are clicked, until Esc."""
 
     bl_idname = "ctmc.pick_component"
@@ -57,22 +57,15 @@ class CTMC_OT_pick_component(Needs, bpy.types.Operator):
         self.report({"INFO"}, text)
         return {"FINISHED"}
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, translate("Press this in a 3D viewport"))
-            return {"CANCELLED"}
-        self.area = context.area.as_pointer()
-        context.window.cursor_modal_set("CROSSHAIR")
-        context.window_manager.modal_handler_add(self)
+    def ask(self, context: bpy.types.Context) -> None:
         label = translate(ACTIONS[self.action][0])
         text = translate("{action}: click on a component. Ctrl Z: undo. Esc: done")
         context.workspace.status_text_set(text.format(action=label))
-        return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Take clicks on surfaces; navigation, undo and all else passes through."""
         area = viewport_at(context, self.area)
-        if area is None or (event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"):
+        if area is None or is_end(event):
             self.cancel(context)
             return {"FINISHED"}
         if event.type != "LEFTMOUSE" or event.value not in ("PRESS", "DOUBLE_CLICK"):
@@ -89,13 +82,6 @@ class CTMC_OT_pick_component(Needs, bpy.types.Operator):
         self.report({"INFO"}, text)
         bpy.ops.ed.undo_push(message=translate(self.bl_label))
         return {"RUNNING_MODAL"}
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Give pointer and status bar back."""
-        if context.window is not None:
-            context.window.cursor_modal_restore()
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
 
 
 def picked(context: bpy.types.Context, obj: bpy.types.Object, point_mm: Sequence[float], action: str) -> str:

@@ -11,8 +11,10 @@ nibabel = pytest.importorskip("nibabel")
 from ui.drawing import drawn, meshes_in
 
 from ctmc_addon.blender.surface import read_provenance
+from ctmc_addon.reporting.formatting import milliliters
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import results
+from ctmc_addon.ui.panels.structures import volume_text
 from ctmc_addon.ui.state import measurements, scans, session, structures, surfaces, volumes
 
 AFFINE = np.diag([-1.0, -1.0, 2.0, 1.0])
@@ -64,6 +66,7 @@ def test_labels_and_a_threshold_are_made_in_one_press_and_each_has_its_volume(sc
     for item in scene.ctmc.labels:
         (obj,) = surfaces.of_structure(scene, item)
         found[item.name] = measurements.of(obj).measures.volume
+        assert volume_text(scene, item) == milliliters(found[item.name] / 1000)
     # Voxels are 2 mm3; the corners that the surface cuts off are less than a fifth of a small cube.
     for name, voxels in (("liver", 216), ("tumor", 27), ("Bone", 64)):
         assert 0.75 * 2 * voxels < found[name] < 2 * voxels
