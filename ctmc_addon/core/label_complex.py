@@ -192,36 +192,38 @@ class _Making:
         """Find the owner of every sample of the grid that all labels share."""
         axes = self._axes()
         count = axes[0].count * axes[1].count * axes[2].count
-        indicators = self.method == "gaussian"
+        indicators, steps = self.method == "gaussian", self.slice_steps
         size = " x ".join(str(axis.count) for axis in axes)
-        needed = owners_bytes(count, len(self.labels), indicators)
+        needed = owners_bytes(count, len(self.labels), indicators, steps > 1)
         self.budget.require(needed, f"the common grid of {len(self.labels)} labels, {size} samples,", REMEDY)
         samples = [field.samples for field in self.fields if field.samples is not None]
-        threads = self.budget.thread_count
         own = yield from self.stages.run(OWNING, self._labels_steps())
         self.walls: dict[tuple[int, int], LabelSamples] = {}
         if self.method == "constrained":
             yield from self.stages.run(WALLS, self._walls_steps(own, samples))
-        if samples:
-            first_x, first_y, first_z = self.first
-            columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
+        first_x, first_y, first_z = self.first
+        columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
+        number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
+        layers = []  # whose owners the fields decide
+        for layer in range(1, axes[2].count - 1):
+            slice_, step = divmod(int(axes[2].index[layer]), steps)
+            if indicators or step or not 0 <= slice_ - first_z < len(own):
+                layers.append(layer)
+            else:
+                number[layer, 1:-1, 1:-1] = own[slice_ - first_z, rows, columns]
 
-            def filled(slice_: int) -> NDArray[np.bool_] | None:
-                below, step = divmod(slice_, self.slice_steps)
-                if not step or not 0 <= below - first_z < len(own) - 1:
-                    return None
-                return (own[below - first_z, rows, columns] > 0) & (own[below - first_z + 1, rows, columns] > 0)
+        def filled(slice_: int) -> NDArray[np.bool_] | None:
+            below, step = divmod(slice_, steps)
+            if not step or not 0 <= below - first_z < len(own) - 1:
+                return None
+            return (own[below - first_z, rows, columns] > 0) & (own[below - first_z + 1, rows, columns] > 0)
 
-            owning = owners_steps(axes, samples, self.walls, indicators, filled, threads)
-            self.owners = yield from self.stages.run(OWNING, owning)
-        else:
-            number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
-            slices, rows, columns = (
-                axis.index[1:-1] - first for axis, first in zip(axes[::-1], self.first[::-1], strict=True)
-            )
-            number[1:-1, 1:-1, 1:-1] = own[np.ix_(slices, rows, columns)]
-            self.owners = Owners(*axes, number)
-        yield from self.stages.run(OWNING, self._compare_steps(own))
+        threads = self.budget.thread_count
+        owning = owners_steps(axes, number, layers, samples, self.walls, indicators, filled, threads)
+        self.owners = yield from self.stages.run(OWNING, owning)
+        self.wrong_side = np.zeros(len(self.labels) + 1, np.int64)
+        if indicators:  # else the label owns its samples
+            yield from self.stages.run(OWNING, self._compare_steps(own))
 
     def _labels_steps(self) -> Steps[NDArray[Any]]:
         """Return the label of every voxel in the box of all windows, counted from 1; count their volumes."""
@@ -231,10 +233,13 @@ class _Making:
         out = np.empty((z[1] - z[0], y[1] - y[0], x[1] - x[0]), owner_type(len(values)))
         self.goals = np.zeros(len(values) + 1)
         for at, slice_ in enumerate(range(*z)):
-            fetched = (yield from fetched_steps(self.volume, [slice_]))[0, slice(*y), slice(*x)]
-            own = np.searchsorted(values, fetched).clip(max=len(values) - 1)
-            out[at] = np.where(values[own] == fetched, own + 1, 0)
-            self.goals += np.bincount(out[at].reshape(-1), minlength=len(values) + 1) * self._share(slice_)
+            fetched = (yield from fetched_steps(self.volume, [slice_]))[0, slice(*y), slice(*x)].reshape(-1)
+            begins = np.flatnonzero(np.concatenate([[True], fetched[1:] != fetched[:-1]]))  # of runs of one value
+            value, length = fetched[begins], np.diff(begins, append=fetched.size)
+            label = np.searchsorted(values, value).clip(max=len(values) - 1)
+            own = np.where(values[label] == value, label + 1, 0).astype(out.dtype)
+            out[at] = np.repeat(own, length).reshape(out.shape[1:])
+            self.goals += np.bincount(own, length, len(values) + 1) * self._share(slice_)
         sx, sy, sz = self.volume.spacing
         self.goals *= sx * sy * sz / self.slice_steps
         return out
@@ -273,20 +278,16 @@ class _Making:
     def _compare_steps(self, own: NDArray[Any]) -> Steps[None]:
         """Count the samples of the grid that are a label's and not its owner's, or the other way round."""
         x, y, z = self.owners.x, self.owners.y, self.owners.z
-        steps, (first_x, first_y, first_z) = self.slice_steps, self.first
-        wrong = np.zeros(len(self.labels) + 1, np.int64)
+        first_x, first_y, first_z = self.first
         rows, columns = y.index[1:-1, None] - first_y, x.index[1:-1] - first_x
         for layer in range(1, z.count - 1):
-            slice_, between = divmod(int(z.index[layer]), steps)
-            if between or not 0 <= slice_ - first_z < len(own):
-                continue
-            owner, label = self.owners.number[layer, 1:-1, 1:-1], own[slice_ - first_z, rows, columns]
+            owner = self.owners.number[layer, 1:-1, 1:-1]
+            label = own[z.index[layer] - first_z, rows, columns]
             differs = label != owner
             if differs.any():
-                wrong += np.bincount(label[differs], minlength=len(wrong))
-                wrong += np.bincount(owner[differs], minlength=len(wrong))
+                for either in (label, owner):
+                    self.wrong_side += np.bincount(either[differs], minlength=len(self.wrong_side))
             yield PAUSE
-        self.wrong_side = wrong
 
     def _share(self, slice_: int) -> float:
         """How many refined slices a sample of a slice stands for, where the surface is closed at the border."""

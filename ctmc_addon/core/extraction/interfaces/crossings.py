@@ -91,41 +91,38 @@ def crossings_of(
     if not fields:
         values = np.repeat(np.array([[1.0], [-1.0]]), len(flat), axis=1)
         return Crossings(axis, low, ends, values, fixed)
-    own = np.zeros((2, 2, len(flat)))  # of the low and the high end's owner, at the low and the high end
-    at_ends = [
-        tuple(of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), sample, strict=True))
-        for sample in (low, high)
-    ]
-    samples_of = (low, high)
-    others = None if owners.total is None else [owners.total[at[2], at[1], at[0]] for at in (low, high)]
-    for side in (0, 1):
-        order = np.argsort(ends[:, side], kind="stable")
-        first = np.searchsorted(ends[:, side], np.arange(len(fields) + 2), sorter=order)
-        for label, samples in enumerate(fields, 1):
-            edge = order[first[label] : first[label + 1]]
-            if not len(edge):
+    positions = [of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), low, strict=True)]
+    positions[axis] = np.stack([positions[axis], along.index.take(high[axis])])  # of both ends
+    others = None if owners.total is None else np.stack([owners.total[at[2], at[1], at[0]] for at in (low, high)])
+    between = np.zeros((2, len(flat)))
+    count = len(fields) + 1
+    pair = (ends[:, 0] * count + ends[:, 1]).astype(np.min_scalar_type(count * count))
+    order = np.argsort(pair, kind="stable")
+    first = np.flatnonzero(np.diff(pair[order], prepend=pair.dtype.type(0)) != 0)
+    for edge in np.split(order, first):
+        if not len(edge):
+            continue
+        labels = ends[edge[0]].tolist()
+        at_ends = [at.take(edge, axis=-1) for at in positions]
+        wall = walls.get((min(labels), max(labels)))
+        for side, label in enumerate(labels):
+            if not label:
                 continue
-            for end, at in enumerate(at_ends):
-                values = samples.at(*(index.take(edge) for index in at)).astype(np.float64)
-                if others is not None:
-                    rest = (others[end][edge] - values) / 2
-                    # Both fields' mean difference, on an edge between two labels too.
-                    values = np.where(ends[edge, 1 - side] == 0, values - 0.5 + rest, values / 2)
-                elif end == side and owners.largest is not None:
-                    # Its own field, but where a wall's gave it the sample.
-                    column, row, layer = (along_axis[edge] for along_axis in samples_of[end])
-                    largest = owners.largest[layer, row, column]
-                    values = np.where((ends[edge, 1 - side] == 0) & (values < 0), largest, values)
-                own[side, end, edge] = values
-    between = own[0] - own[1]
-    for pair, of_both in walls.items():
-        for (own_low, own_high), sign in ((pair, 2.0), (pair[::-1], -2.0)):
-            wall_edge = np.flatnonzero((ends[:, 0] == own_low) & (ends[:, 1] == own_high))
-            if not len(wall_edge):
-                continue
-            of_wall = sign * np.stack([of_both.at(*(index.take(wall_edge) for index in at)) for at in at_ends])
+            values = fields[label - 1].at(*at_ends).astype(np.float64)  # (2, n)
+            beside = labels[1 - side]
+            if others is not None:
+                rest = (others[:, edge] - values) / 2
+                # Both fields' mean difference, on an edge between two labels too.
+                values = values / 2 if beside else values - 0.5 + rest
+            elif owners.largest is not None and not beside:
+                # Its own field, but where a wall's gave it the sample.
+                column, row, layer = (number.take(edge) for number in (low, high)[side])
+                values[side] = np.where(values[side] < 0, owners.largest[layer, row, column], values[side])
+            between[:, edge] += values if side == 0 else -values
+        if wall is not None:
+            of_wall = wall.at(*at_ends) * np.float64(2 if labels[0] < labels[1] else -2)
             crosses = (of_wall[0] >= 0) & (of_wall[1] <= 0)
-            between[:, wall_edge[crosses]] = of_wall[:, crosses]
+            between[:, edge[crosses]] = of_wall[:, crosses]
     return Crossings(axis, low, ends, between, fixed)
 
 

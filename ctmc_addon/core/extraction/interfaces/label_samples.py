@@ -71,11 +71,14 @@ class LabelSamples:
         return (slice_z, slice_y, slice_x), values
 
     def at(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return the field at positions, (n,) float32."""
-        (x0, x1), (y0, y1), (z0, z1) = self.box
-        inside = (x >= x0) & (x < x1) & (y >= y0) & (y < y1) & (z >= z0) & (z < z1)
+        """Return the field at positions, float32 of the shape that these broadcast to."""
+        inside: NDArray[np.bool_] | bool = True
+        relative = []
+        for at, (start, stop) in zip((x, y, z), self.box, strict=True):
+            inside = inside & (at >= start) & (at < stop)
+            relative.append(np.clip(at, start, stop - 1) - start)
+        x, y, z = relative
         _, rows, bricks = self.number.shape
-        x, y, z = np.where(inside, x - x0, 0), np.where(inside, y - y0, 0), np.where(inside, z - z0, 0)
         brick = self.number.reshape(-1).take((z * rows + y) * bricks + (x >> 3))
         values = self.bricks.reshape(-1).take(brick.astype(np.intp) * BRICK + (x & 7))
         return np.where(inside, values, np.float32(self.outside))

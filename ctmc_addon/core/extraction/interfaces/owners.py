@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which label owns a sample: the one with the largest field, or none.
 
+Fields that keep every sample of a label on its side decide only between the slices of the volume.
+
 Where two labels meet, a field of their own decides between them (walls.py). What is no label has a field too: beside
 fields that are distances it is below 0 where any other is above; beside smoothed indicators, which add up to 1, it is
 what the others leave of it.
@@ -36,7 +38,7 @@ class Owners:
     number : (z.count, y.count, x.count) unsigned
         Which label owns a sample, counted from 1; 0 is no label.
     largest : same shape, float32, or None
-        The largest field, where labels are smoothed.
+        The largest field, where fields decide who owns a sample.
     total : same shape, float32, or None
         The sum of all fields, where these are indicators.
     """
@@ -54,13 +56,15 @@ def owner_type(labels: int) -> np.dtype[Any]:
     return np.min_scalar_type(labels)
 
 
-def owners_bytes(samples: int, labels: int, indicators: bool) -> int:
-    """Bytes that the owners of so many samples take."""
-    return samples * (owner_type(labels).itemsize + 4 + 4 * indicators)
+def owners_bytes(samples: int, labels: int, indicators: bool, between: bool) -> int:
+    """Bytes that the owners of so many samples take; `between` if there are slices between those of the labels."""
+    return samples * (owner_type(labels).itemsize + 4 * (indicators or between) + 4 * indicators)
 
 
 def owners_steps(
     axes: tuple[Axis, Axis, Axis],
+    number: NDArray[Any],
+    layers: Sequence[int],
     fields: Sequence[LabelSamples],
     walls: Mapping[tuple[int, int], LabelSamples],
     indicators: bool,
@@ -73,6 +77,10 @@ def owners_steps(
     ----------
     axes : three Axis
         Along x, y and z, with a closed border.
+    number : (z.count, y.count, x.count) unsigned
+        The owners that are known, as in `Owners`; changed in place.
+    layers : sequence of int
+        Of the grid along z, rising, without the outermost: those whose owners the fields decide.
     fields : sequence of LabelSamples
         In the order of the labels' values; of equal fields the first one's label is the owner.
     walls : mapping of (first, second) to LabelSamples
@@ -85,24 +93,23 @@ def owners_steps(
     threads : int
     """
     x, y, z = axes
-    shape = (z.count, y.count, x.count)
-    number = np.zeros(shape, owner_type(len(fields)))
-    total = np.zeros(shape, np.float32) if indicators else None
-    largest = np.zeros(shape, np.float32)
+    total = np.zeros(number.shape, np.float32) if indicators else None
+    largest = np.zeros(number.shape, np.float32) if layers else None
     columns, rows = x.index[1:-1], y.index[1:-1]
 
-    def own(layers: tuple[int, int]) -> None:
-        low, high = layers
-        inner = (slice(low, high), slice(1, -1), slice(1, -1))
-        owner, best, slices = number[inner], largest[inner], z.index[low:high]
-        next_best = np.full(owner.shape, -np.inf, np.float32) if walls else None
+    def own(part: Sequence[int]) -> None:
+        inner = (np.array(part), slice(1, -1), slice(1, -1))
+        slices = z.index[inner[0]]
+        owner = np.zeros((len(part), len(rows), len(columns)), number.dtype)
+        best = np.full(owner.shape, -np.inf, np.float32)
+        next_best = best.copy() if walls else None
         following = np.zeros_like(owner)  # whose field is the next best
-        best[...] = -np.inf
+        added = None if total is None else np.zeros_like(best)
         for label, samples in enumerate(fields, 1):
-            part = samples.part(columns, rows, slices)
-            if part is None:
+            in_window = samples.part(columns, rows, slices)
+            if in_window is None:
                 continue
-            where, values = part
+            where, values = in_window
             is_best = values > best[where]
             if next_best is not None:
                 is_next = ~is_best & (values > next_best[where])
@@ -112,25 +119,29 @@ def owners_steps(
                 np.copyto(following[where], owner[where], where=is_best)
             np.copyto(best[where], values, where=is_best)
             np.copyto(owner[where], owner.dtype.type(label), where=is_best)
-            if total is not None:
-                total[inner][where] += values
+            if added is not None:
+                added[where] += values
         for (first, second), samples in walls.items():
-            part = samples.part(columns, rows, slices)
-            if part is None:
+            in_window = samples.part(columns, rows, slices)
+            if in_window is None:
                 continue
-            where, values = part
+            where, values = in_window
             mine, other = owner[where], following[where]
             is_between = ((mine == first) & (other == second)) | ((mine == second) & (other == first))
             np.copyto(mine, owner.dtype.type(first), where=is_between & (values > 0))
             np.copyto(mine, owner.dtype.type(second), where=is_between & (values <= 0))
-        nobodys = best < 0 if total is None else 1 - total[inner] > best
+        nobodys = best < 0 if added is None else 1 - added > best
         for layer, slice_ in zip(nobodys, slices.tolist(), strict=True):
             between = filled(slice_)
             if between is not None:
                 layer &= ~between
         owner[nobodys] = 0
+        number[inner] = owner
+        if largest is not None:
+            largest[inner] = best
+        if total is not None:
+            total[inner] = added
 
-    step = max(1, SAMPLES_AT_ONCE // (shape[1] * shape[2]))
-    ranges = [(low, min(low + step, shape[0] - 1)) for low in range(1, shape[0] - 1, step)]
-    yield from map_steps(own, ranges, threads)
+    step = max(1, SAMPLES_AT_ONCE // (len(rows) * len(columns)))
+    yield from map_steps(own, [layers[low : low + step] for low in range(0, len(layers), step)], threads)
     return Owners(x, y, z, number, largest, total)

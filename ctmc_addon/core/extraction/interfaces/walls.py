@@ -47,12 +47,17 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     """
     found = []
     for axis in range(3):
-        low, high = (np.moveaxis(owners, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))
-        at = np.nonzero((low != high) & (low > 0) & (high > 0))
-        ends = np.sort(np.stack([low[at], high[at]]).astype(np.int64), axis=0)
-        place = [*at[1 : axis + 1], at[0], *at[axis + 1 :]]
-        found.append(np.stack([*ends, *place, *place]))
-        found[-1][5 + axis] += 1
+        before, behind = (
+            owners[tuple(part if each == axis else slice(None) for each in range(3))]
+            for part in (slice(None, -1), slice(1, None))
+        )
+        at = np.array(np.unravel_index(np.flatnonzero(before != behind), before.shape))
+        ends = np.sort([before[tuple(at)], behind[tuple(at)]], axis=0).astype(np.int64)
+        meets = ends[0] > 0
+        low, ends = at[:, meets], ends[:, meets]
+        high = low.copy()
+        high[axis] += 1
+        found.append(np.concatenate([ends, low, high]))
     every = np.concatenate(found, axis=1)
     if not every.shape[1]:
         return []
