@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
 
-Header and affine by nibabel, which reads them as SPM2 does.
+Header and affine of Analyze by nibabel, which reads them as SPM2 does.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
-from .nifti import NiftiFile, checked_dtype, checked_size, header_errors, scaling
+from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size
 
 HEADER = 348  # bytes
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
@@ -36,8 +37,9 @@ class AnalyzeFile(VolumeSource):
         self.data_path = data_path
         self.header = read_header(path)
         self.size, times = checked_size(self.header.get_data_shape(), path.name)
-        self.dtype: np.dtype[Any] = checked_dtype(self.header, path.name)
-        self.scaling = scaling(self.header, path.name)
+        self.dtype: np.dtype[Any] = checked_dtype(self.header.get_data_dtype(), path.name)
+        slope, intercept = self.header.get_slope_inter()
+        self.scaling = checked_scale(1.0 if slope is None else float(slope), float(intercept or 0.0), path.name)
         columns, rows, slices = self.size
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path, data_path])
@@ -69,18 +71,22 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
         if not exists:
             raise ReadError(f"{path.name} is one half of a pair, and its {missing} is missing; keep the two together")
     assert data_path is not None
-    yield from imported_steps(MODULE, "nibabel", "Analyze")
     with header_path.open("rb") as stream:
         magic = stream.read(HEADER)[-4:]
         stream.seek(4)
         second = stream.read(4) in NIFTI_MAGIC
-    return NiftiFile(header_path, data_path) if second or magic in NIFTI_MAGIC else AnalyzeFile(header_path, data_path)
+    if second or magic in NIFTI_MAGIC:
+        return NiftiFile(header_path, data_path)
+    yield from imported_steps(MODULE, "nibabel", "Analyze")
+    return AnalyzeFile(header_path, data_path)
 
 
 def read_header(path: Path) -> Any:
     """Return the header, parsed by nibabel."""
     kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
-    errors: tuple[type[Exception], ...] = (*header_errors(), KeyError)  # KeyError: a type that does not exist
+    spatial = needed("nibabel.spatialimages", "nibabel", "Analyze")
+    # KeyError: a type that does not exist
+    errors = (spatial.HeaderDataError, spatial.HeaderTypeError, *STREAM_ERRORS, KeyError)
     try:
         with path.open("rb") as stream, quiet():
             content = stream.read(HEADER)

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""NIfTI-1 and NIfTI-2 in one file, plain or gzip, by nibabel; its values a few planes at a time.
+"""NIfTI-1 and NIfTI-2 in one file, plain or gzip, or in a pair; its values a few planes at a time.
 
-nibabel's affine maps (i, j, k) to RAS+ mm. i is the fastest index in the file, so the values are
-(k, j, i) in C order. NIfTI-1 is described at nifti.nimh.nih.gov/nifti-1.
+The header's affine maps (i, j, k) to RAS+. i is the fastest index in the file, so the values are (k, j, i) in C order.
 """
 
 from __future__ import annotations
 
-import logging
 import math
 import struct
 import xml.etree.ElementTree as ElementTree
@@ -20,18 +18,17 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
 from ..labels.colors import RGB, rgb_of_shares
-from ..optional_imports import imported_steps, needed, quiet, reason
+from ..optional_imports import reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
+from .nifti_header import SIZES, NiftiHeader, nifti_header
 
 TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
 MOST_SCALE = 1e20  # slope or intercept; its product with a value must be a float32
 TABLE_END = b"</LabelTable>"
-SILENT = logging.Logger("silent")  # nibabel's own prints what it mends in a header
-SILENT.addHandler(logging.NullHandler())
 
 
 class NiftiFile(VolumeSource):
@@ -45,8 +42,8 @@ class NiftiFile(VolumeSource):
         self.data_path = data_path or path
         with opened(path) as stream:
             self.header, self.extensions = read_header(stream, name, data_path is not None)
-        self.size, times = checked_size(self.header.get_data_shape(), name)
-        self.dtype = checked_dtype(self.header, name)
+        self.size, times = checked_size(self.header.sides, name)
+        self.dtype = checked_dtype(self.header.dtype, name)
         self.scaling = scaling(self.header, name)
         columns, rows, slices = self.size
         files = [path] if data_path is None else [path, data_path]
@@ -55,45 +52,37 @@ class NiftiFile(VolumeSource):
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         affine, notes = placed(self.header, self.path.name)
-        start = int(self.header["vox_offset"])
+        start = int(self.header.start)
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
         return RawValues(values, affine, notes, None, *label_table(self.extensions))
 
 
 def open_steps(path: Path) -> Steps[NiftiFile]:
-    """Open the file; nibabel brings much with it, so that its first import is long."""
-    yield from imported_steps("nibabel.nifti1", "nibabel", "NIfTI")
+    """Open the file."""
     return NiftiFile(path)
+    yield  # its header is short
 
 
-def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, list[bytes]]:
-    """Header by nibabel, of either version, and its extensions; of a pair the values begin in another file."""
-    nifti1 = needed("nibabel.nifti1", "nibabel", "NIfTI")
-    nifti2 = needed("nibabel.nifti2", "nibabel", "NIfTI")
+def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[NiftiHeader, list[bytes]]:
+    """Header of either version, and its extensions; of a pair the values begin in another file."""
     try:
-        head = stream.read(540)
-        # The first number is the header's own length, in either byte order.
-        second_version = 540 in (int.from_bytes(head[:4], "little"), int.from_bytes(head[:4], "big"))
-        module, number = (nifti2, 2) if second_version else (nifti1, 1)
-        kind = getattr(module, f"Nifti{number}{'Pair' if pair else ''}Header")
-        offset = float(kind(head[: kind.sizeof_hdr], check=False)["vox_offset"])
-        if not (math.isfinite(offset) and (0 if pair else kind.sizeof_hdr + 4) <= offset <= MOST_HEADER):
+        head = stream.read(SIZES[1])
+        header = nifti_header(head)
+        offset = header.start
+        if not (math.isfinite(offset) and (0 if pair else header.size + 4) <= offset <= MOST_HEADER):
             raise ReadError(
                 f"{name} says that its values begin at byte {offset:g}, which no NIfTI file has; export it again"
             )
         head += stream.read(MOST_HEADER if pair else max(0, int(offset) - len(head)))
-        with quiet():
-            header = kind(head[: kind.sizeof_hdr], check=False)
-            header.check_fix(SILENT, 40)
-    except header_errors() as error:
+    except STREAM_ERRORS as error:
         raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
     whole = head if pair else head[: int(offset)]
-    return header, extensions(whole, kind.sizeof_hdr, header.endianness, name)
+    return header, extensions(whole, header.size, header.order, name)
 
 
 def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
-    """Contents of the extensions behind a header of `at` bytes, not by nibabel: it parses each by what it says it is.
+    """Contents of the extensions behind a header of `at` bytes, whatever each says it is.
 
     Parameters
     ----------
@@ -113,13 +102,6 @@ def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
         found.append(head[at + 8 : at + size])
         at += size
     return found
-
-
-def header_errors() -> tuple[type[Exception], ...]:
-    """Return the errors that nibabel raises on a header that it does not accept."""
-    spatial = needed("nibabel.spatialimages", "nibabel", "NIfTI")
-    wrapped = needed("nibabel.wrapstruct", "nibabel", "NIfTI")
-    return (spatial.HeaderDataError, spatial.HeaderTypeError, wrapped.WrapStructError, *STREAM_ERRORS)
 
 
 def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int], int]:
@@ -151,9 +133,8 @@ def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int],
     return (columns, rows, slices), times
 
 
-def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
+def checked_dtype(dtype: np.dtype[Any], name: str) -> np.dtype[Any]:
     """Return the type of the values in the file, or a `ReadError` for color, complex and long double."""
-    dtype: np.dtype[Any] = header.get_data_dtype()
     if dtype.names is not None:
         raise ReadError(f"{name} has RGB voxels; convert it to gray values or labels (one number a voxel)")
     if dtype.kind not in "iuf" or dtype.itemsize > 8:
@@ -161,37 +142,36 @@ def checked_dtype(header: Any, name: str) -> np.dtype[Any]:
     return dtype
 
 
-def scaling(header: Any, name: str) -> tuple[float, float]:
+def scaling(header: NiftiHeader, name: str) -> tuple[float, float]:
     """Slope and intercept of the values; 1 and 0 where the header has none."""
     try:
-        slope, intercept = header.get_slope_inter()
-    except header_errors() as error:
+        return checked_scale(*header.scale, name)
+    except ValueError as error:
         raise ReadError(f"{name} has a broken scale ({reason(error)}); export it again") from error
-    scale = (1.0 if slope is None else float(slope)), float(intercept or 0.0)
-    if max(map(abs, scale)) > MOST_SCALE:
-        raise ReadError(f"{name} has a broken scale ({scale[0]:g} and {scale[1]:g}); export it again")
-    return scale
 
 
-def placed(header: Any, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Affine by nibabel, in mm, and what had to be assumed."""
+def checked_scale(slope: float, intercept: float, name: str) -> tuple[float, float]:
+    """Return slope and intercept, or a `ReadError` where scaled values would not be a float32."""
+    if max(abs(slope), abs(intercept)) > MOST_SCALE:
+        raise ReadError(f"{name} has a broken scale ({slope:g} and {intercept:g}); export it again")
+    return slope, intercept
+
+
+def placed(header: NiftiHeader, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Affine in mm, and what had to be assumed."""
     try:
-        affine = np.array(header.get_best_affine(), np.float64)
-    except header_errors() as error:
+        affine = header.affine
+    except ValueError as error:
         raise ReadError(f"{name} has a broken orientation ({reason(error)}); export it again") from error
     notes = []
-    if not int(header["sform_code"]) and not int(header["qform_code"]):
+    if not any(header.codes):
         notes.append(
             "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
             "rows towards the front, slices towards the head; flip x, y or z changes it"
         )
-    try:
-        unit = header.get_xyzt_units()[0]
-    except KeyError:
-        unit = "unknown"
-    if TO_MM[unit] != 1.0:
-        affine[:3] *= TO_MM[unit]
-        notes.append(f"the file's positions are in {unit}s and were converted to mm")
+    if TO_MM[header.unit] != 1.0:
+        affine[:3] *= TO_MM[header.unit]
+        notes.append(f"the file's positions are in {header.unit}s and were converted to mm")
     return affine, tuple(notes)
 
 
