@@ -14,15 +14,17 @@ def figure_caption(
     threshold: float,
     triangles: int,
     name: str = "",
+    unit: str = "",
 ) -> str:
     """Return every setting that shaped a figure's surface, in a line; of several surfaces, what they have in common.
 
-    `spacing_mm` is empty where surfaces have different ones.
+    `spacing_mm` is empty where surfaces have different ones; `unit` is that of the threshold, HU or none.
 
     Examples
     --------
-    >>> figure_caption([ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))], (0.7, 0.7, 2), 200.0, 1234)
-    'Surface at 200, stride 2 × 2 × 1 px = 1.4 × 1.4 × 2 mm, alpha 1, 1,234 triangles'
+    >>> bone = ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))
+    >>> figure_caption([bone], (0.7, 0.7, 2), 200.0, 1234, unit="HU")
+    'Surface at 200 HU, stride 2 × 2 × 1 px = 1.4 × 1.4 × 2 mm, alpha 1, 1,234 triangles'
     >>> figure_caption([ReconstructionSettings(label=1), ReconstructionSettings(label=2)], (), 0.5, 10)
     'Stride 1 px, constrained smoothing, alpha 1, 10 triangles'
     """
@@ -31,7 +33,7 @@ def figure_caption(
         phrases.append(name or f"Label {first.label}")
     elif len(settings) == 1:
         limits = f"at {threshold:.4g}" if first.upper is None else f"from {threshold:.4g} to {first.upper:.4g}"
-        phrases.append(f"{name or 'Surface'} {limits}")
+        phrases.append(f"{name or 'Surface'} {limits} {unit}".rstrip())
     if all(surface.stride == first.stride for surface in settings):
         phrases.append(stride_phrase(first.stride, spacing_mm))
     smoothings = {smoothing_phrase(surface) for surface in settings}

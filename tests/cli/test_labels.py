@@ -216,7 +216,7 @@ def test_a_batch_has_a_row_and_a_folder_for_each_case(ctmc, labels_file, tmp_pat
     with (out / "labels.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [line["label"] for line in rows] == ["1", "2", "5", "6", "9", "11"]
-    assert all(line["case"] == "organs" for line in rows)
+    assert all(line["case"] == "organs" and line["components"] == "1" for line in rows)
     record = json.loads((out / "organs.json").read_text("utf-8"))
     assert "label" not in record["settings"]
     before = (out / "organs" / "liver 9.stl").stat().st_mtime_ns

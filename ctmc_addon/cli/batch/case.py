@@ -56,6 +56,7 @@ from .files import (
 THUMBNAIL = (160, 120)
 # Held while folders are made and outputs put in their places, so that the end of the batch leaves neither halfway.
 CHANGING_FOLDERS = threading.Lock()
+NO_HU = "mean_hu is empty: --hu takes one label a row, of a CT volume-N with its segmentation-N beside it"
 NO_MEMORY = "there is not enough memory; choose a region, a larger stride or fewer jobs"
 
 Ask = Callable[[int], None]
@@ -154,19 +155,23 @@ class Case:
         if len(output["labels"]) > 1 and not surfaces.are_several:  # the one that the case has: a row of labels.csv too
             surfaces = replace(surfaces, names=surfaces.titles)
         report = report_of(surfaces)
+        notes = [with_flags(without_folders(note, task)) for note in report["notes"]]
+        hu = self.hu_inside(settings, volume, bool(output["labels"])) if task.get("hu") else {}
+        if hu is None:
+            notes.append(NO_HU)
         record = {
             "case": name,
             "status": "done",
             "error": None,
             **report,
             "stages": [reading._asdict(), *report["stages"]],
-            "notes": [with_flags(without_folders(note, task)) for note in report["notes"]],
+            "notes": notes,
             **identity(task, output),
             **self.input_key,
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
             "seconds": since(start),
-            **self.hu_inside(settings, volume, bool(output["labels"])),
+            **(hu or {}),
             "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -193,11 +198,11 @@ class Case:
         result = self.together.results.get(label)
         return None if result is None else Surfaces(volume.name, (result,))
 
-    def hu_inside(self, settings: ReconstructionSettings, labels: Volume, several: bool) -> dict[str, Any]:
-        """Return mean and deviation of the CT inside the label that lies beside it, where that is asked for."""
+    def hu_inside(self, settings: ReconstructionSettings, labels: Volume, several: bool) -> dict[str, float] | None:
+        """Return mean and deviation of the CT inside the label that lies beside it; None without such a CT."""
         path = Path(self.task["input"])
-        if not self.task.get("hu") or several or settings.label is None or self.source == path:
-            return {}
+        if several or settings.label is None or self.source == path:
+            return None
         if self.ct is None:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(path, options.allow_outside))

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
-                    style = replace(style, caption=common.caption_of(results, args.names or ()))
+                    style = replace(style, caption=common.caption_of(results, volume.kind, args.names or ()))
                 figure = figure_steps([Cell(shown)], target, page, style, blend, scene)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [

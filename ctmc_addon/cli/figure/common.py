@@ -23,7 +23,7 @@ from ...core import (
 )
 from ...core.files.atomic_write import own_folder
 from ...core.files.input_files import plan_output
-from ...core.volume import ALL
+from ...core.volume import ALL, ValueKind
 from ...reporting.captions import figure_caption
 from ..arguments import (
     UsageError,
@@ -106,12 +106,14 @@ def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argp
     return run_there
 
 
-def caption_of(results: Sequence[Reconstruction], names: Sequence[str] = ()) -> str:
+def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str] = ()) -> str:
     """Return in a line what is shown."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
-    return figure_caption([result.settings for result in results], first.spacing_mm, first.threshold, triangles, name)
+    unit = "HU" if kind == ValueKind.HU else ""
+    settings = [result.settings for result in results]
+    return figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:

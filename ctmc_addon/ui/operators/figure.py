@@ -160,6 +160,7 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
         spacings_mm.pop() if len(spacings_mm) == 1 else (),
         require_provenance(objects[0]).threshold,
         sum(len(mesh.faces) for mesh in meshes),
+        unit=surfaces.unit_of(objects[0], context.scene),
     )
     panel = context.scene.ctmc_figure
     transparency = Transparency(**values_of(panel, Transparency))

@@ -19,7 +19,7 @@ from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import Step, draw_shape_change, draw_table, draw_text, holds_hu, prepare
+from .layout import Step, draw_shape_change, draw_table, draw_text, prepare
 
 
 class CTMC_PT_results(Step, bpy.types.Panel):
@@ -46,7 +46,7 @@ class CTMC_PT_results(Step, bpy.types.Panel):
         opacity.enabled = is_active
         opacity.prop(context.scene.ctmc, "opacity", slider=True)
         measurement = None if provenance is None else measurements.of(obj)
-        unit = "HU" if surfaces.is_of_ct(obj, context.scene) and holds_hu(context.scene) else ""
+        unit = surfaces.unit_of(obj, context.scene)
         item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
         name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
         draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)

@@ -22,6 +22,7 @@ from ...blender.surface import (
 )
 from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
+from ...core.volume import ValueKind
 from ..properties.structures import is_made_of
 from ..translations import translate, translate_sentence
 from . import session, volumes
@@ -111,6 +112,12 @@ def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
     """Whether a surface was made of the CT in memory: of the same values at the same place, whatever its name."""
     loaded, provenance = volumes.loaded(scene), read_provenance(obj)
     return loaded is not None and provenance is not None and provenance.fingerprint == loaded.statistics.fingerprint
+
+
+def unit_of(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> str:
+    """Return HU for a surface of the CT in memory whose values are HU; nothing for others."""
+    loaded = volumes.loaded(scene)
+    return "HU" if is_of_ct(obj, scene) and loaded is not None and loaded.volume.kind == ValueKind.HU else ""
 
 
 def of_structure(scene: bpy.types.Scene, item: Any) -> list[bpy.types.Object]:

@@ -13,7 +13,7 @@ import pytest
 from shapes import distance_mm
 
 from ctmc_addon.cli.batch import process as batch_process
-from ctmc_addon.cli.batch.case import Case, announced_budget
+from ctmc_addon.cli.batch.case import NO_HU, Case, announced_budget
 from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
 from ctmc_addon.core import MemoryLimitError
@@ -174,7 +174,11 @@ def test_hu_inside_a_label_is_that_of_the_ct_beside_it(ctmc, tmp_path):
     assert "1 done before" in ctmc("batch", folder, "-o", tmp_path / "out", *words, "--resume").out
     assert ctmc("batch", folder, "-o", tmp_path / "without", *words).code == 0
     [row] = json.loads((tmp_path / "without" / "summary.json").read_text("utf-8"))
-    assert row["mean_hu"] is None
+    assert (row["mean_hu"], NO_HU in row["notes"]) == (None, False)
+    alone = folder / "segmentation-1.nii.gz"
+    assert ctmc("batch", alone, "-o", tmp_path / "alone", *words, "--hu").code == 0
+    [row] = json.loads((tmp_path / "alone" / "summary.json").read_text("utf-8"))
+    assert (row["mean_hu"], NO_HU in row["notes"]) == (None, True)
 
 
 def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(started, tmp_path, monkeypatch):

@@ -136,7 +136,7 @@ def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
 
 def test_a_row_of_several_surfaces_sums_them():
     surface = {"name": "a", "label": 1, "faces": 10, "volume_mm3": 5.0, "area_mm2": 2.5, "components": 2}
-    surface |= {"parts": 2, "closed": True, "spacing_mm": [1.0, 1.0, 2.0]}
+    surface |= {"closed": True, "spacing_mm": [1.0, 1.0, 2.0]}
     record = {"status": "done", "faces": 20, "volume_mm3": None, "seconds": 1.0, "error": None}
     together = SummaryRow("a")
     together.fill(record | {"surfaces": [surface, surface | {"closed": False}]})

@@ -148,6 +148,9 @@ def test_several_surfaces_stand_in_one_figure_each_in_its_color(loaded, surface,
     loaded.ctmc_figure.write_blend = False
     cell, caption = figure.cell_of(bpy.context)
     faces = [len(thing.data.polygons) for thing in (surface, inner)]
+    surface.select_set(False)
+    assert figure.cell_of(bpy.context)[1].startswith("Surface at 135, stride 1 × 1 × 1 px = 1 × 1 × 2 mm, ")
+    surface.select_set(True)
     assert caption == f"Stride 1 × 1 × 1 px = 1 × 1 × 2 mm, alpha 1, {sum(faces):,} triangles"
     by_name = {shown.name: shown for shown in cell.surfaces}
     assert by_name[surface.name].opacity == 0.3

@@ -12,7 +12,7 @@ from ....core.files.mesh_files import PAGE
 from ..files import read_record, thumbnail_path
 
 # Of each of several surfaces.
-MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "parts", "closed", "self_intersections")
+MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "components", "closed", "self_intersections")
 NOTES_BETWEEN = " | "
 HIDDEN = ("surfaces", "page", "thumbnail")  # no columns
 

@@ -67,6 +67,7 @@ def test_labels_and_a_threshold_are_made_in_one_press_and_each_has_its_volume(sc
         (obj,) = surfaces.of_structure(scene, item)
         found[item.name] = measurements.of(obj).measures.volume
         assert volume_text(scene, item) == milliliters(found[item.name] / 1000)
+        assert surfaces.unit_of(obj, scene) == "HU"
     # Voxels are 2 mm3; the corners that the surface cuts off are less than a fifth of a small cube.
     for name, voxels in (("liver", 216), ("tumor", 27), ("Bone", 64)):
         assert 0.75 * 2 * voxels < found[name] < 2 * voxels
