@@ -170,7 +170,7 @@ class ReadingOptions(Described):
     remove_table: bool = setting(
         False,
         "Make air of what lies behind the patient and does not belong to the body, such as the table; for HU",
-        label="Remove Table",
+        label="Remove Patient Table",
         type=bool,
     )
     anatomy_colors: bool = setting(

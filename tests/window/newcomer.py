@@ -106,7 +106,7 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         desk.key("n")
         desk.wait("viewport().sidebar.width > 100")
         choose_tab(desk)
-    with person.step("Load CT, its path typed, Remove Table"):
+    with person.step("Load CT, its path typed, Remove Patient Table"):
         person.press("bpy.ops.ctmc.load()")
         choose_file(desk, ct)
         desk.wait(f"{IDLE} and {LOADED}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Table: what was measured of all surfaces, as `ctmc measure` has it."""
+"""The closed panel Measurements: what was measured of all surfaces, as `ctmc measure` has it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class CTMC_PT_table(SubPanel, bpy.types.Panel):
     """A row for every surface."""
 
     bl_idname = "CTMC_PT_table"
-    bl_label = "Table"
+    bl_label = "Measurements"
 
     def draw(self, context: bpy.types.Context) -> None:
         prepare(self.layout, lock=False)

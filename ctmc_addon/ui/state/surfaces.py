@@ -156,7 +156,7 @@ def mirrored_text(change: ShapeChange) -> str:
 
 def scaled_text(change: ShapeChange) -> str:
     """Return what is said of a scaled object; empty for one that is as large as the patient."""
-    text = translate("Scaled by {factor}: not the patient's size; Measure and Table give that")
+    text = translate("Scaled by {factor}: not the patient's size; Measure and Measure All give that")
     return text.format(factor=change.factors_text) if change.scaled else ""
 
 

@@ -26,7 +26,7 @@ class CTMC_OT_remove_table(Needs, bpy.types.Operator):
     """Read the CT again, with or without what lies behind the patient."""
 
     bl_idname = "ctmc.remove_table"
-    bl_label = "Remove Table"
+    bl_label = "Remove Patient Table"
     bl_description = (
         "Read the CT again and make air of what lies behind the patient and does not belong to the body, such as the "
         "table; pressed again it comes back. Surfaces made before stay as they are"

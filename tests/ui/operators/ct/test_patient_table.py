@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remove Table reads the CT without it, and with it again."""
+"""Remove Patient Table reads the CT without it, and with it again."""
 
 import nibabel
 import numpy as np
