@@ -7,6 +7,9 @@ the empty.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +41,14 @@ def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.type
     same = [obj for obj in boxes if obj[PROPERTY].get("fingerprint") == fingerprint]
     read_before = [obj for obj in boxes if path and obj[PROPERTY].get("path") == path]
     return next(iter(same + read_before), None)
+
+
+def noted_paths() -> list[tuple[str, Callable[[str], None]]]:
+    """Return the paths that boxes and their collections have noted, each with what notes another in its place."""
+    boxes = [obj[PROPERTY] for obj in bpy.data.objects if is_box(obj) and obj.library is None]
+    notes = [(str(box.get("path", "")), partial(box.__setitem__, "path")) for box in boxes]
+    folders = [owner for owner in bpy.data.collections if FOLDER in owner and owner.library is None]
+    return notes + [(str(owner[FOLDER]), partial(owner.__setitem__, FOLDER)) for owner in folders]
 
 
 def show_box(

@@ -6,12 +6,15 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import bpy
 
+from ...blender.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
@@ -195,21 +198,22 @@ def stored_path(path: Path, blend_path: str = "") -> str:
         return str(path)
 
 
-_absolute: dict[int, list[str]] = {}  # of each scene, the paths that are relative, while the file is saved
+_absolute: list[str] = []  # where the noted paths lead, while the file is saved
 
 
-def noted(scene: bpy.types.Scene) -> list[tuple[Any, str]]:
-    """Return where a scene notes paths: what holds each, and its name there."""
-    cts = (scene.ctmc, *scene.ctmc_scans)
-    return [(ct, "volume_path") for ct in cts] + [(source, "path") for ct in cts for source in ct.label_sources]
+def noted() -> list[tuple[str, Callable[[str], None]]]:
+    """Return the paths that the open file has noted, each with what notes another in its place."""
+    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
+    sources = [source for ct in cts for source in ct.label_sources]
+    notes = [(ct.volume_path, partial(setattr, ct, "volume_path")) for ct in cts]
+    notes += [(source.path, partial(setattr, source, "path")) for source in sources]
+    return notes + noted_paths()
 
 
 def before_save(target: str, *_: Any) -> None:
-    """Make paths near the .blend relative to the place that it is saved to."""
-    _absolute.clear()
-    for scene in bpy.data.scenes:
-        paths = [getattr(owner, name) for owner, name in noted(scene)]
-        _absolute[scene.session_uid] = [bpy.path.abspath(path) if path.startswith("//") else "" for path in paths]
+    """Make paths relative to the place that the .blend is saved to; those of another system stay as they are."""
+    paths = [bpy.path.abspath(path) for path, _ in noted()]
+    _absolute[:] = [path if Path(path).is_absolute() else "" for path in paths]
     relate_paths(target)
 
 
@@ -220,11 +224,10 @@ def after_save(*_: Any) -> None:
 
 
 def relate_paths(blend: str) -> None:
-    """Note the paths relative to a .blend."""
-    for scene in bpy.data.scenes:
-        for (owner, name), path in zip(noted(scene), _absolute.get(scene.session_uid, []), strict=False):
-            if blend and path:
-                setattr(owner, name, stored_path(Path(path), blend))
+    """Note the paths relative to a .blend, or whole where it has no place yet."""
+    for (_, note), path in zip(noted(), _absolute, strict=False):
+        if path:
+            note(stored_path(Path(path), blend))
 
 
 HANDLERS = {"load_post": discard_unused, "save_pre": before_save, "save_post": after_save, "save_post_fail": after_save}

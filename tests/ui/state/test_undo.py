@@ -143,6 +143,33 @@ def test_save_as_to_another_folder_keeps_the_way_to_the_ct(loaded, ball_file, tm
     assert volumes.exists(bpy.context.scene.ctmc.volume_path)
 
 
+@pytest.mark.parametrize("copy", [False, True])
+def test_the_first_save_leaves_no_absolute_path_of_the_ct_in_the_file(loaded, ball_file, tmp_path, copy):
+    assert Path(loaded.ctmc.volume_path) == ball_file
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"), copy=copy, compress=False)
+    saved = (tmp_path / "day.blend").read_bytes()
+    assert str(ball_file).encode() not in saved
+    assert saved.count(bytes(tmp_path)) == saved.count(bytes(tmp_path / "day.blend"))  # Blender's own
+    assert loaded.ctmc.volume_path == (str(ball_file) if copy else "//ball.npy")
+
+
+def test_a_ct_that_is_loaded_again_after_a_save_elsewhere_has_the_same_box_and_folder(loaded, tmp_path):
+    (tmp_path / "below").mkdir()
+    for folder in (tmp_path, tmp_path / "below"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / "day.blend"))
+        loaded.ctmc.flip = "x"  # another reading of the same file
+        bpy.ops.ctmc.load(again=True)
+        assert len([obj for obj in bpy.data.objects if obj.type == "EMPTY"]) == 1
+        assert len(loaded.collection.children) == 1
+
+
+@pytest.mark.parametrize("path", ["C:\\ct\\ball.npy", "C:/ct/ball.npy"])
+def test_a_path_of_another_system_is_saved_as_it_is(loaded, tmp_path, path):
+    loaded.ctmc.volume_path = path
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
+    assert loaded.ctmc.volume_path == path
+
+
 @pytest.mark.parametrize("memory", [3, "mine", {"report": "{}"}, {"settings": "[", "report": "none"}])
 def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     mesh = bpy.data.meshes.new("mine")
