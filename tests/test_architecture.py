@@ -7,6 +7,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -47,8 +48,17 @@ def room_of(path: Path) -> str:
     return parts[0] if len(parts) > 1 else ""
 
 
-def imports_of(path: Path) -> Iterator[tuple[str, bool]]:
+def named(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+@cache
+def imports_of(path: Path) -> tuple[tuple[str, bool], ...]:
     """Every imported module as a dotted name from the package's root, and whether the import is relative."""
+    return tuple(found_imports(path))
+
+
+def found_imports(path: Path) -> Iterator[tuple[str, bool]]:
     folder = path.relative_to(PACKAGE).parent.parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -61,17 +71,17 @@ def imports_of(path: Path) -> Iterator[tuple[str, bool]]:
             yield from ((".".join(filter(None, (*base, node.module, alias.name))), True) for alias in node.names)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_imports_follow_the_arrows(path):
-    room = room_of(path)
-    for name, relative in imports_of(path):
-        top = name.partition(".")[0]
-        if relative:
-            assert not room or top not in ARROWS or top == room or top in ARROWS[room], f"{room} -> {name}"
-        else:
-            assert top != "ctmc_addon", "as an extension the package has another name: import relatively"
-            assert room in {"ui", "blender", "cli", ""} or top not in BLENDER, f"{room} must not know Blender: {name}"
-            assert room != "core" or top == "numpy" or top in sys.stdlib_module_names, f"core must not need {name}"
+def test_imports_follow_the_arrows():
+    for path in SOURCES:
+        room = room_of(path)
+        for name, relative in imports_of(path):
+            top, line = name.partition(".")[0], f"{named(path)} -> {name}"
+            if relative:
+                assert not room or top not in ARROWS or top == room or top in ARROWS[room], line
+            else:
+                assert top != "ctmc_addon", f"{line}: as an extension the package has another name: import relatively"
+                assert room in {"ui", "blender", "cli", ""} or top not in BLENDER, f"{line}: must not know Blender"
+                assert room != "core" or top == "numpy" or top in sys.stdlib_module_names, f"core must not need {line}"
 
 
 def files_imported_by(path: Path) -> Iterator[Path]:
@@ -95,7 +105,7 @@ def circles(arrows: dict[Path, set[Path]]) -> list[list[str]]:
         imported = set().union(*left.values()) if left else set()
         gone = {path for path, targets in left.items() if not targets & left.keys() or path not in imported}
         if not gone:
-            return [[path.relative_to(PACKAGE).as_posix() for path in sorted(left)]] if left else []
+            return [[named(path) for path in sorted(left)]] if left else []
         left = {path: targets for path, targets in left.items() if path not in gone}
 
 
@@ -103,10 +113,10 @@ def test_no_files_import_each_other_in_a_circle():
     assert circles({path: set(files_imported_by(path)) - {path} for path in SOURCES}) == []
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_other_rooms_enter_a_package_by_its_face(path):
+def test_other_rooms_enter_a_package_by_its_face():
     behind = [
-        target.relative_to(PACKAGE).as_posix()
+        f"{named(path)} -> {named(target)}"
+        for path in SOURCES
         for target in files_imported_by(path)
         if room_of(target) != room_of(path) and target.name != "__init__.py" and target.parent in FACES
     ]

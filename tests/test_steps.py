@@ -15,10 +15,6 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def named(path: Path) -> str:
-    return path.relative_to(PACKAGE).as_posix()
-
-
 def parents_of(tree: ast.AST) -> dict[ast.AST, ast.AST]:
     return {child: parent for parent in ast.walk(tree) for child in ast.iter_child_nodes(parent)}
 
@@ -70,29 +66,23 @@ def is_given_steps(function: Function) -> bool:
     )
 
 
-def is_generator(function: Function) -> bool:
-    return any(isinstance(node, ast.Yield | ast.YieldFrom) for node in own_nodes(function))
+def yields_own_steps(function: Function) -> bool:
+    """Whether a function is a generator of steps that are its own."""
+    is_generator = any(isinstance(node, ast.Yield | ast.YieldFrom) for node in own_nodes(function))
+    return is_generator and yields_steps(function) and not is_given_steps(function)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=named)
-def test_every_call_of_steps_is_driven(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    parents = parents_of(tree)
-    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and called(node).endswith("steps"))
-    assert [f"line {call.lineno}: {called(call)}" for call in calls if not is_driven(call, parents)] == []
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=named)
-def test_every_generator_of_steps_is_named_so(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = (node for node in ast.walk(tree) if isinstance(node, Function))
-    wrong = [
-        f"line {function.lineno}: {function.name}"
-        for function in functions
-        if is_generator(function) and yields_steps(function) and not is_given_steps(function)
-        if not function.name.endswith("steps")
-    ]
-    assert wrong == []
+def test_every_call_of_steps_is_driven_and_every_generator_of_steps_is_named_so():
+    lost, misnamed = [], []
+    for path in SOURCES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        parents, name = parents_of(tree), path.relative_to(PACKAGE).as_posix()
+        for node in parents:
+            if isinstance(node, ast.Call) and called(node).endswith("steps") and not is_driven(node, parents):
+                lost.append(f"{name}, line {node.lineno}: {called(node)}")
+            if isinstance(node, Function) and not node.name.endswith("steps") and yields_own_steps(node):
+                misnamed.append(f"{name}, line {node.lineno}: {node.name}")
+    assert (lost, misnamed) == ([], [])
 
 
 @pytest.mark.parametrize(

@@ -168,9 +168,7 @@ class _Making:
             field = yield from field_steps(volume, runs[at], own)
             if self.method != "constrained":
                 field.check()  # which constrained smoothing has done
-            samples = None
-            if self.method != "none":
-                samples = yield from label_samples_steps(field)
+            samples = None if self.method == "none" else (yield from label_samples_steps(field))
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
         made = yield from self.stages.run(FIELDS, each_label_steps(volume, runs, work_steps, budget))

@@ -12,7 +12,22 @@ import pytest
 
 CRASH_AT_EXIT = "import atexit, os\natexit.register(os.abort)\n"
 pytestmark = pytest.mark.once
-OPTIONS = ["-q", "-p", "no:cacheprovider", "--config-file", "/dev/null", "--import-mode=importlib"]
+OPTIONS = [
+    "-q",
+    "-p",
+    "no:cacheprovider",
+    "-p",
+    "xdist.plugin",
+    "--config-file",
+    "/dev/null",
+    "--import-mode=importlib",
+]
+
+
+@pytest.fixture(autouse=True)
+def without_other_plugins(monkeypatch):
+    """Zarr's and hypothesis' plugins take longer to import than these tests take."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
 
 
 @pytest.fixture(params=[0, 1], ids=["here", "in a process beside"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import bpy
@@ -127,6 +128,7 @@ def named_constants() -> dict[str, str]:
     return found
 
 
+@cache
 def step_strings() -> set[str]:
     """Messages of steps and names of stages, which status bar and panel show, if no name or number is in them."""
     strings, constants = set(), named_constants()
