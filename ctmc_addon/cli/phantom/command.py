@@ -24,7 +24,8 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "phantom",
         help="make a CT with known truth",
-        description="Make an abdominal CT with a liver and tumors of known volume.",
+        description="Make an abdominal CT with a liver and tumors of known volume. Slices are means over their "
+        "thickness, as a scanner's are; a voxel has the label of its center.",
     )
     parser.add_argument("folder", metavar="DIR", help="where to write; made with its parents")
     parser.add_argument("--slices", type=at_least(3), default=29, metavar="N", help="3 or more (default 29)")

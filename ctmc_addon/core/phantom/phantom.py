@@ -2,7 +2,8 @@
 """An abdominal CT with known truth: body, liver, spine, ribs and irregular tumours, from a seed.
 
 Shapes live in patient millimeters about the middle of the stack: x to the left, y to the back, z to the
-head. Only + - * / sqrt, whole numbers and halves decide a voxel, so every machine makes the same volume.
+head. A slice is the mean over its thickness, as a scanner's is: a voxel that a surface cuts has HU of both sides.
+Only + - * / sqrt, whole numbers and halves decide a voxel, so every machine makes the same volume.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ..memory import require
 from ..progress import Step, Steps, finish
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
-from .shapes import Blob, grow_tumours, liver_shape
+from .shapes import grow_tumours, liver_shape
 
 FIELD_MM = 379.0  # the field of view for which the anatomy is drawn; other fields scale it
 LIVER, TUMOUR = 1, 2
@@ -37,9 +38,11 @@ class Phantom:
     Parameters
     ----------
     volume : Volume
-        (slices, size, size) int16 HU, axes towards the patient's left, back and head (LPS).
+        (slices, size, size) int16 HU, axes towards the patient's left, back and head (LPS). Slices touch, and each is
+        the mean over its thickness.
     labels : Volume
-        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its center.
+        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its center,
+        also where its HU are a mixture.
     tumour_volumes_mm3 : tuple of float
         True volume of every tumour, largest first: the integral of its analytic surface over the sphere of
         directions, exact to rounding. Counting labelled voxels gives another number, `counted_mm3`, which
@@ -121,12 +124,14 @@ def phantom_steps(
     background = Background(axes[0], axes[1], scale)
     for k, z in enumerate(axes[2].tolist()):
         yield Step(k / slices, "Making the phantom")
-        paint_label(labels[k], LIVER, liver, axes, z)
-        for tumour in tumours:
-            paint_label(labels[k], TUMOUR, tumour, axes, z)
-        tissue = background.slice_at(z)
-        tissue[labels[k] == LIVER] = LIVER_HU
-        tissue[labels[k] == TUMOUR] = TUMOUR_HU
+        tissue = background.in_slice(z, spacing[2])
+        for label, shape in [(LIVER, liver), *((TUMOUR, tumour) for tumour in tumours)]:
+            rows, columns = (slice(*np.searchsorted(axes[axis], shape.box(axis)).tolist()) for axis in (1, 0))
+            inside, share = shape.in_slice(axes[0][columns], axes[1][rows], z, spacing[2])
+            labels[k, rows, columns][inside] = label
+            window = tissue[rows, columns]
+            # A tumour takes the place of liver.
+            window += share * (LIVER_HU - window if label == LIVER else TUMOUR_HU - LIVER_HU)
         values[k] = scanned(tissue, np.random.Generator(np.random.PCG64([seed, k])))
 
     affine = np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
@@ -171,70 +176,86 @@ def centered(count: int, gap: float) -> NDArray[np.float64]:
     return (np.arange(count) - (count - 1) / 2) * gap
 
 
-def paint_label(labels: NDArray[np.uint8], label: int, shape: Blob, axes: list[NDArray[np.float64]], z: float) -> None:
-    """Set `label` in one slice, (rows, columns), where the pixel's center is inside the shape."""
-    window = []
-    for axis in (1, 0):
-        low, high = shape.box(axis)
-        window.append(slice(*np.searchsorted(axes[axis], (low, high)).tolist()))
-    rows, columns = window
-    inside = shape.inside_slice(axes[0][columns], axes[1][rows], z)
-    labels[rows, columns][inside] = label
-
-
 class Background:
-    """Everything but the liver: body wall, ribs, spine and aorta, (rows, columns) float32 HU a slice."""
+    """Everything but the liver: body wall, ribs, spine and aorta, (rows, columns) float64 HU a slice."""
 
     def __init__(self, x: NDArray[np.float64], y: NDArray[np.float64], scale: float) -> None:
         self.x, self.y = x[None, :] / scale, y[:, None] / scale  # of a body in a field of view of 379 mm
         self.scale = scale
-        self.girth = (self.x / 165.0) ** 2 + (self.y / 118.0) ** 2  # 1 at the skin, (rows, columns)
-        self.wall = (self.girth > 0.66) & (self.girth < 0.76) & (self.y > -75) & (np.abs(self.x) > 30)
+        girth = (self.x / 165.0) ** 2 + (self.y / 118.0) ** 2  # 1 at the skin, (rows, columns)
+        self.wall = np.nonzero((girth > 0.66) & (girth < 0.76) & (self.y > -75) & (np.abs(self.x) > 30))
+        # The body is a little slimmer half-way up. A layer is where girth < limit * (1 - 0.05 / (1 + (z / 80)^2)),
+        # that is where |z| > start; most pixels are in it everywhere or nowhere.
+        self.layers = np.full(girth.shape, float(AIR))
+        self.rims = []
+        for limit, step in zip((1.0, 0.97, 0.80, 0.66), np.diff([AIR, SKIN, FAT, MUSCLE, VISCERA]), strict=True):
+            spare = 1 - girth / limit
+            start = 80 * np.sqrt(np.maximum(0.05 / np.where(spare > 0, spare, 1.0) - 1, 0))
+            self.layers[(spare > 0) & (start == 0)] += step
+            rim = np.nonzero((spare > 0) & (start > 0))
+            self.rims.append((rim, start[rim], step))
 
-    def slice_at(self, z_mm: float) -> NDArray[np.float32]:
-        """Return the HU of the slice at height `z_mm`, sharp and without noise."""
-        z = z_mm / self.scale
-        waist = 1.0 - 0.05 / (1.0 + (z / 80.0) ** 2)  # a little slimmer half-way
-        code = np.zeros(self.girth.shape, np.uint8)
-        for limit in (1.0, 0.97, 0.80, 0.66):
-            code += self.girth < limit * waist
-        tissue = np.array([AIR, SKIN, FAT, MUSCLE, VISCERA], np.float32)[code]
+    def in_slice(self, z_mm: float, thickness_mm: float) -> NDArray[np.float64]:
+        """Return the mean HU over a slice whose middle is at height `z_mm`, without blur in the slice or noise."""
+        z, thickness = z_mm / self.scale, thickness_mm / self.scale
+        low, high = z - thickness / 2, z + thickness / 2
+        tissue = self.layers.copy()
+        for rim, start, step in self.rims:
+            tissue[rim] += step * (1 - (np.clip(high, -start, start) - np.clip(low, -start, start)) / (high - low))
         # Ribs run down towards the front, 28 mm apart.
-        height = (z - 0.6 * self.y) / 28.0
-        near_a_rib = np.abs(height - np.rint(height)) < 0.2  # (rows, 1)
-        tissue[self.wall & near_a_rib] = RIB
-        self.add_spine(tissue, z)
+        down = 0.6 * self.y[:, 0]
+        rib = share_near_whole((low - down) / 28.0, (high - down) / 28.0, 0.2)  # (rows,)
+        tissue[self.wall] += rib[self.wall[0]] * (RIB - MUSCLE)
+        self.add_spine(tissue, float(share_near_whole(np.array(low / 32.0), np.array(high / 32.0), 3.5 / 32.0)))
         self.add_disc(tissue, (18.0, 38.0), (11.0, 11.0), AORTA_HU)
         return tissue
 
-    def add_spine(self, tissue: NDArray[np.float32], z: float) -> None:
-        """Vertebral bodies with discs between them, the arch and the canal."""
-        level = z / 32.0
-        between = abs(level - round(level)) * 32.0 < 3.5
-        self.add_disc(tissue, (0.0, 62.0), (24.0, 18.0), DISC if between else CORTICAL)
-        if not between:
-            self.add_disc(tissue, (0.0, 62.0), (21.0, 15.0), SPONGY)
-            self.add_disc(tissue, (0.0, 96.0), (5.0, 14.0), CORTICAL)
-        self.add_disc(tissue, (0.0, 86.0), (15.0, 13.0), MUSCLE if between else CORTICAL)
+    def add_spine(self, tissue: NDArray[np.float64], between: float) -> None:
+        """Vertebral bodies with discs between them, which are a share of the slice, the arch and the canal."""
+        vertebra = 1 - between
+        self.add_disc(tissue, (0.0, 62.0), (24.0, 18.0), between * DISC + vertebra * CORTICAL)
+        self.add_disc(tissue, (0.0, 62.0), (21.0, 15.0), between * DISC + vertebra * SPONGY)
+        self.add_disc(tissue, (0.0, 96.0), (5.0, 14.0), CORTICAL, vertebra)
+        self.add_disc(tissue, (0.0, 86.0), (15.0, 13.0), between * MUSCLE + vertebra * CORTICAL)
         self.add_disc(tissue, (0.0, 85.0), (10.0, 8.0), CANAL)
 
     def add_disc(
-        self, tissue: NDArray[np.float32], middle: tuple[float, float], half: tuple[float, float], hu: int
+        self,
+        tissue: NDArray[np.float64],
+        middle: tuple[float, float],
+        half: tuple[float, float],
+        hu: float,
+        share: float = 1.0,
     ) -> None:
-        """Fill the ellipse of a disc between two vertebrae."""
+        """Fill an ellipse, or a share of the slice in it."""
         left, right = np.searchsorted(self.x[0], (middle[0] - half[0], middle[0] + half[0]))
         top, bottom = np.searchsorted(self.y[:, 0], (middle[1] - half[1], middle[1] + half[1]))
         across = ((self.x[:, left:right] - middle[0]) / half[0]) ** 2
         along = ((self.y[top:bottom] - middle[1]) / half[1]) ** 2
-        tissue[top:bottom, left:right][across + along < 1.0] = hu
+        window = tissue[top:bottom, left:right]
+        window += share * (across + along < 1.0) * (hu - window)
 
 
-def scanned(tissue: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.int16]:
+def share_near_whole(low: NDArray[np.float64], high: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Return which part of `low` to `high` is less than `distance`, at most 0.5, away from a whole number.
+
+    Examples
+    --------
+    >>> share_near_whole(np.array([0.0, 0.1]), np.array([3.0, 0.3]), 0.2).round(9).tolist()
+    [0.4, 0.5]
+    """
+    below_low, below_high = (
+        2 * distance * np.rint(end) + np.clip(end - np.rint(end), -distance, distance) for end in (low, high)
+    )
+    return (below_high - below_low) / (high - low)
+
+
+def scanned(tissue: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int16]:
     """Return the slice as a scanner shows it: blurred by about a pixel, with noise of about 14 HU.
 
-    Weights and noise are whole multiples of 2^-10 HU, so float32 holds every sum exactly.
+    Tissue in whole HU, weights and noise are whole multiples of 2^-10 HU, so float32 holds every sum exactly.
     """
-    image = blurred(tissue)
+    image = blurred(np.rint(tissue).astype(np.float32))
     # Four bytes a pixel add up to nearly a normal deviate of mean 510 and standard deviation 148.
     dice = rng.integers(0, 2**32, image.shape, np.uint32)
     pairs = (dice & 0x00FF00FF) + ((dice >> 8) & 0x00FF00FF)

@@ -40,7 +40,7 @@ class Blob:
 
     def radius(self, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return r(n) for the unit vectors (x, y, z), in radii of the ellipsoid."""
-        total = np.ones(x.shape)
+        total = np.ones(np.broadcast_shapes(x.shape, y.shape, z.shape))
         for (a, b, c), height in zip(self.lobes.tolist(), self.heights.tolist(), strict=True):
             rise = (x * a + y * b + z * c) * 0.5 + 0.5
             for _ in range(3):
@@ -58,6 +58,14 @@ class Blob:
         """Bounds of r(n): its extremes at `directions()` and a margin for what lies between them."""
         return (float(self.rim.min()) - 0.1, float(self.rim.max()) + 0.1)
 
+    @cached_property
+    def steepness(self) -> float:
+        """A bound of how fast the depth changes along a line that stays outside the ball of the smaller limit.
+
+        A lobe's slope over the angle is largest at 2 atan(sqrt(1/15)), where it is 1.233 of its height.
+        """
+        return 1.0 + 1.24 * float(np.abs(self.heights).sum()) / self.limits[0]
+
     def box(self, axis: int) -> tuple[float, float]:
         """Return bounds of the body along an axis, mm."""
         reach = self.limits[1] * self.half_axes[axis]
@@ -70,28 +78,53 @@ class Blob:
     def inside(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether the points (n, 3), mm, are inside, (n,)."""
         x, y, z = ((points[:, axis] - self.center[axis]) / self.half_axes[axis] for axis in range(3))
-        return self.contains(x, y, z)
+        return self.depth(x, y, z) > 0
 
-    def inside_slice(self, x: NDArray[np.float64], y: NDArray[np.float64], z: float) -> NDArray[np.bool_]:
-        """Return whether the pixels at columns `x` and rows `y` of the slice at `z` are inside, (rows, columns), mm."""
-        inside = np.zeros((len(y), len(x)), bool)
-        low, high = self.box(2)
-        if not (len(x) and len(y) and low < z < high):
-            return inside
-        u = np.broadcast_to((x - self.center[0]) / self.half_axes[0], inside.shape)
-        v = np.broadcast_to(((y - self.center[1]) / self.half_axes[1])[:, None], inside.shape)
-        w = (z - self.center[2]) / self.half_axes[2]
-        square = u * u + v * v + w * w
-        inside[square < self.limits[0] ** 2] = True
-        undecided = (square >= self.limits[0] ** 2) & (square < self.limits[1] ** 2)
-        inside[undecided] = self.contains(u[undecided], v[undecided], np.full(int(undecided.sum()), w))
-        return inside
+    def in_slice(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], z: float, thickness: float
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Return which voxels of a slice have their center inside, and how much of each lies inside.
 
-    def contains(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether positions in the space of the unit ball, (n,) each, are inside."""
+        Parameters
+        ----------
+        x, y : (columns,), (rows,) float64
+            Of the voxels' centers, mm.
+        z, thickness : float
+            Middle and thickness of the slice, mm.
+
+        Returns
+        -------
+        inside : (rows, columns) bool
+        share : (rows, columns) float64
+            Of the line through the center, from the bottom of the slice to its top, with depth taken to be linear
+            between five heights.
+        """
+        shape = len(y), len(x)
+        inside, share = np.zeros(shape, bool), np.zeros(shape)
+        u = np.broadcast_to((x - self.center[0]) / self.half_axes[0], shape)
+        v = np.broadcast_to(((y - self.center[1]) / self.half_axes[1])[:, None], shape)
+        w, half = (z - self.center[2]) / self.half_axes[2], thickness / 2 / self.half_axes[2]
+        square, nearest = u * u + v * v, max(abs(w) - half, 0.0)
+        inside[square + (abs(w) + half) ** 2 < self.limits[0] ** 2] = True
+        rim = np.flatnonzero(~inside & (square + nearest**2 < self.limits[1] ** 2))
+        u, v = u.take(rim), v.take(rim)
+        middle = self.depth(u, v, np.array(w))
+        inside.flat[rim] = middle > 0
+        share[inside] = 1.0
+        cut = (np.abs(middle) < self.steepness * half) | (u * u + v * v < self.limits[0] ** 2)
+        below, low, high, above = self.depth(u[cut], v[cut], w + half * np.array([[-1.0], [-0.5], [0.5], [1.0]]))
+        depths = (below, low, middle[cut], high, above)
+        share.flat[rim[cut]] = sum(map(share_inside, depths, depths[1:])) / 4
+        return inside, share
+
+    def depth(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far below the surface positions are, along the ray from the center; below 0 outside.
+
+        Positions, of shapes that broadcast, and depth are in the space of the unit ball.
+        """
         length = np.sqrt(u * u + v * v + w * w)
         unit = np.where(length > 0, length, 1.0)
-        return length < self.radius(u / unit, v / unit, w / unit)
+        return self.radius(u / unit, v / unit, w / unit) - length
 
     def surface(self, factor: float = 1.0, margin_mm: float = 0.0) -> NDArray[np.float64]:
         """Return the points of the surface at `directions()`, moved out by a factor and a margin, (338, 3) mm."""
@@ -110,6 +143,12 @@ class Blob:
             radii = np.minimum(radii, room / (self.half_axes[2] * np.abs(unit[:, 2])))
         a, b, c = self.half_axes
         return float((weights * radii**3).sum() / 3.0 * (a * b * c))
+
+
+def share_inside(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return which part of a line is inside whose depth changes evenly from start to end."""
+    span = np.abs(start) + np.abs(end)
+    return (np.maximum(start, 0) + np.maximum(end, 0)) / np.where(span > 0, span, 1.0)
 
 
 @lru_cache(maxsize=2)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.errors import MemoryLimitError, SettingsError
-from ctmc_addon.core.phantom.phantom import LIVER, TUMOUR, phantom
+from ctmc_addon.core.phantom.phantom import LIVER, MUSCLE, RIB, TUMOUR, Background, centered, phantom
 
 
 def grid_axes(slices, size, spacing):
@@ -60,7 +60,7 @@ def test_the_truth_does_not_depend_on_the_pixels():
 
 
 def test_tissues_have_their_hounsfield_units_and_the_noise_is_about_14():
-    made = phantom(slices=9, size=256, seed=0)
+    made = phantom(slices=9, size=256, spacing=(1.48, 1.48, 2.0))  # thin, so that few voxels are cut
     values, labels = made.volume.values, made.labels.values
     assert values.dtype == np.int16
     assert labels.dtype == np.uint8
@@ -71,6 +71,30 @@ def test_tissues_have_their_hounsfield_units_and_the_noise_is_about_14():
     assert 10 < np.percentile(liver, 84) - np.median(liver) < 18
     assert 55 <= np.median(values[labels == TUMOUR]) < 70  # the liver shines in at their edges
     assert 400 < values.max() < 1000
+
+
+@pytest.mark.parametrize(("z", "share"), [(0.0, 1.0), (5.6, 0.5), (6.6, 0.3), (8.1, 0.0), (22.4, 0.5), (28.0, 1.0)])
+def test_the_edge_of_a_rib_gives_a_slice_the_part_that_it_covers(z, share):
+    # Level with the middle a rib reaches from -5.6 to 5.6 mm, and the next begins at 22.4 mm; slices of 5 mm.
+    background = Background(np.array([-138.0, 0.0]), np.array([0.0]), 1.0)
+    assert background.in_slice(z, 5.0)[0, 0] == pytest.approx(MUSCLE + share * (RIB - MUSCLE), abs=1e-9)
+
+
+@pytest.mark.parametrize("z", [-21.0, 0.0, 3.0, 9.5, 37.0])
+def test_a_slice_is_the_mean_of_its_halves(z):
+    background = Background(centered(96, 4.0), centered(96, 4.0), 1.0)
+    whole, below, above = (background.in_slice(z + at, mm) for at, mm in ((0, 10.0), (-2.5, 5.0), (2.5, 5.0)))
+    assert whole == pytest.approx((below + above) / 2, abs=1e-9)
+    assert (below != above).any()
+
+
+def test_a_thick_slice_is_the_mean_of_the_thin_ones_in_it_but_for_noise():
+    thick, thin = (phantom(slices, 64, (5.92, 5.92, gap)) for slices, gap in ((7, 15.0), (105, 1.0)))
+    rest = thick.volume.values - thin.volume.values.reshape(7, 15, 64, 64).mean(axis=1)
+    # The noise of a slice, whose deviation is 13.96 HU, and that of a mean of 15; of slices at a height it was 18.7.
+    assert rest.std() == pytest.approx(13.96 * np.sqrt(16 / 15), abs=0.3)
+    liver = [made.labels.values > 0 for made in (thick, thin)]
+    assert (liver[0] == liver[1][7::15]).all()  # a label is that of the voxel's center
 
 
 def test_the_axes_run_to_the_left_the_back_and_the_head_about_the_origin():
@@ -92,7 +116,7 @@ def test_a_seed_always_gives_the_same_bytes():
         + made.labels.values.tobytes()
         + repr(made.tumour_volumes_mm3).encode()
     )
-    assert digest.hexdigest()[:16] == "369e7d51a8d8d378"
+    assert digest.hexdigest()[:16] == "9921bf2e0774e641"
     assert (phantom(slices=5, size=64, seed=8).labels.values != made.labels.values).any()
 
 
