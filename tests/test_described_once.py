@@ -18,7 +18,7 @@ from ctmc_addon.blender.figure.spec import (
     Transparency,
     Turn,
 )
-from ctmc_addon.cli.arguments import TABLES
+from ctmc_addon.cli.arguments import tables
 from ctmc_addon.cli.described_flags import help_of
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core import ReconstructionSettings, defaults, descriptions
@@ -128,7 +128,7 @@ def test_read_volume_takes_every_reading_option_with_its_default():
 
 
 def test_a_settings_file_has_every_field_that_is_kept_with_its_text():
-    text = to_toml(ReconstructionSettings(), tables=TABLES)
+    text = to_toml(ReconstructionSettings(), tables=tables())
     shown = " ".join(text.replace("\n#", "").split())
     for kind in KINDS:
         for name, about in descriptions(kind).items():
@@ -137,11 +137,11 @@ def test_a_settings_file_has_every_field_that_is_kept_with_its_text():
     assert text.isascii()
 
 
-@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("table", tables())
 def test_a_line_of_a_table_without_its_comment_sign_is_valid(table):
-    lines = to_toml(ReconstructionSettings(), tables={table: TABLES[table]}).partition(f"[{table}]")[2].splitlines()
-    fields = {name for kind in TABLES[table] for name, about in descriptions(kind).items() if about.kept}
+    lines = to_toml(ReconstructionSettings(), tables={table: tables()[table]}).partition(f"[{table}]")[2].splitlines()
+    fields = {name for kind in tables()[table] for name, about in descriptions(kind).items() if about.kept}
     values = [line[2:] for line in lines if line[2:].partition(" = ")[0] in fields]
     assert len(values) == len(fields)
-    read = from_toml("\n".join([f"[{table}]", *values]), tables=TABLES)
+    read = from_toml("\n".join([f"[{table}]", *values]), tables=tables())
     assert set(read[table]) == fields

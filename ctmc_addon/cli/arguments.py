@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from .. import readers
-from ..blender.figure.spec import FIGURE_SETTINGS
 from ..core import EXCLUSIVE, SETTINGS, CtmcError, ReconstructionSettings, SettingsError, defaults, descriptions
 from ..core.files.input_files import add_inputs
 from ..core.volume import ALL
@@ -24,7 +23,7 @@ from ..reporting.command_line import flag_of as flag_of
 from ..reporting.settings_toml import from_toml
 from .described_flags import Numbers, add_flag, add_labels_flag, given, is_number, value_reader
 
-TABLES = {"reading": (readers.ReadingOptions,), "figure": FIGURE_SETTINGS}
+TABLES = ("reading", "figure")
 """The tables of a settings file: how INPUT is read, and how a figure looks."""
 
 
@@ -195,6 +194,20 @@ def label_for_checks(choices: Sequence[int | str]) -> int | None:
     return next((choice for choice in choices if isinstance(choice, int)), 1) if choices else None
 
 
+def kinds_of(table: str) -> tuple[type, ...]:
+    """Return the classes whose fields a table of a settings file may have."""
+    if table == "reading":
+        return (readers.ReadingOptions,)
+    from ..blender.figure.spec import FIGURE_SETTINGS  # takes as long to import as a small label to read
+
+    return FIGURE_SETTINGS
+
+
+def tables() -> dict[str, tuple[type, ...]]:
+    """Return the classes of every table of a settings file."""
+    return {table: kinds_of(table) for table in TABLES}
+
+
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings that the file of --settings and the flags give, by name; flags win."""
     file = {name: value for name, value in file_of(args).items() if name not in TABLES}
@@ -240,7 +253,7 @@ def read_settings(path: str) -> dict[str, Any]:
         raise SettingsError(f"the settings file {path} cannot be read: {error.strerror}; check the path") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{file.name} is not text; `ctmc settings` writes one to start from") from error
-    return from_toml(text, file.name, TABLES)
+    return from_toml(text, file.name, tables())
 
 
 def with_flags(sentence: str) -> str:
@@ -251,7 +264,12 @@ def with_flags(sentence: str) -> str:
     >>> with_flags("NaN voxels; set nan_as")
     'NaN voxels; set --nan-as'
     """
-    kinds = [ReconstructionSettings, *(kind for kinds in TABLES.values() for kind in kinds)]
+    sentence = _with_flags_of((ReconstructionSettings, *kinds_of("reading")), sentence)
+    # Where a figure's setting has another name than its flag, there is an underscore in it.
+    return _with_flags_of(kinds_of("figure"), sentence) if "_" in sentence else sentence
+
+
+def _with_flags_of(kinds: Sequence[type], sentence: str) -> str:
     for name, about in {name: about for kind in kinds for name, about in descriptions(kind).items()}.items():
         if flag_of(name, about) != f"--{name}":
             sentence = re.sub(rf"\b{name}\b", flag_of(name, about), sentence)
@@ -302,7 +320,7 @@ def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
 
 def given_table(args: argparse.Namespace, table: str) -> dict[str, Any]:
     """Return the values of a table's fields that the file of --settings and the flags give, by name; flags win."""
-    flags = {name: value for kind in TABLES[table] for name, value in given(args, kind).items()}
+    flags = {name: value for kind in kinds_of(table) for name, value in given(args, kind).items()}
     return file_of(args).get(table, {}) | flags
 
 

@@ -23,7 +23,6 @@ from ..core import (
     opacities_of,
     structures_of,
     triangle_bytes,
-    write_structures_steps,
 )
 from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
@@ -189,6 +188,8 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                     else:
                         surfaces.results[numbers[0]].mesh.save(temporaries[path], outputs.space)
             elif path.suffix.lower() in mesh_files.STRUCTURE_SUFFIXES:
+                from ..core import write_structures_steps
+
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     chosen = [surfaces.results[number] for number in numbers]
                     shares = opacities_of(chosen, outputs.opacity)

@@ -18,7 +18,6 @@ from ..core import (
     Steps,
     Volume,
     advised_steps,
-    reconstruct_labels_steps,
     reconstruct_steps,
     structure_names,
 )
@@ -152,6 +151,8 @@ def surfaces_steps(
         work = reconstruct_steps(volume, settings, budget, sink)
         result = yield from stages.run(making, advised_steps(work, volume, settings, budget, sink, written_bytes))
         return Surfaces(volume.name, (result,), files=() if writer is None else (writer.path_of(settings.label),))
+    from ..core import reconstruct_labels_steps
+
     requested = None if ALL in choices else labels
     sink_of = (lambda _: HOLD) if writer is None else writer.sink_of
     finished = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers: from gray values to triangles, with NumPy and the standard library alone."""
 
+from typing import TYPE_CHECKING
+
 from ..version import VERSION
 from .budget import Budget, SlabWorkers
-from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
 from .described import Described, Setting, checked, defaults, descriptions, setting
 from .each_label import each_label_steps
 from .errors import (
@@ -20,8 +21,8 @@ from .errors import (
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
-from .files.structures import STRUCTURE_SUFFIXES, Structure, files_of, write_structures, write_structures_steps
-from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
+from .files.mesh_files import STRUCTURE_SUFFIXES, files_of
+from .later import names_later
 from .memory import (
     NO_THREAD,
     address_space_available,
@@ -34,8 +35,6 @@ from .memory import (
 )
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
-from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
-from .mesh.distance.triangle_tree import distances
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from .parallel import map_steps, side_by_side_steps, worker_count
 from .plan import (
@@ -53,7 +52,6 @@ from .plan import (
     shown_stride,
     triangle_bytes,
 )
-from .preview import Preview, PreviewResult
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruct import (
     reconstruct,
@@ -64,28 +62,53 @@ from .reconstruct import (
 )
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
-from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
-from .simplification.simplify import simplify, simplify_steps
 from .sinks import HOLD, Hold, Sink, Write
-from .structure_table import (
-    StructureRow,
-    measure_structures,
-    measure_structures_steps,
-    structure_row_steps,
-    table_cells,
-    table_csv,
-    table_heads,
-)
-from .structures import (
-    chosen_opacities,
-    opacities_of,
-    require_opacities,
-    save_structures,
-    structure_names,
-    structures_of,
-)
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
+
+if TYPE_CHECKING:
+    from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
+    from .files.structures import Structure, write_structures, write_structures_steps
+    from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
+    from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
+    from .mesh.distance.triangle_tree import distances
+    from .preview import Preview, PreviewResult
+    from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
+    from .simplification.simplify import simplify, simplify_steps
+    from .structure_table import (
+        StructureRow,
+        measure_structures,
+        measure_structures_steps,
+        structure_row_steps,
+        table_cells,
+        table_csv,
+        table_heads,
+    )
+    from .structures import (
+        chosen_opacities,
+        opacities_of,
+        require_opacities,
+        save_structures,
+        structure_names,
+        structures_of,
+    )
+
+__getattr__ = names_later(
+    __name__,
+    {
+        ".cost_estimate": "CALIBRATION CostEstimate FieldCache cost_estimate_steps",
+        ".files.structures": "Structure write_structures write_structures_steps",
+        ".label_surfaces": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
+        ".mesh.angles.alpha_choice": "AlphaChoice chosen_alpha_steps",
+        ".mesh.distance.triangle_tree": "distances",
+        ".preview": "Preview PreviewResult",
+        ".shared_surfaces": "SharedSurfaces shared_surfaces_steps",
+        ".simplification.simplify": "simplify simplify_steps",
+        ".structure_table": "StructureRow measure_structures measure_structures_steps structure_row_steps "
+        "table_cells table_csv table_heads",
+        ".structures": "chosen_opacities opacities_of require_opacities save_structures structure_names structures_of",
+    },
+)
 
 __all__ = [
     "AUTO",

@@ -13,7 +13,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from .budget import Budget
 from .errors import CtmcError, MemoryLimitError
@@ -22,12 +22,14 @@ from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
-from .simplification.whole import Goal, memory_needed
 from .sinks import HOLD, Sink
 from .volume.field import Field, field_steps
 from .volume.slice_reader import fitting_stride
 from .volume.smoothing import smoothing_of
 from .volume.volume import Volume
+
+if TYPE_CHECKING:
+    from .simplification.whole import Goal
 
 T = TypeVar("T")
 
@@ -96,6 +98,8 @@ class Plan:
         """About the least memory, bytes, in which the surface can be made."""
         of_surface = 0
         if self.simplifies:
+            from .simplification.whole import memory_needed
+
             at_once = memory_needed(self._goal.at_once(self.counts.faces, self.budget), self.settings.max_error_mm)
             of_surface = max(at_once, self.left * self.written_bytes) + self.left * FACE_BYTES
         elif self.sink.holds:
@@ -104,12 +108,16 @@ class Plan:
 
     def most_triangles(self, there: int) -> int:
         """Return how many triangles simplification may leave in `there` bytes; 0 where none fit."""
+        from .simplification.whole import Goal, memory_needed
+
         at_once = memory_needed(Goal(target_faces=1).at_once(self.counts.faces, self.budget), None)
         room = there - self.budget.work_bytes - self.value_bytes - at_once
         return max(0, int(ROUNDED * room / (FACE_BYTES + self.written_bytes)))
 
     @property
     def _goal(self) -> Goal:
+        from .simplification.whole import Goal
+
         return Goal(self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm)
 
 

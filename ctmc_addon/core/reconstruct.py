@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from .errors import MemoryLimitError
 from .extraction.field_pieces import surface_pieces_steps
 from .extraction.grid import check_stride
 from .memory import give_back
-from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps, kept_alpha_steps
 from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
 from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
@@ -27,13 +27,14 @@ from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_step
 from .progress import Stages, Steps, WithResult, finish
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
-from .simplification.component_removal import CollapsedComponents
-from .simplification.simplify import simplification_steps, simplified_pieces_steps
-from .simplification.whole import Goal, Simplification
 from .sinks import HOLD, Sink, Taken
 from .volume.field import Field, field_steps, refinement_of
 from .volume.region import region_box
 from .volume.volume import Box, Volume
+
+if TYPE_CHECKING:
+    from .mesh.angles.alpha_choice import AlphaChoice
+    from .simplification.whole import Simplification
 
 # What report.json and a user read, and the usual share of the time.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
@@ -230,6 +231,9 @@ class _Making:
             return (yield from self.finished_steps(full, None))
         yield from self._choose_steps(holds=False)
         pieces, extracting = self._pieces_steps(joined=False)
+        from .simplification.simplify import simplified_pieces_steps
+        from .simplification.whole import Goal
+
         goal = Goal(*self._goals, LARGEST_COLLAPSED_MM3)
         with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
             reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha_number), goal, self.budget)
@@ -258,6 +262,8 @@ class _Making:
             self.settings = replace(self.settings, alpha=full.settings.alpha)
         simplification, settings = None, self.settings
         if _simplifies(settings):
+            from .simplification.simplify import simplification_steps
+
             simplifying = simplification_steps(full.mesh, *self._goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
             self.seconds[SIMPLIFYING] = self.stages.seconds[SIMPLIFYING]
@@ -265,16 +271,18 @@ class _Making:
 
     def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
         """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
-        mesh, surface, notes, collapsed = full.mesh, full.surface, full.notes, CollapsedComponents()
+        mesh, surface, notes = full.mesh, full.surface, full.notes
+        collapsed, collapsed_mm3 = full.collapsed_components, full.collapsed_mm3
         settings, measured, crossings = self.settings, full.measured, full.self_intersections
         if simplification is not None:
-            mesh, collapsed, surface = simplification.mesh, simplification.collapsed, None
+            mesh, surface = simplification.mesh, None
+            collapsed, collapsed_mm3 = simplification.collapsed.count, simplification.collapsed.volume
             if simplification.self_intersections is not None:
                 crossings = simplification.self_intersections
             if crossings:
                 notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
-            if collapsed.count:
-                notes += (f"{collapsed.sentence('mm3')}.",)
+            if collapsed:
+                notes += (f"{simplification.collapsed.sentence('mm3')}.",)
             if simplification.handles_cut:
                 notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
             target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
@@ -297,8 +305,8 @@ class _Making:
             settings=settings,
             stages=full.stages + stages,
             notes=notes,
-            collapsed_components=collapsed.count,
-            collapsed_mm3=collapsed.volume,
+            collapsed_components=collapsed,
+            collapsed_mm3=collapsed_mm3,
             self_intersections=None if settings.simplifies and not _simplifies(settings) else crossings,
             measured=measured,
         )
@@ -315,6 +323,8 @@ class _Making:
             self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
 
     def _choice_steps(self, holds: bool) -> Steps[AlphaChoice]:
+        from .mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
+
         if holds:
             extracting = _Timed()
             pieces = self._extracted_steps(self._shows_normals, joined=True)

@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..version import VERSION
-from .mesh.angles.alpha_choice import AlphaChoice
-from .mesh.label_complex import Neighbor
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
+
+if TYPE_CHECKING:
+    from .mesh.angles.alpha_choice import AlphaChoice
+    from .mesh.label_complex import Neighbor
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 

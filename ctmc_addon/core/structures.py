@@ -6,13 +6,16 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable, Sequence, Set
+from typing import TYPE_CHECKING
 
 from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
-from .files.structures import Structure, write_structures
 from .reconstruction import Reconstruction
 from .volume.anatomy import anatomy_of
 from .volume.structure_colors import structure_color
+
+if TYPE_CHECKING:
+    from .files.structures import Structure
 
 ALL = "all"
 
@@ -47,6 +50,8 @@ def structures_of(
     >>> [(structure.name, structure.rgb, structure.opacity) for structure in structures_of(surfaces)]
     [('liver', (122, 28, 40), 0.6), ('tumor', (242, 184, 36), 1.0)]
     """
+    from .files.structures import Structure
+
     out = []
     called, shares = names or structure_names(results), opacities or opacities_of(results)
     for name, result, share in zip(called, results, shares, strict=True):
@@ -166,4 +171,6 @@ def save_structures(
     OutputError
         For another suffix, or a place that cannot be written to.
     """
+    from .files.structures import write_structures
+
     write_structures(path, structures_of(results, names), space)

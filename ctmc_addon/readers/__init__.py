@@ -14,12 +14,8 @@ from typing import Any
 
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
-from .dicom import series as dicom_series
-from .dicom.header import may_be_dicom
 from .dicom.labels.classes import label_class
 from .file_formats import files_below, format_of, natural_key, segmentation_sibling, stem, suffix
-from .images import folder as image_folder
-from .labels import masks
 from .labels.beside import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
@@ -35,7 +31,6 @@ from .registry import (
     open_steps,
 )
 from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
-from .volumes.nrrd import outside_allowed_steps
 
 __all__ = [
     "FOLDER_SUFFIXES",
@@ -95,6 +90,8 @@ def open_volume(path: PathLike, allow_outside: bool = False) -> VolumeSource:
 def open_volume_steps(path: PathLike, allow_outside: bool = False) -> Steps[VolumeSource]:
     """Do what `open_volume` does, as steps."""
     if allow_outside:
+        from .volumes.nrrd import outside_allowed_steps
+
         return (yield from outside_allowed_steps(open_volume_steps(path)))
     path = existing_path(path)
     yield Step(0.0, f"Opening {path.name}")
@@ -231,15 +228,23 @@ def format_at(path: Path) -> str:
         return folder_format(path)
     if not path.stat().st_size:
         raise ReadError(f"{path.name} is empty (0 bytes); copy it again")
-    name = format_of(path) or ("DICOM" if may_be_dicom(path) else "")
+    name = format_of(path)
     if name:
         return name
+    from .dicom.header import may_be_dicom
+
+    if may_be_dicom(path):
+        return "DICOM"
     reason = f"has the unknown suffix '{suffix(path)}'" if suffix(path) else "has no suffix and no known content"
     raise ReadError(f"{path.name} {reason}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 
 
 def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     """Image slices or DICOM, whichever the folder holds more of; a `ReadError` if it holds neither."""
+    from .dicom import series as dicom_series
+    from .images import folder as image_folder
+    from .labels import masks
+
     slices = image_folder.images_in(folder)
     files = list(files_below(folder))
     inner = sorted((entry for entry in folder.iterdir() if entry.is_dir()), key=natural_key)
@@ -276,6 +281,8 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
 
 def holds_slices(folder: Path) -> bool:
     """Return whether image slices, or files that look like DICOM, lie in this folder itself."""
+    from .dicom.header import may_be_dicom
+
     files = (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file())
     return any(suffix(file) in IMAGE_SUFFIXES or may_be_dicom(file) for file in files)
 
@@ -330,7 +337,9 @@ def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
         If there is no readable volume.
     """
     if path.is_dir() and not folder_format(path):
-        voxels = dicom_series.estimate_voxels(path)
+        from .dicom.series import estimate_voxels as dicom_voxels
+
+        voxels = dicom_voxels(path)
         if voxels:
             return voxels
     source = open_volume(path, allow_outside)

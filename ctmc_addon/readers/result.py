@@ -28,7 +28,6 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.segmentation import without_table_steps
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
 from .file_formats import stem
 from .labels.names.tables import table_for
@@ -365,7 +364,11 @@ class VolumeSource(ABC):
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)
         volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
-        return (yield from without_table_steps(volume)) if request.remove_table else volume
+        if request.remove_table:
+            from ..core.segmentation import without_table_steps
+
+            return (yield from without_table_steps(volume))
+        return volume
 
 
 def taken_as_axial(what: str) -> str:

@@ -263,8 +263,8 @@ def test_the_readers_import_neither_blender_nor_a_library_before_it_is_needed():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize(("module", "package"), [("nibabel.nifti1", "nibabel")])
-def test_a_missing_library_is_named(oblique, monkeypatch, module, package):
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(CtmcError, match=f"NIfTI needs the Python package {package}, which is missing"):
-        read_volume(oblique)
+def test_a_missing_library_is_named(tmp_path, monkeypatch):
+    (tmp_path / "ct.mgh").write_bytes(bytes(300))
+    monkeypatch.setitem(sys.modules, "nibabel.freesurfer.mghformat", None)
+    with pytest.raises(CtmcError, match="MGH needs the Python package nibabel, which is missing"):
+        read_volume(tmp_path / "ct.mgh")

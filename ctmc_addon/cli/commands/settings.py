@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from ...reporting.settings_toml import to_toml
-from ..arguments import TABLES, add_reading, add_settings, given_table, settings_and_labels
+from ..arguments import add_reading, add_settings, given_table, settings_and_labels, tables
 
 
 def add_parser(commands: Any) -> None:
@@ -25,5 +25,5 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Print the settings that the flags give."""
-    given = {table: given_table(args, table) for table in TABLES}
-    print(to_toml(*settings_and_labels(args), TABLES, given), end="")
+    given = {table: given_table(args, table) for table in tables()}
+    print(to_toml(*settings_and_labels(args), tables(), given), end="")

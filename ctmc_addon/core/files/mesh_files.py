@@ -141,3 +141,14 @@ WRITERS: dict[str, Callable[[IO[bytes], Vectors, NDArray[np.int32], Vectors | No
 }
 SUFFIXES = tuple(WRITERS)
 SURFACE_SUFFIXES = (*SUFFIXES, *STRUCTURE_SUFFIXES, *BLENDER_SUFFIXES)
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """Return the files that a surface file comes as: of an OBJ its materials too.
+
+    Examples
+    --------
+    >>> [file.name for file in files_of(Path("a.obj"))], [file.name for file in files_of(Path("a.stl"))]
+    (['a.obj', 'a.mtl'], ['a.stl'])
+    """
+    return (path, path.with_suffix(".mtl")) if path.suffix.lower() == ".obj" else (path,)

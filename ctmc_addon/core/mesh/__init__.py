@@ -1,25 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The triangles of a surface, and what can be measured on them."""
 
+from typing import TYPE_CHECKING
+
+from ..later import names_later
 from .angles.triangle_angles import TriangleQuality
 from .coarse import coarse_mesh
-from .diameter import largest_diameter, largest_diameter_steps
-from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
-from .distance.surface_distance import (
-    ReferenceSurface,
-    SurfaceDistance,
-    surface_distance,
-    surface_distance_steps,
-    vertex_distances_steps,
-)
 from .face_normals import vertex_normals, vertex_normals_steps
-from .intersections import self_intersections, self_intersections_steps
 from .kept_pieces import bodies_steps, keep_components_steps, with_faces
 from .measures import SMALL, Measures, measures_steps
-from .quality import SAMPLES, SEED, roughness, triangle_shapes
-from .rulers import angle_at, distance_between
 from .topology import edges_steps
 from .triangle_mesh import blend
+
+if TYPE_CHECKING:
+    from .diameter import largest_diameter, largest_diameter_steps
+    from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
+    from .distance.surface_distance import (
+        ReferenceSurface,
+        SurfaceDistance,
+        surface_distance,
+        surface_distance_steps,
+        vertex_distances_steps,
+    )
+    from .intersections import self_intersections, self_intersections_steps
+    from .quality import SAMPLES, SEED, roughness, triangle_shapes
+    from .rulers import angle_at, distance_between
+
+__getattr__ = names_later(
+    __name__,
+    {
+        ".diameter": "largest_diameter largest_diameter_steps",
+        ".distance.subdivision": "mean_longest_edge_steps subdivided_steps",
+        ".distance.surface_distance": "ReferenceSurface SurfaceDistance surface_distance surface_distance_steps "
+        "vertex_distances_steps",
+        ".intersections": "self_intersections self_intersections_steps",
+        ".quality": "SAMPLES SEED roughness triangle_shapes",
+        ".rulers": "angle_at distance_between",
+    },
+)
 
 __all__ = [
     "SAMPLES",

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from functools import cache
 from typing import NamedTuple
 
 
@@ -222,7 +223,7 @@ def anatomy_of(name: str) -> Anatomy | None:
     number = VERTEBRA_NUMBER.search(plain)
     if number and any("vertebra" in word or "wirbel" in word for word in words):
         count = FIRST_OF_REGION[number[1]] + int(number[2]) - 1
-        return _INDEX["vertebra"] if count % 2 else SECOND_VERTEBRA
+        return _index()["vertebra"] if count % 2 else SECOND_VERTEBRA
     return _listed(words) or _first_of_several(spaced, plain) or _by_a_word(words)
 
 
@@ -234,7 +235,7 @@ def is_lesion(name: str) -> bool:
     >>> is_lesion("livertumor1"), is_lesion("Nierenzyste"), is_lesion("liver with tumor"), is_lesion("liver")
     (True, True, False, False)
     """
-    return anatomy_of(name) in (_INDEX["tumor"], _INDEX["cyst"])
+    return anatomy_of(name) in (_index()["tumor"], _index()["cyst"])
 
 
 def _folded(name: str) -> str:
@@ -265,7 +266,7 @@ def _without_sides(key: str) -> list[str]:
 def _singular(key: str) -> Anatomy | None:
     """What the table has for a key or for its singular."""
     stems = (key[: -len(ending)] for ending in PLURALS if key.endswith(ending))
-    return next((_INDEX[stem] for stem in (key, *stems) if stem in _INDEX), None)
+    return next((_index()[stem] for stem in (key, *stems) if stem in _index()), None)
 
 
 def _first_of_several(spaced: str, plain: str) -> Anatomy | None:
@@ -277,16 +278,16 @@ def _first_of_several(spaced: str, plain: str) -> Anatomy | None:
 def _by_a_word(words: list[str]) -> Anatomy | None:
     """What a name is by its chief word: a tumor of anything, any artery, any muscle."""
     if TUMOR.search("".join(words)) or "mass" in words:
-        return _INDEX["tumor"]
+        return _index()["tumor"]
     if any(map(CYST.search, words)):
-        return _INDEX["cyst"]
+        return _index()["cyst"]
     key = "".join(word for word in words if word not in FILLERS and len(word) > 1)
     endings = {key, *(key[: -len(ending)] for ending in PLURALS if key.endswith(ending))}
     for head in HEADS:
         if any(ending.endswith(head.replace(" ", "")) for ending in endings):
             return _singular(_key(ALIASES.get(head, head)))
     if words[0] in LATIN_HEADS and len(words) > 1:  # 'os sacrum' is a sacrum, 'os pedis' a bone
-        return _listed(words[1:]) or _INDEX[words[0]]
+        return _listed(words[1:]) or _index()[words[0]]
     return None
 
 
@@ -294,6 +295,7 @@ def _key(name: str) -> str:
     return "".join(re.findall(r"[a-z]+", _folded(name)))
 
 
+@cache
 def _index() -> dict[str, Anatomy]:
     """The table by its names, without spaces."""
     index: dict[str, Anatomy] = {}
@@ -303,6 +305,3 @@ def _index() -> dict[str, Anatomy]:
         for name in names.split(","):
             index.setdefault(_key(name), Anatomy((red, green, blue), float(opacity)))
     return index
-
-
-_INDEX = _index()

@@ -4,7 +4,7 @@ import json
 import pytest
 
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle
-from ctmc_addon.cli.arguments import TABLES, overridden, reading_of
+from ctmc_addon.cli.arguments import overridden, reading_of, tables
 from ctmc_addon.cli.figure.common import style_of, values_of
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core import ReconstructionSettings
@@ -57,7 +57,7 @@ def test_flags_win_over_the_file_and_replace_its_alternatives(ctmc, tmp_path):
     words = ["--threshold", "300", "--triangles", "100", "--no-close-border"]
     outcome = ctmc("settings", "--settings", tmp_path / "a.toml", *words)
     expected = ReconstructionSettings(threshold=300, target_faces=100, alpha=0.5).to_dict()
-    assert from_toml(outcome.out, tables=TABLES) == expected | {"reading": {}, "figure": {}}
+    assert from_toml(outcome.out, tables=tables()) == expected | {"reading": {}, "figure": {}}
     assert overridden({"label": 1}, {"alpha": 0.5}) == {"label": 1, "alpha": 0.5}
 
 
@@ -65,7 +65,7 @@ def test_flags_win_over_the_file_and_replace_its_alternatives(ctmc, tmp_path):
 def test_a_file_may_come_from_any_shell(ctmc, tmp_path, coding):
     text = to_toml(ReconstructionSettings(label=3)).replace("\n", "\r\n")
     (tmp_path / "a.toml").write_bytes(text.encode(coding))
-    assert from_toml(ctmc("settings", "--settings", tmp_path / "a.toml").out, tables=TABLES)["label"] == 3
+    assert from_toml(ctmc("settings", "--settings", tmp_path / "a.toml").out, tables=tables())["label"] == 3
 
 
 @pytest.mark.usefixtures("scene")
@@ -82,7 +82,7 @@ def test_how_a_ct_is_read_and_a_figure_looks_may_stand_in_the_file(ctmc, tmp_pat
     file = tmp_path / "a.toml"
     file.write_text("alpha = 0.5\n[figure]\nazimuth = 90\nstrides = [[1, 1], [2, 1]]\n[reading]\nspacing = [1, 2, 3]\n")
     printed = ctmc("settings", "--settings", file, "--flip", "z").out
-    assert from_toml(printed, tables=TABLES) == ReconstructionSettings(alpha=0.5).to_dict() | {
+    assert from_toml(printed, tables=tables()) == ReconstructionSettings(alpha=0.5).to_dict() | {
         "reading": {"spacing": (1.0, 2.0, 3.0), "flip": "z"},
         "figure": {"azimuth": 90.0, "strides": ((1, 1), (2, 1))},
     }

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files that hold several structures by name, with color and opacity: GLB, OBJ with MTL, 3MF and a page, all NumPy."""
 
-from ..mesh_files import STRUCTURE_SUFFIXES
+from ..mesh_files import STRUCTURE_SUFFIXES, files_of
 from .structure import Structure, as_structures
-from .writing import files_of, write_structures, write_structures_steps
+from .writing import write_structures, write_structures_steps
 
 __all__ = [
     "STRUCTURE_SUFFIXES",

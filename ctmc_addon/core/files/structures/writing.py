@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import OutputError
 from ...progress import Steps, finish
 from ..atomic_write import refused, whole_files
-from ..mesh_files import STRUCTURE_SUFFIXES
+from ..mesh_files import STRUCTURE_SUFFIXES, files_of
 from .glb import write_glb_steps
 from .page import write_page_steps
 from .structure import Structure, as_structures
@@ -25,17 +25,6 @@ WRITERS: dict[str, Writer] = dict(
     zip(STRUCTURE_SUFFIXES, (write_obj_steps, write_glb_steps, write_3mf_steps, write_page_steps), strict=True)
 )
 TURNED = (".obj", ".3mf")  # whose axes can be LPS; those of the others are fixed
-
-
-def files_of(path: Path) -> tuple[Path, ...]:
-    """Return the files that a surface file comes as: of an OBJ its materials too.
-
-    Examples
-    --------
-    >>> [file.name for file in files_of(Path("a.obj"))], [file.name for file in files_of(Path("a.stl"))]
-    (['a.obj', 'a.mtl'], ['a.stl'])
-    """
-    return (path, path.with_suffix(".mtl")) if path.suffix.lower() == ".obj" else (path,)
 
 
 def write_structures(path: str | os.PathLike[str], structures: Sequence[Structure], space: str = "ras") -> None:
