@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from complexes import single_fans
 
 from ctmc_addon.core import (
     Budget,
@@ -17,6 +18,7 @@ from ctmc_addon.core import (
     reconstruct,
 )
 from ctmc_addon.core.label_complex import complex_steps
+from ctmc_addon.core.mesh.label_complex import borders_of
 from ctmc_addon.core.progress import finish
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
@@ -78,6 +80,20 @@ def test_every_label_is_closed_and_no_edge_has_more_than_two_of_its_triangles(se
             assert is_closed(own)
             assert own.volume > 0
     assert result.labels == ((2, 3, 7, 40) if "region" not in settings else (2, 7, 40))
+
+
+def test_a_label_that_touches_itself_in_a_vertex_has_two_there():
+    values = np.random.default_rng(7).integers(0, 4, (5, 6, 6))
+    mesh = made(Volume(values, np.eye(4), kind="label"), smoothing="none", close_border=True).surface.at(1.0)
+    borders, copies = borders_of(mesh.faces, mesh.sides), 0
+    for label in mesh.labels:
+        own, (faces, _, used) = mesh.of_label(label), borders[label]
+        assert is_closed(own)
+        assert single_fans(own.faces)
+        assert np.array_equal(own.faces, faces)
+        assert np.array_equal(own.vertices, mesh.vertices[used])
+        copies += len(used) - len(np.unique(used))
+    assert copies > 5
 
 
 def test_an_open_border_opens_labels_there_alone():

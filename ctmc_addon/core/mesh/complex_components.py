@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError
 from ..progress import Steps
 from .kept_pieces import kept_faces_steps
-from .label_complex import ComplexSurface
+from .label_complex import ComplexSurface, borders_of
 
 
 def keep_complex_components_steps(
@@ -42,9 +42,10 @@ def keep_complex_components_steps(
         For every label of which nothing is left.
     """
     sides, errors = surface.sides.copy(), {}
+    borders = borders_of(surface.faces, surface.sides)
     for label in labels:
         own = np.flatnonzero((surface.sides == label).any(axis=1))
-        alone, beyond = surface.of_label(label)
+        alone, beyond = surface.within(borders[label])
         try:
             component, keep, volumes = yield from kept_faces_steps(alone, alpha, largest, min_volume)
         except MeshError as error:

@@ -3,6 +3,7 @@
 
 `ComplexSurface` holds both ends of alpha, as `Surface` does for one label; `ComplexMesh` is the complex at one alpha.
 A label's own surface is every triangle that borders it, turned outward. Neighbors have the same float32 positions.
+Where a label touches itself in a vertex, its own surface has two there.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..progress import finish
 from .face_normals import face_vectors_steps
+from .pinched_vertices import split_pinched
 from .triangle_mesh import Surface, TriangleMesh, blend
 
 
@@ -162,7 +164,7 @@ class Border(NamedTuple):
     beyond : (f,) int32
         The label on the other side of each triangle.
     used : (v,) int32
-        The complex's number of each vertex, rising.
+        The complex's number of each vertex: rising, then once more for every further fan of triangles around one.
     """
 
     faces: NDArray[np.int32]
@@ -173,11 +175,14 @@ class Border(NamedTuple):
 def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, Border]:
     """Return the border of every label of a complex but 0, looked for once for all of them.
 
+    Each is a manifold: a vertex at which a label touches itself is split.
+
     Parameters
     ----------
     faces, sides : (F, 3) and (F, 2) int32
         As in `ComplexMesh`.
     """
+    junctions = junction_vertices(faces, sides)
     both = sides.reshape(-1)  # each triangle stands once for either side
     order = np.argsort(both, kind="stable")
     labels, starts = np.unique(both[order], return_index=True)
@@ -188,8 +193,27 @@ def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, 
             own = faces[number]
             own[side == 1] = own[side == 1][:, ::-1]
             used, corners = np.unique(own, return_inverse=True)
-            borders[label] = Border(corners.reshape(own.shape).astype(np.int32), sides[number, 1 - side], used)
+            corners, copied = split_pinched(corners.reshape(own.shape).astype(np.int32), junctions[used])
+            borders[label] = Border(corners, sides[number, 1 - side], np.append(used, used[copied]))
     return borders
+
+
+def junction_vertices(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whether triangles between different pairs of labels meet at a vertex, (V,), up to the highest in use.
+
+    Parameters
+    ----------
+    faces, sides : (F, 3) and (F, 2) int32
+        As in `ComplexMesh`.
+    """
+    pairs = sides.max(axis=1).astype(np.int64) << 32 | sides.min(axis=1)
+    at_vertex = np.empty(int(faces.max(initial=-1)) + 1, np.int64)
+    for corner in faces.T:
+        at_vertex[corner] = pairs
+    differs = np.zeros(len(at_vertex), bool)
+    for corner in faces.T:
+        differs[corner[np.take(at_vertex, corner) != pairs]] = True
+    return differs
 
 
 def bordering(faces: NDArray[np.int32], sides: NDArray[np.int32], label: int) -> Border:
@@ -200,6 +224,8 @@ def bordering(faces: NDArray[np.int32], sides: NDArray[np.int32], label: int) ->
     faces, sides : (F, 3) and (F, 2) int32
         As in `ComplexMesh`.
     """
-    own = np.flatnonzero((sides == label).any(axis=1))
+    used = np.zeros(int(faces.max(initial=-1)) + 1, bool)
+    used[faces[(sides == label).any(axis=1)]] = True
+    near = np.flatnonzero(np.take(used, faces).any(axis=1))  # what meets the label in a vertex tells where to split it
     nothing = Border(np.empty((0, 3), np.int32), np.empty(0, np.int32), np.empty(0, np.int32))
-    return borders_of(faces[own], sides[own]).get(label, nothing)
+    return borders_of(faces[near], sides[near]).get(label, nothing)

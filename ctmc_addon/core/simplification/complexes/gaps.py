@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.label_complex import ComplexMesh
+from ...mesh.label_complex import ComplexMesh, junction_vertices
 from ...mesh.topology import component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
@@ -117,14 +117,7 @@ def gaps_filled_steps(
 
 def _near_lines_steps(mesh: ComplexMesh) -> Steps[Indices]:
     """The triangles up to `RINGS` away from a vertex of two interfaces: those of small gaps, and few of the others."""
-    keys = mesh.sides.max(axis=1).astype(np.int64) << 32 | mesh.sides.min(axis=1)
-    at_vertex = np.empty(len(mesh.vertices), np.int64)
-    for corner in mesh.faces.T:
-        at_vertex[corner] = keys
-    yield PAUSE
-    near = np.zeros(len(mesh.vertices), bool)
-    for corner in mesh.faces.T:
-        near[corner[np.take(at_vertex, corner) != keys]] = True
+    near = junction_vertices(mesh.faces, mesh.sides)
     yield PAUSE
     for _ in range(RINGS):
         touched = np.take(near, mesh.faces).any(axis=1)
