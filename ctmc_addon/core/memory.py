@@ -19,7 +19,7 @@ VERSION_2_LIMITS: tuple[str, ...] = (
     "memory.max",
     "memory.high",
 )  # beyond the second a process is slowed down until it hardly runs
-LOOK_AGAIN = 0.05  # seconds between two questions to the system
+LOOK_AGAIN = 0.2  # seconds between two questions to the system
 _seen: tuple[float, int | None] = (-math.inf, None)  # when it was asked last, and what it said
 NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
 

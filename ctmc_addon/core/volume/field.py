@@ -238,9 +238,8 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
         return field
     slice_steps = refinement_of(spacing, settings)
     yield PAUSE
-    needed = constrained_bytes(mask, spacing, slice_steps, settings.close_border)
     what = f"smoothing a label's {columns} x {rows} x {slices} voxels in {slice_steps} steps a slice"
-    budget.require(needed, what, remedy)
+    budget.require(constrained_bytes(mask, spacing, slice_steps, settings.close_border), what, remedy)
     smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget)
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box

@@ -189,9 +189,13 @@ def _scan_steps(volume: Volume, box: Box, only: int | None, threads: int | None)
     def look(low: int) -> tuple[list[int], NDArray[np.int64]]:
         end = min(low + step, slices)
         slab = inside.slab(low, end)
-        labels, extents = slab_extents(slab if only is None else slab == only)
+        if only is None:
+            labels, extents = slab_extents(slab)
+        else:
+            extents = mask_extent(slab == only)
+            labels = [only] * len(extents)
         extents[:, [3, 6]] += low
-        return labels if only is None else [only] * len(labels), extents
+        return labels, extents
 
     found: dict[int, int] = {}  # label, and where it stands in `parts`
     for labels, extents in (yield from map_steps(look, range(0, slices, step), workers)):
@@ -243,6 +247,24 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     lows = [np.minimum.reduceat(axis, first) for axis in (x, y, z)]
     highs = [np.maximum.reduceat(axis, first) for axis in (x + length, y + 1, z + 1)]
     return [int(label) for label in value[first].tolist()], np.stack([np.add.reduceat(length, first), *lows, *highs], 1)
+
+
+def mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) where none is.
+
+    Examples
+    --------
+    >>> mask = np.zeros((4, 5, 6), bool)
+    >>> mask[1, 2, 3:5] = True
+    >>> mask_extent(mask).tolist()
+    [[2, 3, 2, 1, 5, 3, 2]]
+    """
+    voxels = np.count_nonzero(mask)
+    if not voxels:
+        return np.zeros((0, 7), np.int64)
+    plane = np.bitwise_or.reduce(mask.view(np.uint8), axis=0)  # of bytes, which NumPy takes many at a time
+    ends = [np.flatnonzero(axis) for axis in (plane.any(axis=0), plane.any(axis=1), mask.any(axis=(1, 2)))]
+    return np.array([[voxels, *(int(at[0]) for at in ends), *(int(at[-1]) + 1 for at in ends)]])
 
 
 def labels_region(volume: Volume, labels: Collection[int], unit: str) -> Region:

@@ -23,7 +23,7 @@ Floats = NDArray[np.float32]
 Places = NDArray[np.intp]
 
 WIDTH = 8
-ROWS_AT_ONCE = 4096  # bricks of a piece of work: the buffers of a pass stay in the cache
+ROWS_AT_ONCE = 1 << 13  # bricks of a piece of work: the buffers of a pass stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
