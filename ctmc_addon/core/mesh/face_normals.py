@@ -14,12 +14,14 @@ from .topology import FACES_PER_STEP
 
 def face_vectors(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Twice the area times the outward unit normal of every face, (F, 3) float64."""
-    a, b, c = (vertices[faces[:, corner]].astype(np.float64) for corner in range(3))  # (F, 3) each
-    u, v = b - a, c - a
-    out = np.empty_like(u)
+    flat = np.ascontiguousarray(vertices).reshape(-1)  # taken coordinate by coordinate, in half the time of points
+    firsts = (3 * faces[:, corner].astype(np.intp) for corner in range(3))
+    a, b, c = ([flat.take(first + axis).astype(np.float64) for axis in range(3)] for first in firsts)
+    u, v = ([end - start for start, end in zip(a, corner, strict=True)] for corner in (b, c))
+    out = np.empty((len(faces), 3))
     for axis in range(3):
         after, last = (axis + 1) % 3, (axis + 2) % 3
-        out[:, axis] = u[:, after] * v[:, last] - u[:, last] * v[:, after]
+        np.subtract(u[after] * v[last], u[last] * v[after], out=out[:, axis])
     return out
 
 

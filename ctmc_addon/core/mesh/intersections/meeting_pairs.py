@@ -42,7 +42,7 @@ Flags = NDArray[np.bool_]
 Pairs = Iterator[tuple[Ints, Ints]]
 
 TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
-FEW = 30  # times as many triangles as selected ones, from which on those far away are left out first
+FEW = 8  # times as many triangles as selected ones, from which on those far away are left out first
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
 

@@ -39,11 +39,10 @@ def keep_local_volume_steps(
     x, y, z = spacing_mm
     sides = (z / slice_steps, y, x)
     refined = min(slice_steps, 3) - 1
-    near_mm, far_mm = (
-        max(NARROW_GAPS * z, NARROW_PIXELS * max(x, y)),
-        max(WIDE_GAPS[refined] * z, NARROW_PIXELS * max(x, y)),
+    near, far = (
+        [max(1, round(max(gaps * z, NARROW_PIXELS * max(x, y)) / side)) for side in sides]
+        for gaps in (NARROW_GAPS, WIDE_GAPS[refined])
     )
-    reaches = [[max(1, round(width / side)) for side in sides] for width in (near_mm, far_mm)]
     samples = _refined(sign, slice_steps)
     known = samples != 0
     bound = np.zeros(field.shape, np.int8)
@@ -54,21 +53,17 @@ def keep_local_volume_steps(
         share = np.clip(field / half, -1, 1)
         missing = np.where(known, samples - share, np.float32(0))
         area = (known & (np.abs(share) < 1)) / half
-        rise_z, rise_y, rise_x = (np.gradient(field, side, axis=axis) ** 2 for axis, side in enumerate(sides))
-        upright = rise_z / np.maximum(rise_x + rise_y + rise_z, np.float32(1e-6)) * area
         yield PAUSE
-        constants = []
-        for reach in reaches:
-            blocks = [max(1, steps // BLOCKS) for steps in reach]
-            means = [_block_sums(each, blocks) for each in (missing, area, upright)]
-            for axis, steps in enumerate(reach):
-                means = [_averaged(each, max(1, round(steps / blocks[axis])), axis) for each in means]
+        constant, _ = _along_wall(missing, area, near, field.shape)
+        yield PAUSE
+        if far != near:
+            rise_z, rise_y, rise_x = (np.gradient(field, side, axis=axis) ** 2 for axis, side in enumerate(sides))
+            upright = rise_z / np.maximum(rise_x + rise_y + rise_z, np.float32(1e-6)) * area
             yield PAUSE
-            some = np.maximum(means[1], 1e-9)
-            constants.append(_between_blocks(means[0] / some, blocks, field.shape))
+            wide, area_means = _along_wall(missing, area, far, field.shape)
             yield PAUSE
-            weight = np.clip(_between_blocks(means[2] / some, blocks, field.shape), 0, 1)
-        constant = constants[0] + (constants[1] - constants[0]) * weight
+            weight = _between_blocks(_block_means(upright, far) / area_means, _blocks(far), field.shape)
+            constant += (wide - constant) * np.clip(weight, 0, 1)
         np.clip(constant, -half, half, out=constant)
         field += constant
         np.maximum(field, least, out=field, where=bound > 0)
@@ -85,6 +80,28 @@ def _refined(sign: NDArray[np.int8], slice_steps: int) -> Floats:
         between = sign[:-1] * np.float32(1 - share) + sign[1:] * np.float32(share)
         out[step::slice_steps] = np.where((sign[:-1] != 0) & (sign[1:] != 0), between, np.float32(0))
     return out
+
+
+def _along_wall(
+    missing: Floats, area: Floats, reach: list[int], shape: tuple[int, ...]
+) -> tuple[Floats, NDArray[np.float64]]:
+    """The constant that is missing within so many samples, at every sample, and the mean area of every block."""
+    area_means = np.maximum(_block_means(area, reach), 1e-9)
+    return _between_blocks(_block_means(missing, reach) / area_means, _blocks(reach), shape), area_means
+
+
+def _blocks(reach: list[int]) -> list[int]:
+    """How many samples a block has along each axis."""
+    return [max(1, steps // BLOCKS) for steps in reach]
+
+
+def _block_means(values: Floats, reach: list[int]) -> NDArray[np.float64]:
+    """For every block the mean of the blocks within so many samples."""
+    blocks = _blocks(reach)
+    means = _block_sums(values, blocks)
+    for axis, (steps, size) in enumerate(zip(reach, blocks, strict=True)):
+        means = _averaged(means, max(1, round(steps / size)), axis)
+    return means
 
 
 def _block_sums(values: Floats, blocks: list[int]) -> NDArray[np.float64]:
