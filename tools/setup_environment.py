@@ -138,7 +138,7 @@ def prepare_system(python: str, version: str) -> None:
 
 def make_environment(folder: Path, python: str, stamp: str, requirements: list[str]) -> None:
     """A new virtual environment with this checkout, editable, and everything it needs."""
-    say(f"Setting up {folder.relative_to(ROOT)} with {stamp.splitlines()[0]}; about a minute, 2 GB")
+    say(f"Setting up {folder.relative_to(ROOT)} with {stamp.splitlines()[0]}; up to some minutes and 2 GB")
     shutil.rmtree(folder, ignore_errors=True)
     run([python, "-m", "venv", str(folder)], f"{python} could not make the environment {folder}")
     pip = [str(environment_python(folder)), "-m", "pip", "install", "--quiet", "--no-input"]

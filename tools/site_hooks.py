@@ -20,8 +20,22 @@ ROOT = Path(__file__).resolve().parents[1]
 OF_ROOT = {
     name: f"{name.removesuffix('.md').lower()}.md" for name in ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 }
-GALLERY = ("figures.md", "interfaces.md", "index.md", "segmenting.md", "simulation.md", "experiments.md")
+GALLERY = (
+    "figures.md",
+    "interfaces.md",
+    "index.md",
+    "segmenting.md",
+    "simulation.md",
+    "experiments.md",
+    "sidebar.md",
+)
 """Pages whose pictures stand in the gallery, in this order."""
+MADE_BY = {
+    "readme": "make readme-pictures CT=FOLDER",
+    "sidebar": 'make sidebar-pictures CT=FOLDER ARGS="--click 60.4 -146.5 -489.8"',
+    "experiments": "make experiments",
+}
+"""Commands of folders of pictures that no command of their page names."""
 PYTHON = {
     "Read": ["ctmc_addon.readers.read_volume", "ctmc_addon.readers.open_volume", "ctmc_addon.readers.ReadingOptions"],
     "Volumes": ["ctmc_addon.core.Volume"],
@@ -57,7 +71,12 @@ PYTHON = {
     "Errors": ["ctmc_addon.core.CtmcError", "ctmc_addon.core.ReadError", "ctmc_addon.core.SettingsError"],
 }
 
-STYLE = ".md-typeset .grid pre > code { white-space: pre-wrap; }\n"  # commands of the gallery are read, not scrolled
+# Commands of the gallery are read, not scrolled; tables of numbers fit a page.
+STYLE = """\
+.md-typeset .grid pre > code { white-space: pre-wrap; overflow-wrap: anywhere; }
+.md-typeset table:not([class]) :is(th, td) { min-width: 0; padding: 0.5em 0.6em; }
+.md-typeset td[style*="right"] { white-space: nowrap; }
+"""
 
 
 class Picture(NamedTuple):
@@ -101,12 +120,12 @@ def gallery(docs: Path) -> str:
             shown.append(f'\n## {title[1] if title else name}\n\n<div class="grid cards" markdown>\n')
             shown += [card(picture) for picture in found]
             shown.append("</div>\n")
-    about = "Every picture with the command that made it. Where the data are from: [sources](pictures/SOURCES.md)."
+    about = "Pictures with the commands that made them. Where the data are from: [sources](pictures/SOURCES.md)."
     return f"# Gallery\n\n{about}\n" + "\n".join(shown)
 
 
 def pictures_of(name: str, text: str) -> list[Picture]:
-    """Return the pictures of a page that a command above them writes, by the name of its output."""
+    """Return the pictures of a page whose command is known: one above them that writes that name, or their folder's."""
     found, heading, commands = [], "", dict[str, str]()
     blocks = re.finditer(
         r"^```(\w*)\n(.*?)^```$|^#+ ([^\n]*)$|!\[([^\]]*)\]\(([^)]+)\)", text, re.MULTILINE | re.DOTALL
@@ -119,15 +138,20 @@ def pictures_of(name: str, text: str) -> list[Picture]:
                 output = re.search(r" -o (\S+)\.\w+", command)
                 if output:
                     commands[output[1]] = command
-        elif block[5] and (stem := posixpath.splitext(posixpath.basename(block[5]))[0]) in commands:
-            found.append(Picture(name, heading, block[4], block[5], commands[stem]))
+        elif block[5]:
+            stem = posixpath.splitext(posixpath.basename(block[5]))[0]
+            command = commands.get(stem) or MADE_BY.get(posixpath.basename(posixpath.dirname(block[5])))
+            if command:
+                found.append(Picture(name, heading, block[4], block[5], command))
     return found
 
 
 def card(picture: Picture) -> str:
     """Return a picture, what it shows and its command."""
     link = f"[{picture.heading}]({picture.page}#{anchor(picture.heading)})"
-    command = "\n".join(f"    {line}" for line in picture.command.splitlines())
+    # A line for each flag, as a card is narrow.
+    words = re.sub(r"\s*\\\n\s*", " ", picture.command)
+    command = re.sub(r" (?=--?[a-zA-Z])", " \\\\\n      ", f"    {words}")
     return (
         f"-   ![{picture.text}]({picture.path}){{ loading=lazy }}\n\n"
         f"    {picture.text}: {link}\n\n    ```sh\n{command}\n    ```\n"
