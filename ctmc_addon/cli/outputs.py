@@ -206,7 +206,7 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
 def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
-    from ..blender.figure.render import render_figure
+    from ..blender.figure.render import PICTURE_SIZE, render_figure
 
     yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
     stages: list[Stage] = []
@@ -228,7 +228,8 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
                 with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
                     export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
-            yield Step(0.4, f"Rendering {outputs.figure.name}")
+            width, height = outputs.thumbnail or PICTURE_SIZE
+            yield Step(0.4, f"Rendering {outputs.figure.name}, {width} x {height} pixels")
             with timed(stages, "Rendering the figure"):
                 small: dict[str, Any] = {}
                 if outputs.thumbnail:

@@ -113,13 +113,13 @@ def run(args: argparse.Namespace) -> None:
     if asks_all_times(args):
         run_times(args, settings, choices, outputs)
         return
-    stages = Stages(STAGES)
+    stages = Stages(STAGES | {"Writing": 6} if args.figure else STAGES)
     if args.scheduler and may_be_several(choices):
         raise UsageError("--scheduler extracts one surface; give one label, or leave --scheduler out")
     source = source_of(Path(args.input), settings.label)
     with (
         own_folder(outputs.folder or Path(args.output).parent),
-        Progress() as progress,
+        Progress(lines=outputs.figure is not None) as progress,  # a picture can take minutes
         workers_of(args.scheduler, source, reading_of(args)) as workers,
         outputs.writer(settings.simplifier) as writer,
     ):
