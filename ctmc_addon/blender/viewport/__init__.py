@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is drawn over a 3D viewport and stored nowhere, and where it looks from."""
 
-from .eye import frame, is_held
+from .eye import clip, frame, is_held, show_from
 from .legend import draw_legend
 from .overlay import Picture, draw_labels, draw_letters, draw_lines, draw_path
 from .preview_surface import PreviewSurface
@@ -15,6 +15,7 @@ __all__ = [
     "Shown",
     "Strip",
     "can_draw",
+    "clip",
     "draw_labels",
     "draw_legend",
     "draw_letters",
@@ -25,6 +26,7 @@ __all__ = [
     "free_shader",
     "is_held",
     "placed_names",
+    "show_from",
     "strip_in",
     "width_of",
 ]

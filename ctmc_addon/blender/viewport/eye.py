@@ -7,6 +7,7 @@ RAS axes are Blender's axes, so a side of the patient is an axis of the scene.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -24,7 +25,10 @@ SIDES = {
     "I": ((0, 0, -1), (0, 1, 0)),
 }
 SENSOR = 36.0  # mm; half of what a viewport's lens sees along its longer side at its own focal length
+FAR = 20_000  # pixels beyond which nobody zooms
+NEAR = 1e-4  # Blender units: what lies in the plane is shown
 AIR = 1.08  # room around what is framed
+LETTERS = 1.2  # and where letters stand beside it
 SIDEBARS = {"RIGHT": 1.0, "LEFT": -1.0}  # which way the free part of a viewport lies from the middle of a covered one
 
 
@@ -44,6 +48,19 @@ def region_of(area: Any, view: Any) -> Any:
     """Return the region of a viewport that shows this view: one of four in quad view."""
     regions = [region for region in area.regions if region.type == "WINDOW"]
     return next((region for region in regions if region.data == view), regions[0])
+
+
+def clip(window: Any, area: Any, view: Any) -> None:
+    """Begin Blender's own clipping of a view, of more than is ever seen; `show_from` says what it hides."""
+    if not view.use_clip_planes:  # the property alone clips nothing
+        with bpy.context.temp_override(window=window, area=area, region=region_of(area, view)):
+            bpy.ops.view3d.clip_border(xmin=-FAR, xmax=FAR, ymin=-FAR, ymax=FAR)
+
+
+def show_from(view: Any, point: Sequence[float]) -> None:
+    """Hide what lies between the eye and the plane through a point, in Solid and Wireframe of a view that clips."""
+    away = view.view_rotation @ Vector((0.0, 0.0, -1.0))
+    view.clip_planes = [(*away, NEAR - away.dot(Vector(point)))] * 6
 
 
 def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: str = "") -> None:
@@ -67,11 +84,16 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
             covered[bar.alignment] += min(max(over, 0), 0.6 * region.width)
     free = region.width - sum(covered.values())
     longer = max(region.width, region.height, 1)
-    # As far away as the shorter free side needs it for the sphere about the box.
-    slope = SENSOR / space.lens * max(1.0, min(free, region.height)) / longer
     low, high = corners.min(axis=0), corners.max(axis=0)
-    radius = max(float(np.linalg.norm(corners - (low + high) / 2, axis=1).max()), 1e-6) * AIR
-    distance = radius / (slope if view.view_perspective == "ORTHO" else math.sin(math.atan(slope)))
+    if view.lock_rotation:  # one of Blender's quad view: as near as the box as it is seen fits
+        right_up = np.array([view.view_rotation @ Vector(axis) for axis in ((1, 0, 0), (0, 1, 0))])
+        sides = np.maximum(np.ptp(corners @ right_up.T, axis=0), 1e-6) * LETTERS
+        distance = float((sides / (free, region.height)).max()) * longer * space.lens / (2 * SENSOR)
+    else:
+        # As far away as the shorter free side needs it for the sphere about the box.
+        slope = SENSOR / space.lens * max(1.0, min(free, region.height)) / longer
+        radius = max(float(np.linalg.norm(corners - (low + high) / 2, axis=1).max()), 1e-6) * AIR
+        distance = radius / (slope if view.view_perspective == "ORTHO" else math.sin(math.atan(slope)))
     unit = 2 * distance * SENSOR / space.lens / longer  # of a pixel
     shift = sum(SIDEBARS[way] * width for way, width in covered.items()) / 2 * unit
     view.view_location = Vector((low + high) / 2) + view.view_rotation @ Vector((shift, 0.0, 0.0))

@@ -6,12 +6,15 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+from mathutils import Vector
 
-from ...blender.slices import is_slice, pack_pictures, refresh, show_window
+from ...blender.slices import is_slice, pack_pictures, refresh, show_window, slices_of
+from ...blender.viewport import show_from
 from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import change_events, session, volumes
 
+STRAIGHT = 0.999  # cosine
 MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # what colors Solid shading
 
 
@@ -20,6 +23,29 @@ def show(scene: bpy.types.Scene, *, again: bool = False) -> None:
     ct = volumes.loaded(scene)
     if ct is not None:
         refresh(scene, ct.volume, ct.statistics.fingerprint, machine().scale, again=again)
+
+
+def show_from_sides(scene: bpy.types.Scene) -> None:
+    """Let each view of a quad view that clips show the slice that it sees first, and not what lies before it."""
+    for area in session.viewports():
+        for view in area.spaces.active.region_quadviews:
+            seen = first_seen(scene, view) if view.lock_rotation and view.use_clip_planes else None
+            if seen is not None:
+                show_from(view, seen.matrix_world.translation)
+
+
+def first_seen(scene: bpy.types.Scene, view: bpy.types.RegionView3D) -> bpy.types.Object | None:
+    """Return the slice of the panel's CT that faces a view and is nearest to its eye; None where there is none."""
+    back = view.view_rotation @ Vector((0.0, 0.0, 1.0))
+    planes = slices_of(scene, scene.ctmc.volume_fingerprint)
+    facing = [obj for obj in planes if obj.visible_get() and is_along(obj, back)]
+    return max(facing, key=lambda obj: back.dot(obj.matrix_world.translation), default=None)
+
+
+def is_along(obj: bpy.types.Object, back: Vector) -> bool:
+    """Return whether a slice is seen from straight above."""
+    normal = obj.matrix_world.to_3x3() @ obj.data.polygons[0].normal
+    return bool(abs(normal.normalized().dot(back)) > STRAIGHT)
 
 
 def follow(properties: Any, name: str) -> None:
@@ -42,11 +68,13 @@ def after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
     moved = (update.id for update in depsgraph.updates if update.is_updated_transform)
     if any(isinstance(block, bpy.types.Object) and is_slice(block) for block in moved):
         show(scene)
+        show_from_sides(scene)
 
 
 def after_undo(scene: bpy.types.Scene, *_: Any) -> None:
     """Take all pictures anew: undo restores the positions of slices, but not their pictures."""
     show(scene, again=True)
+    show_from_sides(scene)
 
 
 def before_save(*_: Any) -> None:

@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import bpy
 
 from ....blender.slices import slices_of
-from ....blender.viewport import frame
+from ....blender.viewport import clip, frame
 from ....core.volume import volume_box
 from ...needs import Needs
 from ...properties.preferences import machine
 from ...state import session, volumes
 from ...translations import translate
+from ...viewport import slice_objects
 from ..scene.slice_object import in_object_mode
 
 
@@ -22,7 +25,8 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
     bl_label = "Quad View"
     bl_description = (
         "Show three slices at once, from three sides, beside the view that turns; all can be drawn on, and Pick Point "
-        "moves them. Once more brings one view back; the slices stay, as objects"
+        "moves them. Surfaces before a slice are hidden from its side. Once more brings one view back; the slices "
+        "stay, as objects"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -41,10 +45,26 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()
         scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
-        for view in space.region_quadviews or [space.region_3d]:
-            frame(area, space, view, volume_box(ct.volume) * machine().scale)
+        # Blender gives the regions their sizes before it draws next.
+        bpy.app.timers.register(partial(arrange, scene.session_uid, area.as_pointer()), first_interval=0.0)
         session.redraw_viewports()
         return {"FINISHED"}
+
+
+def arrange(scene_uid: int, pointer: int) -> None:
+    """Frame the CT in every view of a viewport, and let the three from a side show their slices."""
+    scene = session.scene_of(scene_uid)
+    volume = None if scene is None else volumes.current(scene)
+    if volume is None:
+        return
+    for window in bpy.context.window_manager.windows:
+        for area in (area for area in window.screen.areas if area.as_pointer() == pointer):
+            space = area.spaces.active
+            for view in space.region_quadviews or [space.region_3d]:
+                frame(area, space, view, volume_box(volume) * machine().scale)
+                if view.lock_rotation:
+                    clip(window, area, view)
+    slice_objects.show_from_sides(scene)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_quad_view,))

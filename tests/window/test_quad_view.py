@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quad View: three slices from their sides, none covered by a surface, each as large as its view has room."""
+
+from __future__ import annotations
+
+import pytest
+from window.conftest import CT
+from window.scenes import IDLE, begin, load
+
+pytestmark = pytest.mark.window
+
+CALL = """
+view = viewport()
+with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
+    bpy.ops.ctmc.{}("INVOKE_DEFAULT")
+"""
+# Of each view from a side: share of its free width and height that the CT takes, and how far the nearest slice that
+# faces it lies behind what is shown, mm.
+VIEWS = """
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Vector
+view, answer = viewport(), {}
+volume = ours("ui.state.volumes").current(bpy.context.scene)
+corners = ours("core.volume").volume_box(volume) * 0.01
+planes = {obj["ctmc_slice_plane"]: obj.location for obj in bpy.data.objects if "ctmc_slice_plane" in obj}
+bars = [region for region in view.area.regions if region.type in ("UI", "TOOLS")]
+for region in (region for region in view.area.regions if region.type == "WINDOW" and region.data.lock_rotation):
+    back = region.data.view_rotation @ Vector((0, 0, 1))
+    plane = ("sagittal", "coronal", "axial")[max(range(3), key=lambda axis: abs(back[axis]))]
+    xs, ys = zip(*(location_3d_to_region_2d(region, region.data, Vector(corner)) for corner in corners))
+    ends = [(max(region.x, bar.x), min(region.x + region.width, bar.x + bar.width)) for bar in bars]
+    left = max([0] + [b - region.x for (a, b), bar in zip(ends, bars) if b > a and bar.type == "TOOLS"])
+    right = min([region.width] + [a - region.x for (a, b), bar in zip(ends, bars) if b > a and bar.type == "UI"])
+    inside = left <= min(xs) and max(xs) <= right and 0 <= min(ys) and max(ys) <= region.height
+    share = max((max(xs) - min(xs)) / (right - left), (max(ys) - min(ys)) / region.height)
+    clipped = Vector(region.data.clip_planes[0])
+    answer[plane] = [inside, share, 100 * clipped.dot((*planes[plane], 1)), region.data.use_clip_planes]
+"""
+
+
+def test_each_slice_fills_its_view_and_no_surface_covers_it(desk):
+    begin(desk)
+    load(desk, f"{desk.inside}/{CT}")
+    desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (8, 8, 1); s.preview = False")
+    desk.ask("bpy.ops.ctmc.reconstruct()")
+    desk.wait(IDLE)
+    desk.ask("bpy.context.preferences.view.smooth_view = 0")
+    desk.ask(CALL.format("quad_view"))
+    desk.look("quad-01-divided")
+    views = desk.ask(VIEWS)
+    assert set(views) == {"axial", "coronal", "sagittal"}
+    for inside, share, behind, clips in views.values():
+        assert inside
+        assert 0.8 < share <= 1
+        assert behind == pytest.approx(0.01, abs=1e-3)
+        assert clips
+
+
+def test_a_slice_that_is_moved_takes_what_hides_the_surfaces_along(desk):
+    desk.ask("next(o for o in bpy.data.objects if o.get('ctmc_slice_plane') == 'axial').location.z += 0.3")
+    assert desk.ask(VIEWS)["axial"][2] == pytest.approx(0.01, abs=1e-3)
+    desk.look("quad-02-moved")
+
+
+def test_once_more_brings_back_one_view_that_hides_nothing(desk):
+    desk.ask(CALL.format("quad_view"))
+    desk.look("quad-03-one")
+    assert desk.ask(
+        "view = viewport().space; answer = [len(view.region_quadviews), view.region_3d.use_clip_planes]"
+    ) == [
+        0,
+        False,
+    ]
+    assert "Traceback" not in desk.last_words()
