@@ -65,13 +65,11 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row = draw_pair(column, context)
         row.operator("ctmc.add_slice", icon="MESH_PLANE")
         row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
-        row = draw_pair(column, context)
-        row.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
-        row.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")
+        column.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
+        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # its German words need the line, as those below
         column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
-        row = draw_pair(column, context)
-        row.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
-        row = row.row(align=True)
+        column.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
+        row = column.row(align=True)
         row.operator("ctmc.flip_cut_away", icon="UV_SYNC_SELECT")
         row.operator("ctmc.remove_cut_away", text="", icon="X")
         obj = context.view_layer.objects.active
