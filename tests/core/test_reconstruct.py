@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The whole of core: space, labels, regions, softening, parts, simplification, in their order."""
 
-import hashlib
 import pickle
-import re
 import sys
-import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +20,6 @@ from ctmc_addon.core import (
     marching_cubes,
     reconstruct,
     reconstruct_steps,
-    result_and_full_steps,
     simplified_steps,
     without_small_steps,
 )
@@ -36,7 +32,6 @@ from ctmc_addon.core.errors import (
 )
 from ctmc_addon.core.extraction import grid
 from ctmc_addon.core.mesh.measures import component_volumes_steps
-from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.reconstruct import full_steps
 
 reconstruct_module = sys.modules[full_steps.__module__]  # the package has a function of its name
@@ -386,73 +381,6 @@ def test_an_open_surface_has_no_volume_and_the_report_says_so():
     assert not any("open" in note for note in closed.report()["notes"])
 
 
-@pytest.fixture(scope="module")
-def sponge():
-    """A foam of many triangles, whose values are in memory."""
-    file = foam(20, 36, 16, 1)
-    return Volume(file.slab(0, 20), file.affine)
-
-
-def digest(result):
-    mesh = result.mesh
-    normals = b"" if mesh.normals is None else mesh.normals.tobytes()
-    return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + normals).hexdigest()
-
-
-def assert_same_bytes(volume, settings, budget, runs):
-    """Runs (volume, threads, bytes, slab_bytes) give one mesh, or a sentence where the bytes are too few."""
-    expected = reconstruct(volume, settings, budget)
-    digests, sentences = [], []
-    for source, threads, memory, slab_bytes in runs:
-        given = replace(budget, threads=threads, bytes=memory, slab_bytes=slab_bytes)
-        try:
-            digests.append(digest(reconstruct(source, settings, given)))
-        except MemoryLimitError as refused:
-            assert memory is not None
-            sentences.append(str(refused))
-    assert set(digests) == {digest(expected)}
-    assert len(digests) >= 3
-    assert all(
-        re.fullmatch(r"[a-z][^\n]* needs about \S+ [MG]iB of memory and \S+ [MG]iB are available; [^\n]+", sentence)
-        for sentence in sentences
-    )
-    assert sentences
-    return expected
-
-
-@pytest.mark.once
-@pytest.mark.parametrize("whole_faces", [2000, 1 << 20])
-@pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"target_faces": 3001, "keep_parts": 1}])
-def test_memory_threads_and_the_source_of_values_change_no_byte_of_what_is_simplified(
-    sponge, monkeypatch, goal, whole_faces
-):
-    monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * 36 * 36)
-    settings = ReconstructionSettings(threshold=132.0, close_border=True, **goal)
-    enough = (6 if whole_faces == 2000 else 64) << 20
-    runs = [
-        (volume, *given)
-        for volume in (sponge, in_file(sponge))
-        for given in ((2, None, 1), (1, enough, 1 << 14), (2, 100_000, 1))
-    ]
-    expected = assert_same_bytes(sponge, settings, Budget(threads=1, whole_faces=whole_faces), runs)
-    assert expected.full_faces > 8_000
-
-
-@pytest.mark.once
-@pytest.mark.parametrize("whole_faces", [800, 1 << 20])
-def test_they_change_no_byte_within_a_maximum_error_either(monkeypatch, whole_faces):
-    monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * 12 * 12)
-    z, y, x = np.indices((12, 12, 12)) * (2 * np.pi / 14)
-    waves = 100 * (np.sin(x) * np.cos(y) + np.sin(1.03 * y) * np.cos(z) + np.sin(z) * np.cos(0.9 * x))
-    volume = Volume(waves.astype(np.int16), np.eye(4))
-    settings = ReconstructionSettings(threshold=40.0, close_border=True, max_error_mm=0.5, normals="mesh")
-    file = in_file(volume)
-    runs = [(volume, 2, None, 1), (file, 1, 64 << 20, 1 << 10), (file, 2, None, 1), (file, 2, 10_000, 1)]
-    expected = assert_same_bytes(volume, settings, Budget(threads=1, whole_faces=whole_faces), runs)
-    assert expected.full_faces > 1_600
-    assert len(expected.mesh.faces) < 0.5 * expected.full_faces
-
-
 @pytest.mark.parametrize(
     "more", [{}, {"keep_parts": 2}, {"reduction": 0.5}, {"normals": "mesh"}, {"smoothing_mm": 1.0}]
 )
@@ -464,29 +392,3 @@ def test_no_stage_goes_back_whatever_is_asked_for(more, source, monkeypatch):
     fractions = [step.fraction for step in steps]
     assert fractions == sorted(fractions)
     assert 0.9 < fractions[-1] <= 1
-
-
-def test_a_full_surface_that_does_not_fit_is_gone_before_it_is_simplified_as_it_comes(sponge, monkeypatch):
-    settings = ReconstructionSettings(threshold=132.0, reduction=0.9)
-    budget = Budget(threads=2, whole_faces=2500, slab_bytes=1)
-    whole, full = finish(result_and_full_steps(in_file(sponge), settings, budget))
-    assert (len(full.mesh.faces), full.surface is not None) == (whole.full_faces, True)
-    held = []
-    making = reconstruct_module._Making
-    full_surface_steps, result_steps = making.full_steps, making.result_steps
-
-    def refused_steps(self):
-        made = yield from full_surface_steps(self)
-        held.append(weakref.ref(made))
-        raise MemoryLimitError("the surface does not fit")
-
-    def watched_steps(self):
-        assert [one() for one in held] == [None]
-        return (yield from result_steps(self))
-
-    monkeypatch.setattr(making, "full_steps", refused_steps)
-    monkeypatch.setattr(making, "result_steps", watched_steps)
-    result, nothing = finish(result_and_full_steps(in_file(sponge), settings, budget))
-    assert nothing is None
-    assert len(held) == 1
-    assert (result.notes, digest(result)) == (whole.notes, digest(whole))

@@ -321,10 +321,18 @@ def most_at_once(tmp_path, jobs, needs, limit):
 
 
 def test_cases_at_once_are_limited_by_jobs_and_memory(tmp_path, monkeypatch):
-    in_place_of_a_case(monkeypatch, "import sys; sys.stdin.readline(); import time; time.sleep(0.3)")
-    assert most_at_once(tmp_path, 3, [10] * 4, None) == 3
-    assert most_at_once(tmp_path, 3, [10] * 4, 20) == 2
-    assert most_at_once(tmp_path, 3, [30, 30], 20) == 1  # larger than the limit: alone
+    # A case ends once as many as are expected have begun.
+    script = (
+        "import os, pathlib, sys, time; sys.stdin.readline(); folder = pathlib.Path({!r}); "
+        "(folder / str(os.getpid())).touch(); end = time.monotonic() + 60\n"
+        "while len(list(folder.iterdir())) < {} and time.monotonic() < end: time.sleep(0.01)"
+    )
+    # Of 20 two have room; larger than the limit, one goes alone.
+    for number, (needs, limit, expected) in enumerate((([10] * 4, None, 3), ([10] * 4, 20, 2), ([30, 30], 20, 1))):
+        begun = tmp_path / str(number)
+        begun.mkdir()
+        in_place_of_a_case(monkeypatch, script.format(str(begun), expected))
+        assert most_at_once(tmp_path, 3, needs, limit) == expected
 
 
 def test_stopping_ends_every_process(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -65,8 +66,10 @@ def test_a_batch_that_gets_a_signal_at_any_moment_is_resumed(words, seed):
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
+    while not out.exists() and batch.poll() is None:  # signals before that: test_interrupts.py
+        time.sleep(0.01)
     try:
-        batch.wait(chance.uniform(0.1, 6.0))
+        batch.wait(chance.uniform(0.0, 2.0))
     except subprocess.TimeoutExpired:
         batch.send_signal(number)
     _, errors = batch.communicate(timeout=60)

@@ -4,6 +4,7 @@
 import hashlib
 import threading
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ def stream(mesh, cuts):
     return "info"
 
 
+@cache
 def foam(size=48, wavelength=24.0, noise=0.0, **options):
     z, y, x = np.indices((size, size, size), np.float32) * np.float32(2 * np.pi / wavelength)
     values = np.sin(x) * np.cos(y) + np.sin(1.03 * y) * np.cos(z) + np.sin(z) * np.cos(0.9 * x)
@@ -63,30 +65,27 @@ def random_cuts(seed, layers):
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("noise", [0.0, 0.25])
-@pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"target_faces": 1501}])
+@pytest.mark.parametrize(("goal", "noise"), [({"reduction": 0.9}, 0.25), ({"target_faces": 1501}, 0.0)])
 def test_a_mesh_and_its_pieces_give_the_same_bytes_with_any_cut_threads_and_memory(goal, noise):
     mesh, small = foam(24, 12.0, noise, normals=True), Budget(whole_faces=1500)
     assert len(mesh.faces) > 5 * 1500
     held = [
         digest(reduced(mesh, replace(small, threads=threads, bytes=memory), **goal))
-        for threads, memory in ((1, None), (2, None), (3, 1 << 34), (5, 1 << 20))
+        for threads, memory in ((1, None), (3, 1 << 20))
     ]
     pieces = [
         digest(reduced_pieces(mesh, cuts, replace(small, threads=threads), **goal).simplification)
-        for cuts, threads in (((), 1), (range(-1, 26), 2), (random_cuts(0, 24), 3), (random_cuts(1, 24), 1))
+        for cuts, threads in ((range(-1, 26), 1), (random_cuts(0, 24), 3))
     ]
     assert set(held + pieces) == {held[0]}
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("noise", [0.0, 0.25])
-def test_a_maximum_error_too_gives_the_same_bytes(noise):
-    mesh, small = foam(14, 14.0, noise), Budget(whole_faces=1600)
-    assert len(mesh.faces) > 6 * 400
-    held = [digest(reduced(mesh, replace(small, threads=threads), max_error=0.5)) for threads in (1, 3)]
-    held.append(digest(reduced_pieces(mesh, range(-1, 16), small, max_error=0.5).simplification))
-    assert set(held) == {held[0]}
+def test_a_maximum_error_too_gives_the_same_bytes():
+    mesh, small = foam(12, 14.0), Budget(threads=1, whole_faces=1600)
+    assert len(mesh.faces) > 4 * 400
+    pieces = reduced_pieces(mesh, range(-1, 14), replace(small, threads=3), max_error=0.5)
+    assert digest(pieces.simplification) == digest(reduced(mesh, small, max_error=0.5))
 
 
 def test_batches_do_not_hang_on_where_pieces_are_cut():
@@ -121,10 +120,10 @@ def test_a_triangle_that_lies_in_the_next_layer_ends_no_batch_before_it_is_known
 
 
 def test_a_mesh_in_no_order_is_cut_into_bands():
-    mesh = foam(32)
+    mesh = foam(24)
     shuffled = np.random.default_rng(4).permutation(len(mesh.faces))
     mesh = TriangleMesh(mesh.vertices, mesh.faces[shuffled])
-    first, second = (reduced(mesh, Budget(threads, whole_faces=2000), reduction=0.9) for threads in (1, 3))
+    first, second = (reduced(mesh, Budget(threads, whole_faces=1000), reduction=0.9) for threads in (1, 3))
     assert digest(first) == digest(second)
     assert len(first.mesh.faces) in (round(0.1 * len(mesh.faces)), round(0.1 * len(mesh.faces)) - 1)
     assert first.mesh.closed
@@ -155,16 +154,14 @@ def test_where_nothing_shall_go_the_surface_stays_as_it_is(goal):
     ("goal", "noise", "whole_faces"),  # the last pass at once, and in stretches
     [
         ({"reduction": 0.9}, 0.0, 4000),
-        ({"reduction": 0.95}, 0.25, 4000),
-        ({"reduction": 0.9}, 0.25, 2500),
+        ({"reduction": 0.9}, 0.25, 2000),
         ({"reduction": 0.3}, 0.0, 2500),
         ({"target_faces": 3001}, 0.0, 2500),
-        ({"target_faces": 3001}, 0.25, 4000),
     ],
 )
 def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, whole_faces):
-    mesh = foam(noise=noise)
-    assert len(mesh.faces) > 8 * 4000
+    mesh = foam(24 if noise else 48, noise=noise)
+    assert len(mesh.faces) > 5 * whole_faces
     result = reduced(mesh, Budget(whole_faces=whole_faces), **goal)
     wanted = goal.get("target_faces") or round(len(mesh.faces) * (1 - goal["reduction"]))
     assert wanted - 1 <= len(result.mesh.faces) <= wanted
@@ -178,8 +175,8 @@ def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, whole_fac
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("goal", [{"reduction": 0.9}, {"max_error": 0.3}])
-def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypatch):
+@pytest.mark.parametrize(("goal", "whole_faces"), [({"reduction": 0.9}, 2000), ({"max_error": 0.3}, 4000)])
+def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, whole_faces, monkeypatch):
     sizes = []
     reduce_batch_steps = in_batches.reduce_batch_steps
 
@@ -188,11 +185,12 @@ def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypat
         return reduce_batch_steps(batch, *rest, **more)
 
     monkeypatch.setattr(in_batches, "reduce_batch_steps", noted)
-    mesh = foam(40)
+    mesh = foam(28 if "reduction" in goal else 20)
     mesh = TriangleMesh(mesh.vertices, mesh.faces[::-1].copy())  # as if it were one layer
-    result = reduced(mesh, Budget(1, whole_faces=4000 if "reduction" in goal else 16_000), **goal)
-    assert len(mesh.faces) > 5 * 4000
-    assert max(sizes[:4]) < 1.1 * 4000
+    result = reduced(mesh, Budget(1, whole_faces=whole_faces), **goal)
+    batch = whole_faces if "reduction" in goal else whole_faces // 4
+    assert len(mesh.faces) > 5 * batch
+    assert max(sizes[:4]) < 1.1 * batch
     if "reduction" in goal:
         wanted = round(len(mesh.faces) * 0.1)
         assert wanted - 1 <= len(result.mesh.faces) <= wanted
@@ -206,18 +204,17 @@ def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, monkeypat
 @pytest.mark.once
 @pytest.mark.parametrize("noise", [0.0, 0.25])
 def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
-    mesh = foam(noise=noise)
+    mesh = foam(24 if noise else 48, noise=noise)
     budget = Budget(whole_faces=len(mesh.faces) // 7)
     whole, batched = simplify(mesh, reduction=0.9), reduced(mesh, budget, reduction=0.9).mesh
     assert surface_distance(batched, mesh).mean < 1.1 * surface_distance(whole, mesh).mean
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("noise", [0.0, 0.1])
-def test_a_maximum_error_holds_both_ways(noise):
-    mesh = foam(32, 16.0, noise)
-    assert len(mesh.faces) > 8000
-    result = reduced(mesh, Budget(whole_faces=8000), max_error=0.4).mesh
+def test_a_maximum_error_holds_both_ways():
+    mesh = foam(20, 16.0, 0.1)
+    assert len(mesh.faces) > 3000
+    result = reduced(mesh, Budget(whole_faces=3000), max_error=0.4).mesh
     assert result.closed
     assert not len(non_manifold_edges(result))
     assert len(result.faces) < 0.5 * len(mesh.faces)

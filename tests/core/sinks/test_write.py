@@ -31,8 +31,9 @@ SETTINGS = {
     "gaussian": {"smoothing_mm": 1.1},
     "simplified": {"reduction": 0.7},
     "kept and simplified": {"keep_parts": 2, "reduction": 0.7},
-    "triangles": {"target_faces": 500, "normals": "mesh"},
+    "triangles": {"target_faces": 3000, "normals": "mesh"},
 }
+FORMATS = ((".stl", "ras"), (".ply", "lps"), (".ply", "ras"))
 
 
 @pytest.fixture(autouse=True)
@@ -44,8 +45,10 @@ def written(volume, settings, path, space="ras", budget=SMALL):
     return finish(reconstruct_steps(volume, settings, budget, Write(path, space)))
 
 
-@pytest.mark.parametrize(("suffix", "space"), [(".stl", "ras"), (".ply", "lps"), (".ply", "ras")])
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize(
+    ("name", "suffix", "space"),
+    [(name, *FORMATS[at % 3]) for at, name in enumerate(SETTINGS)] + [("full", *each) for each in FORMATS[1:]],
+)
 def test_the_bytes_are_those_that_save_writes(name, suffix, space, tmp_path):
     settings = ReconstructionSettings(threshold=120.0, **SETTINGS[name])
     volume = Volume(waves(), AFFINE, ("a note",), kind="HU")

