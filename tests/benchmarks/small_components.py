@@ -9,6 +9,8 @@ The error is the mean of both directions at points spread evenly over the surfac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from meshes import non_manifold_edges
@@ -16,6 +18,9 @@ from meshes import non_manifold_edges
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+from ctmc_addon.core.progress import Steps
+from ctmc_addon.core.simplification import whole
+from ctmc_addon.core.simplification.clustering import Merged
 from ctmc_addon.readers import read_volume
 
 from . import peers, scenes
@@ -26,6 +31,7 @@ LEVELS = {0.5: 0.9, 0.8: 0.85, 0.9: None, 0.95: None}  # reduction: target of th
 NOISE, VESSELS = 142, 130  # HU; of the phantom, and of contrast in a CT
 STRIDE = (2, 2, 1)
 SAMPLES = 30_000  # each way
+CROSSINGS = 0.15  # of the time, at most, are for looking for crossings and undoing them
 
 
 def measure(session: Session) -> None:
@@ -39,6 +45,8 @@ def measure(session: Session) -> None:
                 seconds, small = session.timed(call)
                 there, back = TriangleTree(small).distances(points), tree.distances(on_surface(small, SAMPLES))
                 known[peer] = (float(there.mean() + back.mean()) / 2, seconds, small)
+            shares = crossing_seconds(session, mesh, level)
+            session.add(Row(session.part, f"{work}: tests for crossings and undoing", "all of it", *shares, CROSSINGS))
             error, seconds, small = known.pop("CTMC")
             for peer, (peer_error, peer_seconds, other) in known.items():
                 note = (
@@ -49,6 +57,32 @@ def measure(session: Session) -> None:
                 session.add(Row(session.part, f"{work}: mean error", peer, error, peer_error, limit, "mm", note))
                 limit = 0.5 if peer == VTK else None
                 session.add(Row(session.part, work, peer, seconds, peer_seconds, limit))
+
+
+def crossing_seconds(session: Session, mesh: TriangleMesh, level: float) -> tuple[float, float]:
+    """Seconds of looking for crossings and undoing them, and of all of a simplification."""
+    spent = 0.0
+
+    def timed(begin_steps: Callable[..., Steps[Any]]) -> Callable[..., Steps[Any]]:
+        def timed_steps(*args: Any, **named: Any) -> Steps[Any]:
+            nonlocal spent
+            steps = begin_steps(*args, **named)
+            while True:
+                start = session.clock()
+                try:
+                    step = next(steps)
+                except StopIteration as end:
+                    return end.value
+                finally:
+                    spent += session.clock() - start
+                yield step
+
+        return timed_steps
+
+    clusters = patch.object(Merged, "uncross_steps", timed(Merged.uncross_steps))
+    with clusters, patch.object(whole, "uncross_steps", timed(whole.uncross_steps)):
+        seconds, _ = session.timed(ours(mesh, level))
+    return spent, seconds
 
 
 def surfaces(session: Session) -> Iterator[tuple[str, TriangleMesh]]:

@@ -5,7 +5,8 @@ A cluster is a seed, a vertex no neighbor of which is a seed, with the vertices 
 vertex joins the nearest seed beside it. Each cluster becomes one vertex where its quadrics are least. A round leaves a
 bit more than a third of the triangles, in the time of a few rounds of edge collapse. In the last round the cheapest
 clusters alone are made, as many as the goal needs. What does not keep the surface's topology is taken back, cluster by
-cluster: a cluster must be a disk (Euler number 1), an edge must have two triangles, and no triangle may turn over. The
+cluster: a cluster must be a disk (Euler number 1), an edge must have two triangles, and no triangle may turn over.
+After the last round so are clusters whose triangles cross others: few are, so one test for all rounds is enough. The
 border stays. Clusters: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29; their quadrics: Lindstrom 2000,
 doi:10.1145/344779.344912.
 
@@ -22,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.intersections import self_intersections_steps
+from ..mesh.measures import component_volumes_steps
+from ..mesh.topology import component_numbers_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
@@ -31,6 +34,7 @@ from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
 PASSES = 3  # of choosing seeds
 EXPENSIVE = 8.0  # times the median error of clusters: such a cluster is not made
+ENOUGH = 1.15  # times as many triangles as asked for: no round more
 LEAST_GAIN = 0.8  # of the triangles may be left by a round that is worth another
 BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
 ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
@@ -48,7 +52,6 @@ class Shape:
     faces : (3, F) int64
     locked : (V,) bool, vertices that stay
     original : (V,) int64, their numbers at first
-    normals : (3, V) float32 or None
     quadrics : EdgeQuadric of each vertex about itself: of all faces that it had a corner of, at first and before
     """
 
@@ -56,7 +59,6 @@ class Shape:
     faces: Indices
     locked: Flags
     original: Indices
-    normals: Floats | None
     quadrics: EdgeQuadric
 
 
@@ -92,30 +94,53 @@ class Clusters:
         return np.sort(number[order[np.cumsum(going[order]) <= most]])
 
 
-def clustered_steps(batch: Batch, target: int) -> Steps[Batch]:
-    """The batch with no fewer than `target` triangles, and not many more where it is smooth; its border stays."""
+def clustered_steps(batch: Batch, target: int) -> Steps[tuple[Batch, NDArray[np.float64]]]:
+    """The batch with no fewer than `target` triangles, and not many more where it is smooth; its border stays.
+
+    Returns also the volume that the component of each vertex left enclosed before: clusters shrink small ones.
+    """
     mesh = batch.mesh
+    volumes = yield from _volumes_steps(mesh)
     extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
     scale = np.float32(2.0 ** -np.frexp(extent)[1])
     faces = np.array(mesh.faces.T, np.int64, order="C")
-    locked = _border(faces, len(mesh.vertices))
-    normals = None if mesh.normals is None else np.ascontiguousarray(mesh.normals.T)
     positions = np.ascontiguousarray(mesh.vertices.T) * scale
+    joins = original = np.arange(len(mesh.vertices))
+    locked = _border(faces, len(joins))
     quadrics = yield from _quadrics_steps(positions, faces)
-    shape = Shape(positions, faces, locked, np.arange(len(locked)), normals, quadrics)
-    while (before := shape.faces.shape[1]) > target and len(shape.locked) >> ID_BITS == 0:
+    shape = Shape(positions, faces, locked, original, quadrics)
+    while (before := shape.faces.shape[1]) > ENOUGH * target and len(shape.locked) >> ID_BITS == 0:
         yield PAUSE
-        shape = yield from _round_steps(shape, target)
+        becomes = original.copy()
+        at = shape.original
+        shape, joined = yield from _round_steps(shape, target)
+        becomes[at] = at[joined]
+        joins = becomes[joins]
         if shape.faces.shape[1] > LEAST_GAIN * before:
             break
-    vertices = np.ascontiguousarray((shape.positions / scale).T)
-    if shape.normals is None:
-        rows = None
-    else:
-        length = np.sqrt(dot(shape.normals, shape.normals))
-        rows = np.ascontiguousarray((shape.normals / np.where(length > 0, length, np.float32(1.0))).T)
-    triangles = np.ascontiguousarray(shape.faces.T.astype(np.int32))
-    return Batch(TriangleMesh(vertices, triangles, rows), batch.numbers[shape.original])
+    placed = positions.copy()
+    placed[:, shape.original] = shape.positions
+    merged = Merged(positions, faces, joins, placed, np.bincount(joins, minlength=len(joins)) > 1)
+    yield from merged.uncross_steps()
+    used, left = merged.used()
+    normals = None
+    if mesh.normals is not None:
+        normals = np.stack([np.bincount(merged.joins, row, len(joins))[used] for row in mesh.normals.T])
+        length = np.sqrt(dot(normals, normals))
+        normals = np.ascontiguousarray((normals / np.where(length > 0, length, 1.0)).T.astype(np.float32))
+    vertices = np.ascontiguousarray((np.compress(used, merged.placed, axis=1) / scale).T)
+    triangles = np.ascontiguousarray(left.T.astype(np.int32))
+    return Batch(TriangleMesh(vertices, triangles, normals), batch.numbers[used]), volumes[used]
+
+
+def _volumes_steps(mesh: TriangleMesh) -> Steps[NDArray[np.float64]]:
+    """Volume that the component of each vertex encloses, (V,)."""
+    component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
+    volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
+    of_vertex = np.zeros(len(mesh.vertices))
+    for corner in mesh.faces.T:
+        of_vertex[corner] = volumes[component]
+    return of_vertex
 
 
 def _quadrics_steps(positions: Floats, faces: Indices) -> Steps[EdgeQuadric]:
@@ -155,80 +180,120 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
     return sums != 0
 
 
-def _round_steps(shape: Shape, target: int) -> Steps[Shape]:
-    """One round: no fewer than `target` triangles are left."""
+def _round_steps(shape: Shape, target: int) -> Steps[tuple[Shape, Indices]]:
+    """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
-    vertex_count = positions.shape[1]
     joins = yield from _seeds_steps(shape)
     new = np.take(joins, faces)
     yield PAUSE
     clusters = yield from _made_steps(shape, joins, new)
-    made = clusters.cheap(faces.shape[1] - target)
+    made = clusters.roots[clusters.cheap(faces.shape[1] - target)]
     placed = positions.copy()
     placed[:, clusters.roots] = clusters.places
-    reverted = np.ones(len(clusters.roots), bool)
+    multiple, reverted = np.zeros((2, len(joins)), bool)
+    multiple[clusters.roots] = reverted[clusters.roots] = True
     reverted[made] = False
-    multiple = np.zeros(vertex_count, bool)
-    multiple[clusters.roots[made]] = True
-    changed, at = multiple, None
-    untested = multiple.copy()  # vertices whose triangles may cross others
-    while True:
-        # The triangles of what was taken apart are looked at anew; at first all that touch a cluster.
-        apart = np.zeros(vertex_count, bool)
-        apart[clusters.roots[reverted]] = True
-        apart = np.flatnonzero(apart[joins])
-        joins[apart] = apart
-        placed[:, apart] = positions[:, apart]
-        moved = np.zeros(vertex_count, bool)
-        moved[apart] = True
-        untested |= moved
-        touched = np.flatnonzero(np.take(moved, faces[0]) | np.take(moved, faces[1]) | np.take(moved, faces[2]))
-        for corner, before in zip(new, faces, strict=True):
-            corner[touched] = joins[before[touched]]
-        if at is None:
-            at = np.flatnonzero(np.take(multiple, new[0]) | np.take(multiple, new[1]) | np.take(multiple, new[2]))
-        else:
-            at, changed = touched, moved
-        yield PAUSE
-        at = at[_whole(np.take(new, at, axis=1))]
-        corners = np.take(new, at, axis=1)
-        bad = _torn(corners, multiple, changed)
-        yield PAUSE
-        bad |= _turned(np.take(faces, at, axis=1), corners, positions, placed, multiple)
-        yield PAUSE
-        reverted = bad[clusters.roots]
-        if not reverted.any():
-            whole = np.flatnonzero(_whole(new))
-            used = np.zeros(vertex_count, bool)
-            for corner in new:
-                used[corner[whole]] = True
-            reverted = (multiple & ~used)[clusters.roots]  # a whole component
-        if not reverted.any():
-            left = np.take(new, whole, axis=1)
-            crossing = yield from self_intersections_steps(placed.T, left.T, np.take(untested, left).any(axis=0))
-            at_crossing = np.zeros(vertex_count, bool)
-            at_crossing[left[:, crossing]] = True
-            untested[:] = False
-            reverted = (multiple & at_crossing)[clusters.roots]
-            if not reverted.any():
-                break
-        multiple[clusters.roots[reverted]] = False
-    quadrics = shape.quadrics
+    merged = Merged(positions, faces, joins, placed, multiple)
+    merged.take_apart(reverted)
+    yield from merged.settle_steps()
+    used, left = merged.used()
     still = multiple[clusters.roots]
-    for rows, summed in zip(quadrics, clusters.quadrics, strict=True):
+    for rows, summed in zip(shape.quadrics, clusters.quadrics, strict=True):
         rows[..., clusters.roots[still]] = summed[..., still]
-    number = np.cumsum(used) - 1
-    normals = shape.normals
-    if normals is not None:
-        normals = np.stack([np.bincount(joins, row, vertex_count)[used] for row in normals]).astype(np.float32)
-    return Shape(
-        np.compress(used, placed, axis=1),
-        np.take(number, np.take(new, whole, axis=1)),
-        shape.locked[used],
-        shape.original[used],
-        normals,
-        EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in quadrics)),
-    )
+    quadrics = EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in shape.quadrics))
+    placed = np.compress(used, placed, axis=1)
+    return Shape(placed, left, shape.locked[used], shape.original[used], quadrics), joins
+
+
+@dataclass(eq=False)
+class Merged:
+    """A surface whose clusters have become one vertex each, and what it was before.
+
+    positions : (3, V) float32
+    faces : (3, F) int64
+        Before.
+    joins : (V,) int64
+        The root that each vertex has joined.
+    placed : (3, V) float32
+        Where roots are now.
+    multiple : (V,) bool
+        Roots that others have joined.
+    """
+
+    positions: Floats
+    faces: Indices
+    joins: Indices
+    placed: Floats
+    multiple: Flags
+
+    def __post_init__(self) -> None:
+        """Find the corners of the triangles as they are now."""
+        self.new = np.take(self.joins, self.faces)
+
+    def take_apart(self, clusters: Flags) -> Flags:
+        """Take these clusters apart, (V,) bool by their roots; which vertices are back where they were, (V,) bool."""
+        self.multiple &= ~clusters
+        back = clusters[self.joins]
+        apart = np.flatnonzero(back)
+        self.joins[apart] = apart
+        self.placed[:, apart] = self.positions[:, apart]
+        touched = self._touched(self.faces, back)
+        for corner, before in zip(self.new, self.faces, strict=True):
+            corner[touched] = self.joins[before[touched]]
+        return back
+
+    def settle_steps(self, back: Flags | None = None) -> Steps[Flags]:
+        """Take apart what tears the surface or turns its triangles; which vertices that brought back, (V,) bool.
+
+        `back` are vertices round which to look, by default all; those count among the vertices brought back.
+        """
+        changed = self.multiple.copy() if back is None else back
+        at = self._touched(self.new, changed)
+        all_back = np.zeros(len(changed), bool) if back is None else back.copy()
+        while True:
+            at = at[_whole(np.take(self.new, at, axis=1))]
+            corners = np.take(self.new, at, axis=1)
+            bad = _torn(corners, self.multiple, changed)
+            yield PAUSE
+            bad |= _turned(np.take(self.faces, at, axis=1), corners, self.positions, self.placed, self.multiple)
+            yield PAUSE
+            if not bad.any():
+                bad = self.multiple & ~self.used()[0]  # a whole component
+                if not bad.any():
+                    return all_back
+            # The triangles of what is taken apart are looked at anew.
+            changed = self.take_apart(bad)
+            at = self._touched(self.faces, changed)
+            all_back |= changed
+            yield PAUSE
+
+    def uncross_steps(self) -> Steps[None]:
+        """Take apart the clusters whose triangles cross others."""
+        untested = self.multiple.copy()
+        while untested.any():
+            at = np.flatnonzero(_whole(self.new))
+            left = np.take(self.new, at, axis=1)
+            tested = np.take(untested, left[0]) | np.take(untested, left[1]) | np.take(untested, left[2])
+            crossing = yield from self_intersections_steps(self.placed.T, left.T, tested)
+            bad = np.zeros(len(untested), bool)
+            bad[left[:, crossing]] = True
+            bad &= self.multiple
+            untested = bad
+            if bad.any():
+                untested = yield from self.settle_steps(self.take_apart(bad))
+
+    def used(self) -> tuple[Flags, Indices]:
+        """Which vertices the triangles have, (V,) bool, and the triangles with those alone counted, (3, f)."""
+        left = np.compress(_whole(self.new), self.new, axis=1)
+        used = np.zeros(len(self.joins), bool)
+        for corner in left:
+            used[corner] = True
+        return used, np.take(np.cumsum(used) - 1, left)
+
+    @staticmethod
+    def _touched(faces: Indices, vertices: Flags) -> Indices:
+        a, b, c = (np.take(vertices, corner) for corner in faces)
+        return np.flatnonzero(a | b | c)
 
 
 def _whole(faces: Indices) -> Flags:

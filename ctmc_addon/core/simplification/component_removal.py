@@ -99,9 +99,14 @@ class Staying:
 
 
 class Components:
-    """The components of a mesh, each with its area, volume and gap; in the order of their first faces."""
+    """The components of a mesh, each with its area, volume and gap; in the order of their first faces.
+
+    volume_before : (V,) float64 or None
+        What the component of each vertex enclosed before the mesh was clustered, if it was.
+    """
 
     staying = Staying()
+    volume_before: Doubles | None = None
 
     def prepare_steps(self, positions: Floats, faces: Ints, border: Ints, locked: Ints) -> Steps[Ints]:
         """Take in positions (3, V) and faces (3, F); returns the component of every vertex, -1 for one without faces.
@@ -122,7 +127,12 @@ class Components:
         self.large = np.zeros(count, bool)
         if count == 1:
             return of_vertex
-        self.volume = yield from component_volumes_steps(positions.T, faces.T, component)
+        if self.volume_before is None:
+            self.volume = yield from component_volumes_steps(positions.T, faces.T, component)
+        else:
+            self.volume = np.zeros(count)
+            used = np.flatnonzero(of_vertex[: len(self.volume_before)] >= 0)
+            self.volume[of_vertex[used]] = self.volume_before[used]
         self.area = yield from _areas_steps(positions, faces, component, count)
         open_ = of_vertex[border]
         self.volume[open_] = np.abs(self.volume[open_])  # neither a cavity nor a body

@@ -306,8 +306,9 @@ def reduce_batch_steps(
     if target >= before:
         return Reduced(batch, before, _density(batch, wanted), CollapsedComponents(), 0)
     clustered = max_error is None and not whole and before - at_border > CLUSTERED * wanted
+    volumes = None
     if clustered:
-        batch = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted) + at_border)
+        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted) + at_border)
     collapsing = CollapsingMesh(
         batch.mesh,
         max_error,
@@ -315,6 +316,8 @@ def reduce_batch_steps(
         not whole,
         rough=not last and (clustered or max_error is not None),
     )
+    if volumes is not None:
+        collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
     collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
     yield from collapse_steps(collapsing, target, last=whole)

@@ -13,14 +13,19 @@ from ..budget import Budget
 from ..errors import MeshError, SettingsError
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
+from .batches import Batch
 from .bounded import hold_bound_steps
+from .clustering import clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .uncrossing import uncross_steps
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
+CLUSTERED = 8.0  # times as many triangles as asked for: worth clustering first
+LEFT_BY_CLUSTERS = 4.0  # times as many triangles as asked for: edges collapse from there on
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
+FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -132,7 +137,14 @@ def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplif
         f"simplifying {len(mesh.faces)} triangles",
         "use a larger stride or a region",
     )
+    volumes = None
+    if max_error is None and len(mesh.faces) > CLUSTERED * target:
+        batch = Batch(mesh, np.arange(len(mesh.vertices)))
+        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * target))
+        mesh = batch.mesh
     collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
+    if volumes is not None:
+        collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
     yield from stages.run("Simplifying", collapse_steps(collapsing, target))
@@ -158,7 +170,7 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
             if not (yield from equal_part(_round_steps(collapsing, excess, last), done, start - target)):
                 break
             log = collapsing.log
-            if log is not None and target < collapsing.face_count < TEST_AGAIN * log.face_count:
+            if log is not None and FAR * target < collapsing.face_count < TEST_AGAIN * log.face_count:
                 yield from uncross_steps(collapsing, hold=False)
         changed = yield from uncross_steps(collapsing, hold=True)
 

@@ -13,7 +13,7 @@ from ctmc_addon.core.simplification.clustering import clustered_steps
 
 def clustered(mesh, share=0.0):
     batch = Batch(mesh, np.arange(len(mesh.vertices)))
-    return finish(clustered_steps(batch, round(share * len(mesh.faces))))
+    return finish(clustered_steps(batch, round(share * len(mesh.faces))))[0]
 
 
 def noise(close_border, seed=0):

@@ -338,7 +338,7 @@ def noisy_shell():
 
 
 def test_labels_that_do_not_touch_and_would_cross_are_simplified_together():
-    near = complex_of_spheres(((0, 0, 0), 1.0, 1, 0), ((2.004, 0, 0), 1.0, 2, 0), ((0, 2.003, 0), 1.0, 3, 0))
+    near = complex_of_spheres(((0, 0, 0), 1.0, 1, 0), ((2.003, 0, 0), 1.0, 2, 0), ((0, 2.002, 0), 1.0, 3, 0))
     alone = [simplify(near.of_label(label), reduction=0.9) for label in near.labels]
     vertices = np.concatenate([each.vertices for each in alone])
     starts = np.cumsum([0] + [len(each.vertices) for each in alone])

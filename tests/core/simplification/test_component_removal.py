@@ -187,3 +187,15 @@ def test_the_unit_of_the_mesh_does_not_matter():
     other, _ = simplification(as_mesh(np.ldexp(mesh.vertices, -30), mesh.faces), reduction=0.9)
     assert np.array_equal(other.mesh.faces, one.mesh.faces)
     assert other.collapsed.largest == np.ldexp(one.collapsed.largest, -90)
+
+
+def test_components_count_with_the_volume_that_they_had_before_clusters_shrank_them():
+    turns = np.arange(12) * np.pi / 6
+    around = [icosphere(3, 0.3, (10.5 * np.cos(turn), 10.5 * np.sin(turn), 0)) for turn in turns]
+    mesh, volume = joined(icosphere(5, 10.0), *around), around[0].volume
+    collapsed = simplification(mesh, reduction=0.99)[0].collapsed
+    assert collapsed.count > 0
+    assert collapsed.volume == pytest.approx(collapsed.count * volume, rel=1e-4)
+    all_too_large = simplification(mesh, reduction=0.99, largest_component=0.99 * volume)[0]
+    assert all_too_large.collapsed.count == 0
+    assert all_too_large.mesh.components == 13

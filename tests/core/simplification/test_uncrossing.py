@@ -62,7 +62,7 @@ def test_batches_and_clusters_do_not_cross_and_threads_change_nothing():
 
 def test_clusters_alone_make_no_crossing(full):
     batch = in_batches.Batch(full, np.arange(len(full.vertices)))
-    clustered = finish(in_batches.clustered_steps(batch, 2000)).mesh
+    clustered = finish(in_batches.clustered_steps(batch, 2000))[0].mesh
     assert len(clustered.faces) < 0.6 * len(full.faces)
     assert crossings(clustered) == 0
 
