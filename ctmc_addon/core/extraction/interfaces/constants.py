@@ -41,8 +41,9 @@ def measured_pairs_steps(
         Of the space between two samples.
     """
     count = labels + 1
-    middle = (positions.min(axis=0).astype(np.float64) + positions.max(axis=0)) / 2 if len(positions) else 0.0
-    along = ((positions - middle) * np.array(sizes_mm)).T.copy()  # (3, V)
+    columns = np.ascontiguousarray(positions.T, np.float64)  # (3, V)
+    middle = (columns.min(axis=1) + columns.max(axis=1)) / 2 if len(positions) else np.zeros(3)
+    along = [(each - center) * size for each, center, size in zip(columns, middle, sizes_mm, strict=True)]
 
     def measure(start: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         part = slice(start, start + FACES_AT_ONCE)

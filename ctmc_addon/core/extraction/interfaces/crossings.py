@@ -151,7 +151,7 @@ class Placed:
         out = np.empty(self.count, np.intp)
         for crossings, faces, starts in zip(self.crossings, self.faces, self.starts.tolist(), strict=True):
             for each, start in zip(crossings, starts, strict=False):
-                out[start : start + len(each.ends)] = each.ends.max(axis=1)
+                out[start : start + len(each.ends)] = np.maximum(*each.ends.T)
             first = faces.point_edges[faces.point_first[:-1]]
             out[starts[3] : starts[3] + len(first)] = ~first  # those of the next band are not known yet
         points = np.flatnonzero(out < 0)
@@ -186,7 +186,7 @@ class Placed:
 
         def place_edges(band: int) -> None:
             for each, start in zip(self.crossings[band], starts[band], strict=False):
-                label = each.ends.max(axis=1)
+                label = np.maximum(*each.ends.T)
                 rows = out[start : start + len(label)]
                 for column, (axis, sample) in enumerate(zip(axes, each.sample, strict=True)):
                     position = axis.position.take(sample)
