@@ -12,7 +12,7 @@ import pytest
 
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
-from ctmc_addon.core.segmentation.competition.compete import factors_of
+from ctmc_addon.core.segmentation.competition.blocks import factors_of
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "ts_nifti"
@@ -90,7 +90,7 @@ def test_two_structures_of_one_value_part_halfway():
     volume = Volume(np.zeros((20, 20, 41), np.int16), np.eye(4), kind="HU")
     labels = finish(compete_steps(volume, [Click((10, 10, 10), 1), Click((10, 10, 30), 2)]))
     assert (labels[:, :, :20] == 1).all()
-    assert (labels[:, :, 21:] == 2).all()
+    assert (labels[:, :, 22:] == 2).all()  # a block is two voxels
 
 
 def test_a_click_in_the_surroundings_closes_a_leak():

@@ -3,12 +3,11 @@
 
 Each voxel goes to the click from which it is nearest by a time that counts millimeters and differences of smoothed
 values: the geodesic distance of Criminisi et al. 2008 (doi:10.1007/978-3-540-88682-2_9), by plane sweeps
-(`geodesic`). From a click in a structure the time is cut off where the cut is sharpest: where the difference of values
-across the border of what it has, on average over the border, is the largest (after Hojjatoleslami and Kittler 1998,
-doi:10.1109/83.701170). So one click makes a structure, and clicks in the surroundings are needed for leaks alone.
+(`geodesic`). One click makes a structure, and later ones correct it (`claims`). Then the values of what was claimed and
+of what lies around draw a smooth border (`border`).
 
-Coarse to fine: times are found on blocks of voxels, and only voxels near a border of the result are looked at one by
-one. Nothing is read or touched farther from the clicks than `max_mm`.
+Coarse to fine: all this is found on blocks of voxels, and only voxels near a border of the result are looked at one by
+one (`blocks`). Nothing is read or touched farther from the clicks than `max_mm`.
 """
 
 from __future__ import annotations
@@ -21,31 +20,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SettingsError
-from ...progress import Stages, Step, Steps, equal_part
+from ...progress import PAUSE, Stages, Step, Steps, equal_part
 from ...volume.smoothing.gaussian import convolved, weights
 from ...volume.value_kind import ValueKind
 from ...volume.volume import Volume
-from ..distance import Mask, Spacing, Window
+from ..distance import Mask, Window
 from ..points import Sample, sample_in, window_around
-from .coarse import Coarse, Factors, block_means, blocks_any, drawn_steps, sharpest_cuts
-from .geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
+from .blocks import Factors, block_means, blocks_any, drawn_steps, factors_of
+from .border import Border, border_steps
+from .claims import Claims, Ground, Sides, claim_steps, no_claims
+from .geodesic import BLOCKED, heights_of
 
 Labels = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
-MOST_COARSE = 1 << 20  # blocks of voxels
-COARSE_MM = 1.4  # blocks are not made larger than twice this while there are few enough of them
-SIGMA_MM = 2.0
-BALL_MM = 3.0  # around a click what is like it belongs to it
-ALIKE_MM = 20.0  # of time by difference alone
-SMALLEST = 3.0  # times the ball of a click, against noise
+NOISE_MM = 1.0  # of the values that borders are drawn by
+SIGMA_MM = 1.7  # more, for those that times are counted on
 SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
 TABLE_HU = (-1024, 3072)
 GRAY_HU = 120.0  # between the lowest and the highest percent of values that are not HU
-STAGES = {"Looking at the values": 4, "Competing": 4, "Drawing the border": 3}
-FAR_SHARE = 0.4  # of the sharpness that is taken off at the longest time, so that a near cut wins over a leak
+STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
 
 
 class Click(NamedTuple):
@@ -97,41 +93,28 @@ def compete_steps(
     if allowed is not None and not all(allowed[click.sample] for click in own):
         raise SettingsError("a click in a structure lies outside of the range; widen the range, or click elsewhere")
     stages = Stages(STAGES)
-    finding, competing, drawing = STAGES
+    finding, competing, bordering, drawing = STAGES
     window = window_around([click.sample for click in own], max_mm, volume.spacing, volume.shape)
     near = [Click(sample_in(click.sample, window), click.structure) for click in clicks if _is_in(click.sample, window)]
     permitted = None if allowed is None else allowed[window]
     tissue = yield from stages.run(finding, _tissue_steps(volume, window))
-    blocks = factors_of(tissue.shape, volume.spacing)
-    coarse = yield from stages.run(competing, _coarse_steps(tissue, permitted, near, volume, blocks, hu_per_mm, max_mm))
+    factors = factors_of(tissue.shape, volume.spacing)
+    z, y, x = (side * factor for side, factor in zip(reversed(volume.spacing), factors, strict=True))
+    means = yield from _smoothed_steps(block_means(tissue, factors), (z, y, x), NOISE_MM)
+    smooth = yield from _smoothed_steps(means, (z, y, x), SIGMA_MM)
+    ground = Ground(smooth, heights_of(smooth, hu_per_mm), (z, y, x))
+    blocks = [(_block_of(click.sample, factors), click.structure) for click in near]
+    reachable = None if permitted is None else blocks_any(permitted, factors)
+    # Times begin at the border of a ball around the middle of a block, and the click may be at the block's corner.
+    corner_mm = math.hypot(*(side * (1 - 1 / factor) / 2 for side, factor in zip((z, y, x), factors, strict=True)))
+    reach_mm = max(max_mm - corner_mm, max_mm / 10)
+    claims = yield from stages.run(competing, _claims_steps(ground, blocks, reachable, reach_mm))
+    borders = yield from stages.run(bordering, _borders_steps(claims, means, (z, y, x), blocks))
     labels = np.zeros(volume.shape, np.uint8)
-    labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, coarse))
+    labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, borders, factors))
     for click in clicks:
         labels[click.sample] = click.structure
     return labels
-
-
-def factors_of(shape: Sequence[int], spacing_mm: Spacing) -> Factors:
-    """Return how many voxels along z, y and x are one block: shorter sides first, until there are few enough blocks.
-
-    Examples
-    --------
-    >>> factors_of((256, 256, 256), (0.8, 0.8, 0.8)), factors_of((64, 64, 64), (3.0, 3.0, 3.0))
-    ((3, 3, 3), (1, 1, 1))
-    """
-    factors, sides = [1, 1, 1], list(reversed(spacing_mm))
-
-    def blocks() -> int:
-        return math.prod(-(-count // factor) for count, factor in zip(shape, factors, strict=True))
-
-    while True:
-        lengths = [side * factor for side, factor in zip(sides, factors, strict=True)]
-        shortest = min(lengths)
-        if shortest >= COARSE_MM and blocks() <= MOST_COARSE:
-            return factors[0], factors[1], factors[2]
-        for axis, length in enumerate(lengths):
-            if length < shortest * 1.01:
-                factors[axis] += 1
 
 
 def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
@@ -165,54 +148,42 @@ def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
     return tissue
 
 
-def _coarse_steps(
-    tissue: Floats,
-    permitted: Mask | None,
-    clicks: Sequence[Click],
-    volume: Volume,
-    blocks: Factors,
-    hu_per_mm: float,
-    max_mm: float,
-) -> Steps[Coarse]:
-    """Let the clicks compete on blocks of voxels."""
-    x, y, z = (side * factor for side, factor in zip(volume.spacing, reversed(blocks), strict=True))
-    means = block_means(tissue, blocks)
-    for axis, side in enumerate((z, y, x)):
-        means = convolved(means, weights(SIGMA_MM / side), axis)
-        yield Step(0.05 * (axis + 1))
-    heights = heights_of(means, hu_per_mm)
-    times = np.full(means.shape, NEVER, np.uint32)
-    balls = []
-    for number, click in enumerate(clicks):
-        cell = tuple(at // factor for at, factor in zip(click.sample, blocks, strict=True))
-        near, away_mm = _ball(means.shape, cell, (z, y, x))
-        alike = np.abs(heights[near] - heights[cell]) <= cost_of(ALIKE_MM)
-        own = alike & (away_mm <= BALL_MM * (1 + 1e-6))
-        times[near][own] = number
-        balls.append(int((away_mm <= BALL_MM * (1 + 1e-6)).sum()))
-    if permitted is not None:
-        heights[~blocks_any(permitted, blocks)] += BLOCKED
-    times = yield from equal_part(sweep_steps(times, heights, (x, y, z)), 1, 2)
-    structures = np.array([click.structure for click in clicks], np.uint8)
-    smallest = [SMALLEST * ball for ball in balls]
-    # Times begin at the border of a ball around the middle of a block, and the click may be at the block's corner.
-    corner_mm = math.hypot(*(side * (1 - 1 / factor) / 2 for side, factor in zip((z, y, x), blocks, strict=True)))
-    longest = cost_of(max(max_mm - BALL_MM - corner_mm, max_mm / 10))
-    cuts = sharpest_cuts(times, means, structures, smallest, longest, FAR_SHARE)
-    return Coarse(times, heights, structures, cuts, blocks, volume.spacing, hu_per_mm)
+def _smoothed_steps(values: Floats, sides_mm: Sides, sigma_mm: float) -> Steps[Floats]:
+    for axis, side in enumerate(sides_mm):
+        values = convolved(values, weights(sigma_mm / side), axis)
+        yield PAUSE
+    return values
 
 
-def _ball(
-    shape: Sequence[int], center: Sequence[int], sides_mm: Sequence[float]
-) -> tuple[tuple[slice, ...], NDArray[np.float64]]:
-    """Return the window that a click's ball lies in, and how far its samples are from the middle, mm."""
-    window, squares = [], []
-    for count, at, side in zip(shape, center, sides_mm, strict=True):
-        reach = math.ceil(BALL_MM / side)
-        window.append(slice(max(0, at - reach), min(count, at + reach + 1)))
-        squares.append(((np.arange(window[-1].start, window[-1].stop) - at) * side) ** 2)
-    z, y, x = squares
-    return tuple(window), np.sqrt(z[:, None, None] + y[:, None] + x)
+def _claims_steps(
+    ground: Ground, clicks: Sequence[tuple[Sample, int]], reachable: Mask | None, max_mm: float
+) -> Steps[Claims]:
+    """Let the clicks claim blocks, one after the other."""
+    if reachable is not None:
+        ground.heights[~reachable] += BLOCKED
+    claims = no_claims(ground.values.shape)
+    for number, (block, structure) in enumerate(clicks):
+        yield from equal_part(claim_steps(claims, ground, block, structure, max_mm), number, len(clicks))
+    return claims
+
+
+def _borders_steps(
+    claims: Claims, means: Floats, sides_mm: Sides, clicks: Sequence[tuple[Sample, int]]
+) -> Steps[dict[int, Border]]:
+    """Find the border of every structure."""
+    borders = {}
+    structures = sorted({structure for _, structure in clicks if structure})
+    for number, structure in enumerate(structures):
+        work = border_steps(claims, means, sides_mm, clicks, structure)
+        border = yield from equal_part(work, number, len(structures))
+        if border is not None:
+            borders[structure] = border
+    return borders
+
+
+def _block_of(sample: Sample, factors: Factors) -> Sample:
+    z, y, x = (at // factor for at, factor in zip(sample, factors, strict=True))
+    return z, y, x
 
 
 def _is_in(sample: Sample, window: Window) -> bool:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Geodesic times from clicks by sweeps over planes, and which click is the nearest, in one array of integers.
+"""Geodesic times from a click by sweeps over planes.
 
-A time counts millimeters and differences of values. It is a uint32: the number of the click in the lowest 8 bits,
-1/32 mm above them, so the lower of two times brings its click along, a tie goes to the earlier click, and the bytes
-are the same everywhere. A sweep hands times from plane to plane, to the sample straight ahead and the four beside it;
-six sweeps, one along each direction, are a round (after Criminisi et al. 2008, doi:10.1007/978-3-540-88682-2_9).
+A time counts millimeters and differences of values. It is a whole number of 1/32 mm, so the bytes are the same
+everywhere. A sweep hands times from plane to plane, to the sample straight ahead and the four beside it; six sweeps,
+one along each direction, are a round (after Criminisi et al. 2008, doi:10.1007/978-3-540-88682-2_9).
 """
 
 from __future__ import annotations
@@ -19,10 +18,9 @@ from ..distance import Spacing
 
 Times = NDArray[np.uint32]
 Heights = NDArray[np.int32]
-OWNER_BITS = 8
 UNIT = 32  # steps of time in a millimeter
-NEVER = 1 << 31
-BLOCKED = 1 << 29  # a step up or down that no time is left after; a difference of heights
+NEVER = 1 << 30
+BLOCKED = 1 << 28  # a step up or down that no time is left after; a difference of heights
 ROUNDS = 3
 
 
@@ -32,15 +30,14 @@ def cost_of(mm: float) -> int:
     Examples
     --------
     >>> cost_of(0.5)
-    4096
+    16
     """
-    return round(mm * UNIT) << OWNER_BITS
+    return round(mm * UNIT)
 
 
 def heights_of(values: NDArray[np.float32], units_per_mm: float) -> Heights:
     """Return values as integers whose differences are differences of times; so many units of them are a millimeter."""
-    scaled = np.rint(values * np.float32(UNIT / units_per_mm)).astype(np.int32)
-    return scaled << OWNER_BITS
+    return np.rint(values * np.float32(UNIT / units_per_mm)).astype(np.int32)
 
 
 def sweep_steps(times: Times, heights: Heights, spacing_mm: Spacing, rounds: int = ROUNDS) -> Steps[Times]:
@@ -49,7 +46,7 @@ def sweep_steps(times: Times, heights: Heights, spacing_mm: Spacing, rounds: int
     Parameters
     ----------
     times : (slices, rows, columns) uint32
-        The clicks' numbers where time begins, `NEVER` elsewhere.
+        0 where time begins, `NEVER` elsewhere.
     heights : (slices, rows, columns) int32
         As of `heights_of`; `BLOCKED` is added where no way leads through.
     spacing_mm : (x, y, z) float

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clicks claim blocks of voxels, one after the other.
+
+A block belongs to the click from which it is nearest by time. A click in a structure claims up to the time at which the
+cut is sharpest: where the difference of values across the border of what it has, on average over the border, is the
+largest (after Hojjatoleslami and Kittler 1998, doi:10.1109/83.701170). A later click corrects what the earlier ones
+came to, so it reaches only a few times as far as it lies from what is right: a click beside the border changes the
+border there, and no click undoes what another has done elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...progress import Steps
+from ..distance import Mask
+from ..points import Sample, sample_in, window_around
+from .geodesic import NEVER, Heights, Times, cost_of, sweep_steps
+
+Floats = NDArray[np.float32]
+Sides = tuple[float, float, float]
+BINS = 128  # of times, for the sharpest cut
+FAR_SHARE = 0.4  # of the sharpness that is taken off at the longest time, so that a near cut wins over a leak
+BALL_MM = 3.0  # around a click what is like it belongs to it
+ALIKE_MM = 20.0  # of time by difference alone
+SMALLEST = 3  # times the ball of a click, against noise
+REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right
+
+
+class Ground(NamedTuple):
+    """What times are counted on.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns) float32
+        Smoothed means of blocks.
+    heights : (slices, rows, columns) int32
+        As of `geodesic.heights_of`.
+    sides_mm : (z, y, x) float
+        Of a block.
+    """
+
+    values: Floats
+    heights: Heights
+    sides_mm: Sides
+
+
+class Claims(NamedTuple):
+    """What clicks have claimed of a grid of blocks.
+
+    Parameters
+    ----------
+    labels : (slices, rows, columns) uint8
+        Numbers of structures; 0 for the surroundings and for what no click has claimed.
+    times : (slices, rows, columns) uint32
+        From the click that has claimed a block, `NEVER` where none has.
+    left : (slices, rows, columns) int32
+        Time that was left to the click that has claimed a block; below 0 where no click has, by how much it is missed.
+    reached : (slices, rows, columns) bool
+        Near enough to a click in a structure to belong to it.
+    """
+
+    labels: NDArray[np.uint8]
+    times: Times
+    left: NDArray[np.int32]
+    reached: Mask
+
+
+def no_claims(shape: tuple[int, ...]) -> Claims:
+    """Return a grid of which nothing is claimed."""
+    left = np.full(shape, -NEVER, np.int32)
+    return Claims(np.zeros(shape, np.uint8), np.full(shape, NEVER, np.uint32), left, np.zeros(shape, bool))
+
+
+def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, max_mm: float) -> Steps[None]:
+    """Let a click in a block claim what is around it, in place.
+
+    Parameters
+    ----------
+    claims : Claims
+    ground : Ground
+    block : (slice, row, column) int
+    structure : int
+        0 for the surroundings.
+    max_mm : float
+        Longest time of the first click in a structure.
+    """
+    reach_mm = _reach_mm(claims.labels, block, structure, ground.sides_mm, max_mm)
+    if reach_mm == 0:
+        return
+    z, y, x = ground.sides_mm
+    window = window_around([block], reach_mm, (x, y, z), claims.labels.shape)
+    own = Claims(*(array[window] for array in claims))
+    values, heights = ground.values[window], ground.heights[window]
+    ball, alike = ball_around(heights, sample_in(block, window), ground.sides_mm)
+    times = np.full(heights.shape, NEVER, np.uint32)
+    times[ball][alike] = 0
+    times = yield from sweep_steps(times, heights, (x, y, z))
+    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10))
+    nearer = times < own.times
+    cut = longest
+    if structure:
+        competing = np.where(nearer, times, np.uint32(NEVER))
+        cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest)
+        own.reached[...] |= times < longest
+    left = np.int32(cut) - times.astype(np.int32)
+    claimed = nearer & (left > 0)
+    if structure:
+        missed = (own.times == NEVER) & ~claimed
+        own.left[missed] = np.maximum(own.left[missed], left[missed])
+    own.labels[claimed] = structure
+    own.times[claimed] = times[claimed]
+    own.left[claimed] = left[claimed]
+
+
+def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm: Sides, max_mm: float) -> float:
+    """Return how far a click reaches; 0 where nothing is to be corrected."""
+    right = labels == structure
+    if structure and not right.any():
+        return max_mm
+    if right[block]:
+        return 0.0
+    z, y, x = ((at - here) * side for at, here, side in zip(np.nonzero(right), block, sides_mm, strict=True))
+    away_mm = math.sqrt(float((z * z + y * y + x * x).min())) if z.size else max_mm
+    return min(max_mm, REACH_MM + REACH * away_mm)
+
+
+def ball_around(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[tuple[slice, ...], Mask]:
+    """Return the window of a click's ball, and which blocks in it are in the ball and like the click's own."""
+    window, squares = [], []
+    for count, at, side in zip(heights.shape, block, sides_mm, strict=True):
+        reach = math.ceil(BALL_MM / side)
+        window.append(slice(max(0, at - reach), min(count, at + reach + 1)))
+        squares.append(((np.arange(window[-1].start, window[-1].stop) - at) * side) ** 2)
+    z, y, x = squares
+    inside = z[:, None, None] + y[:, None] + x <= BALL_MM * BALL_MM * (1 + 1e-6)
+    return tuple(window), inside & (np.abs(heights[tuple(window)] - heights[block]) <= cost_of(ALIKE_MM))
+
+
+def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longest: int) -> int:
+    """Return the time to cut off at: where values differ most across the border of what is inside, on average.
+
+    A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts
+    are compared in one look at the pairs.
+
+    Parameters
+    ----------
+    times : (slices, rows, columns) uint32
+        `NEVER` where another click is nearer.
+    values : (slices, rows, columns) float32
+    same : (slices, rows, columns) bool
+        What is the structure's already; a border with it does not count.
+    smallest : int
+        Blocks that are inside at least.
+    longest : int
+        The longest time.
+    """
+    flat, level, other_clicks = times.ravel(), values.ravel(), same.ravel()
+    inside = np.flatnonzero(flat < longest)
+    bins = _bins(flat[inside], longest)
+    sums, pairs = np.zeros(BINS + 1), np.zeros(BINS + 1, np.int64)
+    place = np.unravel_index(inside, times.shape)
+    for axis, pitch in enumerate((times.shape[1] * times.shape[2], times.shape[2], 1)):
+        for step in (-1, 1):
+            at = np.flatnonzero((place[axis] + step >= 0) & (place[axis] + step < times.shape[axis]))
+            other = inside[at] + step * pitch
+            later = _bins(flat[other], longest)
+            counts = (later > bins[at]) & ~other_clicks[other]
+            at, other, later = at[counts], other[counts], later[counts]
+            difference = np.abs(level[inside[at]] - level[other])
+            for ends, sign in ((bins[at], 1), (later, -1)):
+                sums += sign * np.bincount(ends, difference, BINS + 1)
+                pairs += sign * np.bincount(ends, minlength=BINS + 1)
+    sharpness = (np.cumsum(sums) / np.maximum(np.cumsum(pairs), 1))[:BINS] * (1 - FAR_SHARE * np.arange(BINS) / BINS)
+    sharpness[np.cumsum(np.bincount(bins, minlength=BINS))[:BINS] < smallest] = 0
+    # A click without any pair, alone in a grid of one value, has what it reaches.
+    best = int(sharpness.argmax()) if sharpness.max() > 0 else BINS - 1
+    return (best + 1) * max(1, longest // BINS)
+
+
+def _bins(times: Times, longest: int) -> NDArray[np.int64]:
+    return np.minimum(times // np.uint32(max(1, longest // BINS)), BINS).astype(np.int64)
