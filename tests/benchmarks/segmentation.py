@@ -6,8 +6,8 @@
 A simulated user clicks the most interior voxel of the largest error, in the structure where voxels are missing and in
 its surroundings where there are too many, and again. Cases are phantoms, and patients below CTMC_TEST_CT (by default
 shared/data beside the checkout) where they are. Peers see a box around the truth alone, ours the whole CT; FastMarching
-stops at the time that is best for the truth, which no user knows. Slicer's grow-from-seeds is in no package and is not
-compared.
+stops at the time that is best for the truth, which no user knows. 3D Slicer's grow-from-seeds is in no package; GrowCut
+here is its shortest paths, by SciPy.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ORGANS = {"spleen": 1, "kidney": 2, "gallbladder": 4, "liver": 5, "vertebra": 28
           "portal vein": 64}  # fmt: skip
 ROOM_MM = 30.0  # around the truth, that peers see
 GOAL = 0.8
-SHOWN = (1, 3, 6, 10)
+SHOWN = (1, 2, 4, 6, 10, 12)
 
 
 class Case(NamedTuple):
@@ -160,12 +160,44 @@ def random_walker(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) 
     return found == 1
 
 
+def grow_cut(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
+    """3D Slicer's grow-from-seeds, by SciPy: least sums of differences over 26 neighbors, the border as surroundings.
+
+    Zhu, Kolesov, Gao, Kikinis and Tannenbaum 2014, An effective interactive medical image segmentation method using
+    fast GrowCut; as Slicer's vtkImageGrowCut with its default seed locality, 0.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    numbers = np.pad(np.arange(smooth.size, dtype=np.int32).reshape(smooth.shape), 1, constant_values=-1)
+    ends = []
+    for step in [step for step in np.ndindex(3, 3, 3) if step > (1, 1, 1)]:
+        ahead = numbers[tuple(slice(at, at + count) for at, count in zip(step, smooth.shape, strict=True))].ravel()
+        ends.append((np.flatnonzero(ahead >= 0).astype(np.int32), ahead[ahead >= 0]))
+    first, second = (np.concatenate(each) for each in zip(*ends, strict=True))
+    values = smooth.ravel()
+    differences = np.abs(values[first] - values[second]) + np.float32(
+        1e-3
+    )  # SciPy takes no difference for no neighbors
+    both = np.concatenate([first, second]), np.concatenate([second, first])
+    graph = coo_array((np.tile(differences, 2), both), (smooth.size, smooth.size)).tocsr()
+    inside = np.zeros(smooth.shape, bool)
+    seeds = np.ones(smooth.shape, bool)
+    seeds[1:-1, 1:-1, 1:-1] = False
+    for click in clicks:
+        seeds[click.sample], inside[click.sample] = True, bool(click.structure)
+    nearest = dijkstra(graph, indices=np.flatnonzero(seeds), min_only=True, return_predecessors=True)[2]
+    found: Mask = inside.ravel()[nearest].reshape(smooth.shape)
+    return found
+
+
 OURS: dict[str, Method] = {"compete": compete, "connected": connected}
 PEERS: dict[str, Method] = {
     "ConnectedThreshold": connected_threshold,
     "ConfidenceConnected": confidence_connected,
     "FastMarching": fast_marching,
     "random_walker": random_walker,
+    "GrowCut": grow_cut,
 }
 
 
@@ -189,7 +221,7 @@ def boxed(case: Case) -> Case:
 
 
 def session(case: Case, method: Method, most: int) -> tuple[list[float], float]:
-    """Return the Dice after every click, and the seconds of the longest."""
+    """Return the Dice after every click, and the processor seconds of the longest."""
     drawn, clicks, scores, longest = np.zeros(case.truth.shape, bool), [], [], 0.0
     smooth = smoothed(case)
     for _ in range(most):
@@ -197,9 +229,9 @@ def session(case: Case, method: Method, most: int) -> tuple[list[float], float]:
         if click is None:
             break
         clicks.append(click)
-        start = time.perf_counter()
+        start = time.process_time()
         drawn = method(case, clicks, smooth)
-        longest = max(longest, time.perf_counter() - start)
+        longest = max(longest, time.process_time() - start)
         scores.append(dice(drawn, case.truth))
     return scores, longest
 
@@ -274,14 +306,14 @@ def main() -> None:
     known = cases()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", help=f"some of: {', '.join(known)}")
-    parser.add_argument("--clicks", type=int, default=10)
+    parser.add_argument("--clicks", type=int, default=12)
     parser.add_argument("--without", action="append", default=[], choices=[*OURS, *PEERS])
     args = parser.parse_args()
     for name in args.cases or known:
         case = known[name]()
         small = boxed(case)
         print(f"\n{name}: {np.count_nonzero(case.truth)} voxels of {case.truth.size}, Dice after clicks")
-        print(f"{'':24s}{''.join(f'{number:>7d}' for number in SHOWN)}{'best':>7s}   clicks to {GOAL}   s, longest")
+        print(f"{'':24s}{''.join(f'{number:>7d}' for number in SHOWN)}{'best':>7s}   clicks to {GOAL}  cpu s, longest")
         reached: dict[str, tuple[float, float, float]] = {}
         for title, method in {**OURS, **PEERS}.items():
             if title in args.without:

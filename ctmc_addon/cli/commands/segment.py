@@ -67,15 +67,13 @@ class Request:
 
     Parameters
     ----------
-    seeds : mapping of str to list of (x, y, z)
-        RAS+ mm, by structure.
-    surroundings : list of (x, y, z)
+    points : list of (str, (x, y, z))
+        Structure, empty for the surroundings, and RAS+ mm, as given.
     margins : mapping of str to float
         Millimeters, by structure.
     """
 
-    seeds: Mapping[str, list[tuple[float, ...]]]
-    surroundings: list[tuple[float, ...]]
+    points: list[tuple[str, tuple[float, ...]]]
     margins: Mapping[str, float]
     method: str
     limits: tuple[float, float] | None
@@ -104,10 +102,11 @@ def add_parser(commands: Any) -> None:
         help="let a DICOM segmentation (.dcm) carry the patient's name, birth date and ID, as DICOM asks for",
     )  # fmt: skip
     parser.add_argument(
-        "--seed", action="append", nargs=4, default=[], metavar=("NAME", "X", "Y", "Z"), help="a point in a structure"
-    )
+        "--seed", action="append", dest="points", nargs=4, default=[], metavar=("NAME", "X", "Y", "Z"),
+        help="a point in a structure; with --method compete a later point corrects what earlier ones gave",
+    )  # fmt: skip
     parser.add_argument(
-        "--background", action="append", nargs=3, default=[], metavar=("X", "Y", "Z"),
+        "--background", action="append", dest="points", nargs=3, default=[], metavar=("X", "Y", "Z"),
         help="a point that belongs to no structure; closes a leak",
     )  # fmt: skip
     parser.add_argument("--range", nargs=2, metavar=("LOW", "HIGH"), help="only values between these two")
@@ -192,20 +191,23 @@ def check_identity(as_dicom: bool, with_identity: bool) -> None:
 
 def request_of(args: argparse.Namespace) -> Request:
     """Return what the flags ask for; a `UsageError` where they contradict each other."""
-    seeds: dict[str, list[tuple[float, ...]]] = {}
-    for name, *point in args.seed:
-        called = printable(name)
+    points: list[tuple[str, tuple[float, ...]]] = []
+    for words in args.points:
+        if len(words) == 3:
+            points.append(("", numbers_of("--background", words)))
+            continue
+        called = printable(words[0])
         if not called:
             raise UsageError("--seed begins with the structure's name: --seed liver -40 20 95")
-        seeds.setdefault(called, []).append(numbers_of("--seed", point))
-    surroundings = [numbers_of("--background", point) for point in args.background]
+        points.append((called, numbers_of("--seed", words[1:])))
+    seeds = [name for name, _ in points if name]
     margins = {printable(name): numbers_of("--margin", [mm])[0] for name, mm in args.margin}
     limits = None if args.range is None else numbers_of("--range", args.range)
     if not seeds and not (args.labels and margins):
         raise UsageError("give a point, --seed NAME X Y Z, or --from labels and a --margin")
     if args.method == "connected" and seeds and limits is None:
         raise UsageError("--method connected needs --range LOW HIGH: what hangs together in it is taken")
-    if args.method == "connected" and surroundings:
+    if args.method == "connected" and len(seeds) < len(points):
         raise UsageError("--background is for --method compete; with connected choose --opening-mm or a --range")
     if args.method == "compete" and args.opening_mm is not None:
         raise UsageError("--opening-mm is for --method connected; with compete close a leak by --background X Y Z")
@@ -216,7 +218,7 @@ def request_of(args: argparse.Namespace) -> Request:
     hu_per_mm = DEFAULT_HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
     region, unit = getattr(args, "region", None), getattr(args, "region_unit", "voxel")
     given = None if limits is None else (limits[0], limits[1])
-    return Request(seeds, surroundings, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
+    return Request(points, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
 
 
 def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
@@ -232,26 +234,25 @@ def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
 
 def segmented_steps(ct: Volume, request: Request) -> Steps[Masks]:
     """Make the structures of the seeds, each a mask of the whole CT."""
-    if not request.seeds:
+    names = list(dict.fromkeys(name for name, _ in request.points if name))
+    if not names:
         return {}
     box = box_of(ct, request.region, request.region_unit)
     part = ct.part(box)
-    own = {name: [sample_at(part, point) for point in points] for name, points in request.seeds.items()}
+    samples = [(name, sample_at(part, point)) for name, point in request.points]
     allowed = None
     if request.limits is not None:
         allowed = yield from range_mask_steps(part, *request.limits)
     x, y, z = (slice(*side) for side in box)
-    masks = {name: np.zeros(ct.shape, bool) for name in own}
+    masks = {name: np.zeros(ct.shape, bool) for name in names}
     if request.method == "connected":
         assert allowed is not None
         max_mm = math.inf if request.max_mm is None else request.max_mm
-        for name, samples in own.items():
-            masks[name][z, y, x] = yield from connected_steps(
-                allowed, samples, part.spacing, max_mm, request.opening_mm
-            )
+        for name, mask in masks.items():
+            own = [sample for called, sample in samples if called == name]
+            mask[z, y, x] = yield from connected_steps(allowed, own, part.spacing, max_mm, request.opening_mm)
         return masks
-    clicks = [Click(sample, number) for number, samples in enumerate(own.values(), 1) for sample in samples]
-    clicks += [Click(sample_at(part, point), 0) for point in request.surroundings]
+    clicks = [Click(sample, names.index(name) + 1 if name else 0) for name, sample in samples]
     reach_mm = DEFAULT_MAX_MM if request.max_mm is None else request.max_mm
     labels = yield from compete_steps(part, clicks, allowed, request.hu_per_mm, reach_mm)
     for number, mask in enumerate(masks.values(), 1):

@@ -13,19 +13,20 @@ import pytest
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
 from ctmc_addon.core.segmentation.competition.blocks import factors_of
+from ctmc_addon.core.segmentation.competition.border import _least_steps
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "ts_nifti"
 
 
-def dijkstra(starts: dict[tuple[int, int, int], int], heights: np.ndarray, spacing: tuple[float, float, float]):
-    """Least times, with the click's number in the lowest bits; neighbors are the 18 by faces and edges."""
+def dijkstra(starts: list[tuple[int, int, int]], heights: np.ndarray, spacing: tuple[float, float, float]):
+    """Least times; neighbors are the 18 by faces and edges."""
     side = np.array(spacing[::-1])
     steps = [step for step in product((-1, 0, 1), repeat=3) if 0 < sum(map(abs, step)) < 3]
     times = np.full(heights.shape, NEVER, np.int64)
-    queue = [(number, at) for at, number in starts.items()]
-    for number, at in queue:
-        times[at] = number
+    queue = [(0, at) for at in starts]
+    for _, at in queue:
+        times[at] = 0
     heapq.heapify(queue)
     while queue:
         time, at = heapq.heappop(queue)
@@ -47,11 +48,11 @@ def test_sweeps_find_the_least_times(seed):
     random = np.random.default_rng(seed)
     heights = heights_of(random.normal(0, 20, (5, 7, 8)).astype(np.float32), 2.0)
     heights[random.random(heights.shape) < 0.2] += BLOCKED
-    starts = {(1, 2, 3): 0, (4, 6, 7): 1, (0, 0, 7): 2}
+    starts = [(1, 2, 3), (4, 6, 7), (0, 0, 7)]
     times = np.full(heights.shape, NEVER, np.uint32)
-    for at, number in starts.items():
+    for at in starts:
         heights[at] &= BLOCKED - 1
-        times[at] = number
+        times[at] = 0
     swept = finish(sweep_steps(times, heights, (0.8, 1.1, 2.0), rounds=20))
     assert (swept == dijkstra(starts, heights, (0.8, 1.1, 2.0))).all()
 
@@ -104,6 +105,38 @@ def test_a_click_in_the_surroundings_closes_a_leak():
     assert labels[12, 20, 46] == 0
     assert labels[12, 20, 22] == 1
     assert dice(labels == 1, first) > 0.85
+
+
+def test_a_correction_beside_the_border_stays_beside_the_border():
+    """The second click lies in the last voxel of a ball, where it sees as much of the shell around the ball."""
+    spacing, center = (1.5, 1.5, 1.5), (30.0, 30.0, 30.0)
+    inside = body((41, 41, 41), spacing, center, 12.0)
+    shell = body(inside.shape, spacing, center, 26.0) & ~inside
+    volume = scan(inside, spacing, noise=6.0)
+    volume = Volume(volume.values + np.int16(20) * shell, volume.affine, kind="HU")
+    clicks = [Click((20, 20, 20), 1), Click((20, 20, 28), 1)]
+    for number in (1, 2):
+        assert dice(finish(compete_steps(volume, clicks[:number])) == 1, inside) > 0.98
+
+
+def price_of(inside: np.ndarray, gain: np.ndarray, prices: np.ndarray, sides: tuple[float, float, float]) -> float:
+    total = -float(gain[inside].sum())
+    for axis, side in enumerate(sides):
+        differs = np.diff(inside.astype(int), axis=axis) != 0
+        total += min(sides) / side * float(prices[(slice(None),) * axis + (slice(None, -1),)][differs].sum())
+    return total
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_border_is_the_cheapest_of_all(seed):
+    random = np.random.default_rng(seed)
+    shape, sides = (2, 2, 2), (2.0, 1.0, 1.0)
+    gain = random.normal(0, 1, shape).astype(np.float32)
+    prices = random.uniform(0.2, 1.5, shape).astype(np.float32)
+    found = finish(_least_steps(gain, prices, np.zeros(shape, np.int8), sides)) > 0.5
+    every = [np.array(choice).reshape(shape) for choice in product((False, True), repeat=gain.size)]
+    cheapest = min(price_of(inside, gain, prices, sides) for inside in every)
+    assert price_of(found, gain, prices, sides) == pytest.approx(cheapest, abs=1e-4)
 
 
 def test_nothing_is_outside_of_the_range_or_farther_than_allowed():

@@ -93,9 +93,9 @@ def drawn_steps(
         )
         shape = tuple(side.stop - side.start for side in window)
         inside = border.share > 0.5
-        share = _repeated(border.share if best is not None else inside.astype(np.float32), factors, shape)
+        share = _repeated(border.share, factors, shape)
         if factors != (1, 1, 1):
-            near = _repeated(_bordering(inside), factors, shape)
+            near = _repeated(_bordering(inside).astype(np.float32), factors, shape)
             layers = max(1, VOXELS_PER_STEP // (shape[1] * shape[2]))
             for low in range(0, shape[0], layers):
                 at = np.nonzero(near[low : low + layers])
@@ -114,7 +114,7 @@ def drawn_steps(
     return drawn
 
 
-def _repeated(values: NDArray, factors: Factors, shape: tuple[int, ...]) -> NDArray:
+def _repeated(values: Floats, factors: Factors, shape: tuple[int, ...]) -> Floats:
     for axis, factor in enumerate(factors):
         if factor > 1:
             values = np.repeat(values, factor, axis=axis)
@@ -139,6 +139,8 @@ def _mean_around(tissue: Floats, at: tuple[NDArray[np.intp], ...]) -> Floats:
     """Return the mean of the 27 voxels around each, where noise is smaller."""
     total = np.zeros(len(at[0]), np.float32)
     for step in np.ndindex(3, 3, 3):
-        place = (np.clip(index + move - 1, 0, size - 1) for index, move, size in zip(at, step, tissue.shape, strict=True))
+        place = (
+            np.clip(index + move - 1, 0, size - 1) for index, move, size in zip(at, step, tissue.shape, strict=True)
+        )
         total += tissue[tuple(place)]
     return total / np.float32(27)

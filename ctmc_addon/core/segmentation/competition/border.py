@@ -31,7 +31,7 @@ BLUR = 8.0  # of the histograms, units of the values
 CLICKED = 0.3  # share of the clicked values in a histogram; what is claimed is the rest
 RAREST = 1e-4
 SUREST = 3.0  # the largest log of a ratio
-CLAIM, CLAIM_MM = 2.1, 6.0  # cost of the other side of a claim, in full so many mm of time from its border
+CLAIM, CLAIM_MM = 1.2, 6.0  # cost of the other side of a claim, in full so many mm of time from its border
 EDGE = 20.0  # units of the values by block: a change that makes the border cheap
 CHEAPEST = 0.1
 ROUNDS = 40
@@ -78,7 +78,7 @@ def border_steps(
     if window is None:
         return None
     window = grown_window(window, AROUND_MM, (x, y, z), values.shape)
-    labels, times, left, reached = (array[window] for array in claims)
+    labels, times, left, reached = claims.part(window)
     near = values[window]
     inside = labels == structure
     around = yield from equal_part(near_steps(inside, (x, y, z), AROUND_MM), 0, 4)
@@ -187,4 +187,3 @@ def drawn_shares(border: Border, at: tuple[NDArray[np.intp], ...], factors: Sequ
 def value_ratios(border: Border, values: Floats) -> Floats:
     """Return the log of structure to surroundings of some values."""
     return border.ratios[_bins(values, border.lowest)]
-

@@ -5,7 +5,8 @@ A block belongs to the click from which it is nearest by time. A click in a stru
 cut is sharpest: where the difference of values across the border of what it has, on average over the border, is the
 largest (after Hojjatoleslami and Kittler 1998, doi:10.1109/83.701170). A later click corrects what the earlier ones
 came to, so it reaches only a few times as far as it lies from what is right: a click beside the border changes the
-border there, and no click undoes what another has done elsewhere.
+border there, and no click undoes what another has done elsewhere. Nor does it lead through values that are unlike those
+of the structure and its own.
 """
 
 from __future__ import annotations
@@ -17,18 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import Steps
-from ..distance import Mask
+from ..distance import Mask, Window
 from ..points import Sample, sample_in, window_around
-from .geodesic import NEVER, Heights, Times, cost_of, sweep_steps
+from .geodesic import BLOCKED, NEVER, Heights, Times, cost_of, sweep_steps
 
 Floats = NDArray[np.float32]
 Sides = tuple[float, float, float]
 BINS = 128  # of times, for the sharpest cut
-FAR_SHARE = 0.4  # of the sharpness that is taken off at the longest time, so that a near cut wins over a leak
+# Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
+FAR, FAR_CORRECTION = 0.4, 0.6
 BALL_MM = 3.0  # around a click what is like it belongs to it
 ALIKE_MM = 20.0  # of time by difference alone
 SMALLEST = 3  # times the ball of a click, against noise
 REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right
+LIKE = 30.0  # units of values by which what a correction adds may differ from what is known
+RARE = 0.02  # share of the structure's values, at either end, that it is not known by
 
 
 class Ground(NamedTuple):
@@ -69,6 +73,10 @@ class Claims(NamedTuple):
     left: NDArray[np.int32]
     reached: Mask
 
+    def part(self, window: Window) -> Claims:
+        """Return views of a window."""
+        return Claims(self.labels[window], self.times[window], self.left[window], self.reached[window])
+
 
 def no_claims(shape: tuple[int, ...]) -> Claims:
     """Return a grid of which nothing is claimed."""
@@ -94,9 +102,12 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
         return
     z, y, x = ground.sides_mm
     window = window_around([block], reach_mm, (x, y, z), claims.labels.shape)
-    own = Claims(*(array[window] for array in claims))
+    own = claims.part(window)
     values, heights = ground.values[window], ground.heights[window]
-    ball, alike = ball_around(heights, sample_in(block, window), ground.sides_mm)
+    ball, alike = _ball(heights, sample_in(block, window), ground.sides_mm)
+    known = ground.values[claims.labels == structure] if structure else values[:0]
+    if known.size:
+        heights = heights + np.where(_is_like(values, known, values[ball][alike]), 0, np.int32(BLOCKED))
     times = np.full(heights.shape, NEVER, np.uint32)
     times[ball][alike] = 0
     times = yield from sweep_steps(times, heights, (x, y, z))
@@ -105,7 +116,8 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     cut = longest
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
-        cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest)
+        far = FAR_CORRECTION if known.size else FAR
+        cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
         own.reached[...] |= times < longest
     left = np.int32(cut) - times.astype(np.int32)
     claimed = nearer & (left > 0)
@@ -129,7 +141,15 @@ def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm
     return min(max_mm, REACH_MM + REACH * away_mm)
 
 
-def ball_around(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[tuple[slice, ...], Mask]:
+def _is_like(values: Floats, known: Floats, clicked: Floats) -> Mask:
+    """Return which values lie near those that a structure has, or near those of a click."""
+    rare = int(known.size * RARE)
+    low, high = np.partition(known, (rare, known.size - 1 - rare))[[rare, known.size - 1 - rare]].tolist()
+    low, high = min(low, float(clicked.min())) - LIKE, max(high, float(clicked.max())) + LIKE
+    return (values >= low) & (values <= high)
+
+
+def _ball(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[tuple[slice, ...], Mask]:
     """Return the window of a click's ball, and which blocks in it are in the ball and like the click's own."""
     window, squares = [], []
     for count, at, side in zip(heights.shape, block, sides_mm, strict=True):
@@ -141,7 +161,7 @@ def ball_around(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[tuple
     return tuple(window), inside & (np.abs(heights[tuple(window)] - heights[block]) <= cost_of(ALIKE_MM))
 
 
-def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longest: int) -> int:
+def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longest: int, far: float) -> int:
     """Return the time to cut off at: where values differ most across the border of what is inside, on average.
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts
@@ -158,6 +178,8 @@ def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longes
         Blocks that are inside at least.
     longest : int
         The longest time.
+    far : float
+        Share of the mean difference that is taken off at the longest time, and in proportion before.
     """
     flat, level, other_clicks = times.ravel(), values.ravel(), same.ravel()
     inside = np.flatnonzero(flat < longest)
@@ -175,7 +197,7 @@ def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longes
             for ends, sign in ((bins[at], 1), (later, -1)):
                 sums += sign * np.bincount(ends, difference, BINS + 1)
                 pairs += sign * np.bincount(ends, minlength=BINS + 1)
-    sharpness = (np.cumsum(sums) / np.maximum(np.cumsum(pairs), 1))[:BINS] * (1 - FAR_SHARE * np.arange(BINS) / BINS)
+    sharpness = (np.cumsum(sums) / np.maximum(np.cumsum(pairs), 1))[:BINS] * (1 - far * np.arange(BINS) / BINS)
     sharpness[np.cumsum(np.bincount(bins, minlength=BINS))[:BINS] < smallest] = 0
     # A click without any pair, alone in a grid of one value, has what it reaches.
     best = int(sharpness.argmax()) if sharpness.max() > 0 else BINS - 1

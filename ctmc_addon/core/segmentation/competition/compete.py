@@ -65,11 +65,11 @@ def compete_steps(
     volume : Volume
         HU; other gray values are scaled so that 98 % of them lie within 120 HU.
     clicks : sequence of Click
-        At most 255.
+        At most 255, in their order: a later one corrects what the earlier ones come to.
     allowed : (slices, rows, columns) bool, optional
         Such as a range: other voxels belong to no structure.
     hu_per_mm : float
-        How many HU count as much as a millimeter; fewer make the border follow the values more closely.
+        How many HU count as much as a millimeter; fewer make a click claim only what is more like it.
     max_mm : float
         Longest time from a click; nothing farther from it as the crow flies belongs to a structure.
 

@@ -99,11 +99,12 @@ def test_what_was_drawn_is_there_when_the_file_is_opened_again(drawing, tmp_path
 
 
 def test_a_click_grows_to_the_border_and_keeps_strokes(drawing):
+    drawing.use_range, drawing.low, drawing.high = True, 100.0, 1000.0  # values fall evenly; their border is the range
     assert bpy.ops.ctmc.draw_grow(point_mm=middle()) == {"FINISHED"}
     inside = volumes.current(bpy.context.scene).values >= 100
     first = mask().copy()
     assert 2 * (first & inside).sum() / (first.sum() + inside.sum()) > 0.75
-    drawing.radius_mm, drawing.ball = 1.0, True
+    drawing.use_range, drawing.radius_mm, drawing.ball = False, 1.0, True
     corner = tuple(volume_box(volumes.current(bpy.context.scene))[0].tolist())
     stroke(corner)
     extra = mask() & ~first
