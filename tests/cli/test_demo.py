@@ -22,6 +22,7 @@ def demo():
 
 
 @pytest.mark.once
+@pytest.mark.usefixtures("small_pictures")
 def test_the_demo_leaves_its_files_and_tells_the_truth(demo, tmp_path, capfd):
     demo.demo(tmp_path / "out", slices=15, size=128)
     told, progress = capfd.readouterr()
