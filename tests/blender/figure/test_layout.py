@@ -308,7 +308,7 @@ def test_engines_without_a_display_are_refused_before_blender_aborts(thing, tmp_
 def test_other_engines_draw_edges_too(thing, tmp_path, engine):
     if not shaders.can_draw():
         pytest.skip("there is no EGL to draw with")
-    render([thing], tmp_path / "a.png", Page(60.0, 100.0), engine=engine)
+    render([thing], tmp_path / "a.png", Page(40.0, 72.0), engine=engine)
     red, green, blue = np.moveaxis(pixels(tmp_path / "a.png"), 2, 0)
     assert ((red > 0.3) & (green < 0.35 * red + 0.1) & (blue < 0.3)).mean() > 0.03
     assert ((red > 0.4) & (green > 0.6 * red) & (blue < 0.35)).mean() > 0.003
