@@ -3,6 +3,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import struct
 import subprocess
@@ -193,7 +194,8 @@ def test_a_folder_in_use_is_refused_without_resume_or_overwrite(refused, done, c
     assert written_at(done) == before
 
 
-def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done, cases):
+def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done, cases, tmp_path):
+    done, cases = shutil.copytree(done, tmp_path / "out"), shutil.copytree(cases, tmp_path / "in")
     before = written_at(done)
     (cases / "broken.npy").write_bytes((cases / "large.npy").read_bytes())
     np.save(cases / "small.npy", ball(5))  # as long as the old one
