@@ -2,6 +2,7 @@
 """The wall that two labels share: how near the true one it is, beside the peers', and what simplification costs.
 
 make interfaces                                          # balls cut by four walls drawn from a seed
+WALLS=12 make interfaces                                 # by twelve
 LABELS=organs.nii.gz:kidney.nii.gz make interfaces       # and these label volumes
 """
 
@@ -30,7 +31,7 @@ from .label_peers import Mesh, image_of, mesh_of
 
 Floats = NDArray[np.float64]
 
-RADIUS, PIXEL, WALLS = 30.0, 0.8, 4
+RADIUS, PIXEL, WALLS = 30.0, 0.8, int(os.environ.get("WALLS", "4"))
 SLICES = (5.0, 2.5, 1.6)
 RATES = (0.5, 0.9, 0.98)
 

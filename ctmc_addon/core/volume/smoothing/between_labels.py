@@ -3,7 +3,7 @@
 
 Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
 other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall
-(local_volume.py).
+(local_volume.py), twice: the first time on coarser pixels alone, which costs little and leaves less to flatten.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .local_volume import keep_local_volume_steps
 from .relaxation import relax_steps
 
 REACH = (2, 2, 2)  # samples beside a wall that are smoothed
-# By the steps from slice to slice, 1, 2 or more: every how many pixels first, and how often pixels are smoothed.
-SKIPPED: tuple[tuple[int, ...], ...] = ((), (2,), (8, 4, 2))
-ROUNDS = (30, 45, 40)
+# Every how many pixels are smoothed before all are, by the steps from slice to slice: 1, 2 or more.
+SKIPPED: tuple[tuple[int, ...], ...] = ((2,), (4, 2), (8, 4, 2))
+ROUNDS = 30
 
 
 def between_labels_steps(
@@ -51,16 +51,18 @@ def between_labels_steps(
     workers = budget.thread_count
     pool = Threads(workers) if workers > 1 else None
     try:
-        for skip in SKIPPED[min(slice_steps, 3) - 1]:
-            coarse = field[:, ::skip, ::skip]
-            sides = (spacing_mm[0] * skip, spacing_mm[1] * skip, spacing_mm[2])
-            smooth = yield from _relaxed_steps(coarse, sign[:, ::skip, ::skip], sides, slice_steps, pool)
-            change = smooth - coarse
-            for axis in (1, 2):
-                change = _between(change, skip, axis, field.shape[axis])
-            field = field + change
-        field = yield from _relaxed_steps(field, sign, spacing_mm, slice_steps, pool)
-        yield from keep_local_volume_steps(field, sign, spacing_mm, slice_steps)
+        for is_last in (False, True):
+            for skip in SKIPPED[min(slice_steps, 3) - 1]:
+                coarse = field[:, ::skip, ::skip]
+                sides = (spacing_mm[0] * skip, spacing_mm[1] * skip, spacing_mm[2])
+                smooth = yield from _relaxed_steps(coarse, sign[:, ::skip, ::skip], sides, slice_steps, pool)
+                change = smooth - coarse
+                for axis in (1, 2):
+                    change = _between(change, skip, axis, field.shape[axis])
+                field = field + change
+            if is_last:
+                field = yield from _relaxed_steps(field, sign, spacing_mm, slice_steps, pool)
+            yield from keep_local_volume_steps(field, sign, spacing_mm, slice_steps)
         return field
     finally:
         if pool:
@@ -97,7 +99,7 @@ def _relaxed_steps(
     high = np.where(known < 0, -least, np.float32(np.inf))
     yield PAUSE
     x, y, z = spacing_mm
-    yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), ROUNDS[min(slice_steps, 3) - 1], pool)
+    yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), ROUNDS, pool)
     padded.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = values[: bricks.active]
     return padded[..., :columns]
 

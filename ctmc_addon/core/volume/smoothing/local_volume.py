@@ -19,7 +19,6 @@ from .bricks import Floats
 NARROW_GAPS, NARROW_PIXELS = 1.0, 5.0
 WIDE_GAPS = (3.0, 3.0, 2.0)  # by the steps from slice to slice, 1, 2 or more
 BLOCKS = 2  # of samples in half the width, whose sums are averaged
-ROUNDS = (2, 2, 3)
 
 
 def keep_local_volume_steps(
@@ -38,10 +37,9 @@ def keep_local_volume_steps(
     """
     x, y, z = spacing_mm
     sides = (z / slice_steps, y, x)
-    refined = min(slice_steps, 3) - 1
     near, far = (
         [max(1, round(max(gaps * z, NARROW_PIXELS * max(x, y)) / side)) for side in sides]
-        for gaps in (NARROW_GAPS, WIDE_GAPS[refined])
+        for gaps in (NARROW_GAPS, WIDE_GAPS[min(slice_steps, 3) - 1])
     )
     samples = _refined(sign, slice_steps)
     known = samples != 0
@@ -49,26 +47,25 @@ def keep_local_volume_steps(
     bound[::slice_steps] = sign
     least = np.float32(NEAREST_ZERO * min(spacing_mm))
     half = np.float32(max(sides))
-    for _ in range(ROUNDS[refined]):
-        share = np.clip(field / half, -1, 1)
-        missing = np.where(known, samples - share, np.float32(0))
-        area = (known & (np.abs(share) < 1)) / half
+    share = np.clip(field / half, -1, 1)
+    missing = np.where(known, samples - share, np.float32(0))
+    area = (known & (np.abs(share) < 1)) / half
+    yield PAUSE
+    constant, _ = _along_wall(missing, area, near, field.shape)
+    yield PAUSE
+    if far != near:
+        rise_z, rise_y, rise_x = (np.gradient(field, side, axis=axis) ** 2 for axis, side in enumerate(sides))
+        upright = rise_z / np.maximum(rise_x + rise_y + rise_z, np.float32(1e-6)) * area
         yield PAUSE
-        constant, _ = _along_wall(missing, area, near, field.shape)
+        wide, area_means = _along_wall(missing, area, far, field.shape)
         yield PAUSE
-        if far != near:
-            rise_z, rise_y, rise_x = (np.gradient(field, side, axis=axis) ** 2 for axis, side in enumerate(sides))
-            upright = rise_z / np.maximum(rise_x + rise_y + rise_z, np.float32(1e-6)) * area
-            yield PAUSE
-            wide, area_means = _along_wall(missing, area, far, field.shape)
-            yield PAUSE
-            weight = _between_blocks(_block_means(upright, far) / area_means, _blocks(far), field.shape)
-            constant += (wide - constant) * np.clip(weight, 0, 1)
-        np.clip(constant, -half, half, out=constant)
-        field += constant
-        np.maximum(field, least, out=field, where=bound > 0)
-        np.minimum(field, -least, out=field, where=bound < 0)
-        yield PAUSE
+        weight = _between_blocks(_block_means(upright, far) / area_means, _blocks(far), field.shape)
+        constant += (wide - constant) * np.clip(weight, 0, 1)
+    np.clip(constant, -half, half, out=constant)
+    field += constant
+    np.maximum(field, least, out=field, where=bound > 0)
+    np.minimum(field, -least, out=field, where=bound < 0)
+    yield PAUSE
 
 
 def _refined(sign: NDArray[np.int8], slice_steps: int) -> Floats:
