@@ -38,6 +38,7 @@ from .reconstruct import (
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
 from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
+from .simplification.component_removal import CollapsedComponents
 from .volume.labels import labels_by_layer_steps
 from .volume.region import region_box
 from .volume.volume import Volume
@@ -208,7 +209,7 @@ class _Making:
         """Return what simplification has left of each label."""
         results: dict[int, Reconstruction] = {}
         together = simplified.mesh
-        interfaces, notes = together.interfaces, self._notes_of(simplified)
+        interfaces = together.interfaces
         borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
@@ -216,24 +217,27 @@ class _Making:
             mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
                 mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
+            collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
             results[label] = replace(
                 result,
                 mesh=mesh,
                 surface=None,
-                notes=(*result.notes, *notes),
+                notes=(*result.notes, *self._notes_of(simplified, collapsed)),
+                collapsed_components=collapsed.count,
+                collapsed_mm3=collapsed.volume,
                 beyond=beyond,
                 neighbors=neighbors_of(label, interfaces),
                 self_intersections=self.crossings.get(label, 0),
             )
         return results
 
-    def _notes_of(self, simplified: ComplexSimplification) -> list[str]:
-        """Return what simplification did to all labels together."""
+    def _notes_of(self, simplified: ComplexSimplification, collapsed: CollapsedComponents) -> list[str]:
+        """Return what simplification did to all labels together, and which components a label lost."""
         notes, faces = [], len(simplified.mesh.faces)
         if simplified.self_intersections:
             notes.append(f"Pairs of triangles that cross each other: {simplified.self_intersections:,}.")
-        if simplified.collapsed.count:
-            notes.append(f"{simplified.collapsed.sentence('mm3')}.")
+        if collapsed.count:
+            notes.append(f"{collapsed.sentence('mm3')}.")
         if simplified.handles_cut:
             notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
         if self.settings.max_error_mm is None and faces > self.target:

@@ -188,7 +188,7 @@ def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, 
     order = np.argsort(both, kind="stable")
     starts = np.flatnonzero(np.diff(both[order], prepend=both.dtype.type(0)))
     borders = {}
-    for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), len(order)], strict=True):
+    for start, stop in zip(starts.tolist(), np.append(starts, len(order))[1:].tolist(), strict=True):
         label = int(both[order[start]])
         if label:
             number, side = np.divmod(order[start:stop], 2)

@@ -21,6 +21,7 @@ from ctmc_addon.core.simplification.complexes.simplify import (
     simplify_complex,
     simplify_complex_steps,
 )
+from ctmc_addon.core.simplification.component_removal import CollapsedComponents
 
 SEEDS = [[-3.1, 0.4, 1.2], [2.7, 2.2, -0.8], [0.6, -3.0, 0.3], [0.2, 1.0, 3.6]]
 
@@ -155,11 +156,14 @@ def test_a_gap_between_labels_smaller_than_four_triangles_is_filled(target, larg
     labels = touching(3.6)
     labels[5, 5, 10] = 0  # in the middle of nine samples where both touch
     mesh = complex_of(labels, 2)
-    made, collapsed = finish(gaps_filled_steps(mesh, target, largest))
-    assert collapsed.count == filled
+    made, taken = finish(gaps_filled_steps(mesh, target, largest))
+    collapsed = sum(taken.values(), CollapsedComponents())
+    assert collapsed.count == len(taken) == filled
     assert_labels_sound(made)
     lost = sum(mesh.of_label(label).volume - made.of_label(label).volume for label in mesh.labels)
     assert -lost == pytest.approx(collapsed.volume, rel=1e-5)
+    for label, gap in taken.items():
+        assert made.of_label(label).volume - mesh.of_label(label).volume == pytest.approx(gap.volume, rel=1e-3)
 
 
 def test_a_label_that_touches_none_has_the_bytes_that_it_has_alone():
@@ -179,6 +183,9 @@ def test_a_label_within_another_stays_there():
     nested.sides[inner] = nested.sides[inner][:, ::-1]  # outward
     small = finish(simplify_complex_steps(nested, target_faces=300))
     assert small.collapsed.count == 1  # the smallest, of the same label
+    assert small.collapsed_of.keys() == {1, 2}  # for one of them a cavity
+    for collapsed in small.collapsed_of.values():
+        assert (collapsed.count, collapsed.volume) == (1, pytest.approx(4 / 3 * np.pi * 0.05**3, rel=0.02))
     assert small.mesh.labels == (1, 2)
     assert small.mesh.of_label(2).volume == pytest.approx(4 / 3 * np.pi, rel=0.1)
     assert small.mesh.of_label(1).volume == pytest.approx(4 / 3 * np.pi * 26, rel=0.1)
@@ -195,6 +202,8 @@ def test_small_components_of_labels_that_touch_go_as_a_whole():
     result = finish(simplify_complex_steps(both, reduction=0.98))
     assert result.collapsed.count == 1
     assert result.collapsed.largest == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
+    assert result.collapsed_of.keys() == {1}
+    assert result.collapsed_of[1].volume == pytest.approx(result.collapsed.volume, rel=1e-4)
     assert result.mesh.vertices[:, 0].max() < 16.2
     assert_labels_sound(result.mesh)
 

@@ -47,6 +47,7 @@ class CollapsingComplex(CollapsingMesh):
         self.rounds = 0
         self.logged: tuple[NDArray[Any], ...] = ()
         self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
+        self.first_component = np.empty(0, np.int32)  # of every vertex of the complex given
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find the junctions, and the components."""
@@ -63,7 +64,7 @@ class CollapsingComplex(CollapsingMesh):
     def prepare_components_steps(self, border: Ints, staying: Ints) -> Steps[None]:
         """Find the components; those that lie in a label cannot stay without the one around them."""
         yield from super().prepare_components_steps(border, staying)
-        components = self.components
+        components, self.first_component = self.components, self.component
         if components.count == 1:
             return
         # A volume is negative where a component cannot stay without its nearest larger one, like a cavity.
@@ -90,6 +91,10 @@ class CollapsingComplex(CollapsingMesh):
         if stuck:
             return False
         return (yield from super().remove_components_steps(excess))
+
+    def removed_faces(self, faces: Ints) -> Flags:
+        """Which faces (F, 3) of the complex given went with their components, (F,) bool."""
+        return ~self.components.present[self.first_component[faces[:, 0]]]
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which edges connect two corners, or two junctions and not along their line."""

@@ -27,7 +27,7 @@ Indices = NDArray[np.int64]
 
 def gaps_filled_steps(
     mesh: ComplexMesh, target: int, largest: float = math.inf
-) -> Steps[tuple[ComplexMesh, CollapsedComponents]]:
+) -> Steps[tuple[ComplexMesh, dict[int, CollapsedComponents]]]:
     """Fill the small gaps between labels of a complex.
 
     Parameters
@@ -43,10 +43,10 @@ def gaps_filled_steps(
     mesh : ComplexMesh
         A gap has two walls of one piece each: the larger has gone, and the other separates both labels. The same object
         where there is no gap.
-    filled : CollapsedComponents
-        The gaps.
+    filled : dict of int to CollapsedComponents
+        The gaps, by the label that took them.
     """
-    nothing = mesh, CollapsedComponents()
+    nothing: tuple[ComplexMesh, dict[int, CollapsedComponents]] = mesh, {}
     near = yield from _near_lines_steps(mesh)
     faces, all_sides = np.ascontiguousarray(mesh.faces[near].T), mesh.sides[near]
     outer = np.flatnonzero((all_sides == 0).any(axis=1))
@@ -112,7 +112,11 @@ def gaps_filled_steps(
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
     normals = None if mesh.normals is None else mesh.normals[used]
     made = ComplexMesh(mesh.vertices[used], number[mesh.faces[left]], sides[left], normals)
-    return made, CollapsedComponents(len(first), float(volumes.max()), math.fsum(volumes.tolist()))
+    filled_by = {}
+    for taker in np.unique(label[goes]).tolist():
+        own = volumes[label[goes] == taker]
+        filled_by[taker] = CollapsedComponents(len(own), float(own.max()), math.fsum(own.tolist()))
+    return made, filled_by
 
 
 def _near_lines_steps(mesh: ComplexMesh) -> Steps[Indices]:

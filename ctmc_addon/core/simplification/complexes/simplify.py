@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
-from ...mesh.label_complex import ComplexMesh
+from ...mesh.label_complex import ComplexMesh, borders_of
+from ...mesh.measures import component_volumes_steps
+from ...mesh.topology import component_numbers_steps
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
 from ..component_removal import CollapsedComponents, Staying
@@ -41,6 +43,8 @@ STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Collapsed = dict[int, CollapsedComponents]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +55,9 @@ class ComplexSimplification:
     full_faces, faces : mapping of int to int
         Triangles that border each label, before and after; one between two labels counts for both.
     collapsed : CollapsedComponents
-        Small components that went as a whole.
+        Small components that went as a whole, what touches being one.
+    collapsed_of : mapping of int to CollapsedComponents
+        Of every label's own surface, for the labels that lost some; what lies within a label counts for both.
     handles_cut : int
     self_intersections : int or None
         Pairs of triangles that cross each other, of one label or two; None where that was not tested.
@@ -61,6 +67,7 @@ class ComplexSimplification:
     full_faces: Mapping[int, int]
     faces: Mapping[int, int]
     collapsed: CollapsedComponents
+    collapsed_of: Mapping[int, CollapsedComponents]
     handles_cut: int = 0
     self_intersections: int | None = None
 
@@ -133,12 +140,12 @@ def simplify_complex_steps(
     require_finite(TriangleMesh(mesh.vertices, mesh.faces))
     before = faces_of_labels(mesh)
     if target >= full:
-        return ComplexSimplification(mesh, before, before, CollapsedComponents())
+        return ComplexSimplification(mesh, before, before, CollapsedComponents(), {})
     parts = _parts(mesh)
     stages = Stages(STAGES)
     together, again = STAGES
     simplified, results = yield from stages.run(together, _parts_steps(mesh, parts, goal, target, budget))
-    crossing = sum(each.self_intersections or 0 for each in results)
+    crossing = sum(each.self_intersections or 0 for each, _ in results)
     if len(parts) > 1 and max_error is None:
         pairs = yield from stages.run(again, self_intersections_steps(simplified.vertices, simplified.faces))
         if len(pairs) > crossing:
@@ -146,25 +153,26 @@ def simplify_complex_steps(
             parts = [_Part(np.arange(full), alone=False)]
             steps = _parts_steps(mesh, parts, goal, target, budget)
             simplified, results = yield from stages.run(again, steps)
-            crossing = sum(each.self_intersections or 0 for each in results)
-    collapsed = sum((each.collapsed for each in results), CollapsedComponents())
-    cut = sum(each.handles_cut for each in results)
+            crossing = sum(each.self_intersections or 0 for each, _ in results)
+    collapsed = sum((each.collapsed for each, _ in results), CollapsedComponents())
+    of_labels = {label: each for _, own in results for label, each in own.items()}
+    cut = sum(each.handles_cut for each, _ in results)
     tested = None if max_error is not None and len(parts) > 1 else crossing
     whole = TriangleMesh(simplified.vertices, simplified.faces)
     yield Step(1.0, Simplification(whole, collapsed, cut, tested).message(target))
-    return ComplexSimplification(simplified, before, faces_of_labels(simplified), collapsed, cut, tested)
+    return ComplexSimplification(simplified, before, faces_of_labels(simplified), collapsed, of_labels, cut, tested)
 
 
 def _parts_steps(
     mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget
-) -> Steps[tuple[ComplexMesh, list[Simplification]]]:
+) -> Steps[tuple[ComplexMesh, list[tuple[Simplification, Collapsed]]]]:
     """Simplify each part; the largest comes last, and makes good what others could not remove."""
     touching = max((len(part.faces) for part in parts if not part.alone), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
     budget.require(FACE_BYTES * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
-    made: dict[int, tuple[ComplexMesh, Simplification]] = {}
+    made: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
     left = done = 0
     for number in order:
         part = parts[number]
@@ -178,7 +186,8 @@ def _parts_steps(
         stages = Stages({"": done, name: len(part.faces), " ": len(mesh.faces) - done - len(part.faces)})
         made[number] = yield from stages.run(name, steps)
         left, done = left + len(made[number][0].faces), done + len(part.faces)
-    return _joined([made[number][0] for number in range(len(parts))]), [made[number][1] for number in range(len(parts))]
+    in_order = [made[number] for number in range(len(parts))]
+    return _joined([each[0] for each in in_order]), [each[1:] for each in in_order]
 
 
 def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
@@ -210,14 +219,14 @@ def label_distances_steps(
 
 def _part_steps(
     mesh: ComplexMesh, alone: bool, goal: Goal, budget: Budget
-) -> Steps[tuple[ComplexMesh, Simplification]]:
-    """Simplify labels that touch, or a label as if there were no other."""
+) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
+    """Simplify labels that touch, or a label as if there were no other; also return what each label lost."""
     if not alone and goal.max_error is not None:
         return (yield from _bounded_steps(mesh, goal, goal.max_error, budget))
     if not alone:
         target = goal.target(len(mesh.faces))
         if target >= len(mesh.faces):
-            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents())
+            return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
         collapsing = CollapsingComplex(mesh, target)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
@@ -225,26 +234,40 @@ def _part_steps(
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
         crossing = collapsing.crossing_count
-        collapsed = filled + collapsing.collapsed_components
-        return made, Simplification(whole, collapsed, collapsing.handles_cut, crossing)
+        of_labels = yield from _collapsed_steps(mesh, collapsing.removed_faces(mesh.faces))
+        for label, gaps in filled.items():
+            of_labels[label] = of_labels.get(label, CollapsedComponents()) + gaps
+        collapsed = sum(filled.values(), collapsing.collapsed_components)
+        return made, Simplification(whole, collapsed, collapsing.handles_cut, crossing), of_labels
     label = mesh.labels[0]
     result = yield from simplification_steps(
         mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget, goal.largest_component
     )
     sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
-    return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result
+    of_labels = {label: result.collapsed} if result.collapsed.count else {}
+    return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result, of_labels
+
+
+def _collapsed_steps(mesh: ComplexMesh, removed: Flags) -> Steps[Collapsed]:
+    """Count the components of every label's own surface in the faces, (F,) bool, that were removed."""
+    collapsed = {}
+    for label, (faces, _, used) in borders_of(mesh.faces[removed], mesh.sides[removed]).items():
+        component = yield from component_numbers_steps(faces, len(used))
+        volumes = np.abs((yield from component_volumes_steps(mesh.vertices[used], faces, component)))
+        collapsed[label] = CollapsedComponents(len(volumes), float(volumes.max()), math.fsum(volumes.tolist()))
+    return collapsed
 
 
 def _bounded_steps(
     mesh: ComplexMesh, goal: Goal, max_error: float, budget: Budget
-) -> Steps[tuple[ComplexMesh, Simplification]]:
+) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
     """Simplify labels that touch as far as no label moves farther than `max_error`, as measured for each.
 
     Shares of the triangles are tried by halves, on a logarithmic scale: what is kept was measured, each way, at the
     samples and vertices of both surfaces.
     """
     whole = TriangleMesh(mesh.vertices, mesh.faces, mesh.normals)
-    best: tuple[ComplexMesh, Simplification] = (mesh, Simplification(whole, CollapsedComponents()))
+    best: tuple[ComplexMesh, Simplification, Collapsed] = mesh, Simplification(whole, CollapsedComponents()), {}
     low, high, full = LEAST_SHARE, 1.0, len(mesh.faces)
     stages = Stages({str(trial): 1.0 for trial in range(2 * TRIALS)})
     for trial in range(TRIALS):
