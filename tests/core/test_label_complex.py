@@ -19,6 +19,8 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.label_complex import complex_steps
 from ctmc_addon.core.mesh.label_complex import borders_of
+from ctmc_addon.core.mesh.measures import component_volumes_steps
+from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
@@ -169,6 +171,25 @@ def test_labels_that_touch_keep_their_volumes():
         assert result.constants_mm[label] != 0
     assert result.constants_mm[3] == 0
     assert result.volumes_mm3[3] == pytest.approx(counts[3], rel=1e-3)
+
+
+def test_islands_in_another_label_keep_their_volumes():
+    z, y, x = np.indices((20, 36, 36)) - np.array([9.5, 17.5, 17.5])[:, None, None, None]
+    values = np.where((3 * z) ** 2 + y**2 + x**2 < 16**2, 2, 0)
+    islands = [
+        (10, 18, 18),
+        (slice(9, 11), 18, 10),
+        (9, 10, slice(18, 22)),
+        (slice(8, 11), slice(24, 27), slice(17, 19)),
+    ]
+    for island in islands:
+        values[island] = 1
+    result = made(Volume(values.astype(np.uint8), np.diag([*SPACING, 1.0]), kind="label"))
+    mesh = result.surface.of_label(1)[0].at(1.0)
+    component = finish(component_numbers_steps(mesh.faces, len(mesh.vertices)))
+    volumes = finish(component_volumes_steps(mesh.vertices, mesh.faces, component))
+    counts = np.array([1, 2, 4, 18]) * np.prod(SPACING)
+    np.testing.assert_allclose(np.sort(volumes), counts, rtol=0.05)
 
 
 def test_no_sample_is_on_the_wrong_side():

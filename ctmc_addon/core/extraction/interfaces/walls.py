@@ -3,6 +3,9 @@
 
 Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
 other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall.
+
+An island, a small component of a label, would lose most of its volume by that: its own field has the constant that
+keeps it, the field of the label around it has not. So around an island the wall lies where the island's own field is 0.
 """
 
 from __future__ import annotations
@@ -14,11 +17,16 @@ from numpy.typing import NDArray
 
 from ...budget import Budget
 from ...progress import PAUSE, Steps
-from ...volume.smoothing import between_labels_steps, reach_of
+from ...volume.smoothing import between_labels_steps, label_components_steps, reach_of
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
 LEAST_WALL = 40  # sides of voxels between two labels; a smaller wall lies where the labels' own fields are equal
+LARGEST_ISLAND = 128  # voxels; larger components keep their volume within a few percent anyhow
+
+Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
+# A sample and its neighbors, along z, y and x.
+AROUND = ((0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))
 
 
 class Wall(NamedTuple):
@@ -30,11 +38,14 @@ class Wall(NamedTuple):
         The labels, counted from 1; the first is the smaller.
     box : Box
         The samples beside the wall.
+    is_smooth : bool
+        Whether the wall is large enough to be smoothed.
     """
 
     first: int
     second: int
     box: Box
+    is_smooth: bool
 
 
 def find_walls(owners: NDArray[Any]) -> list[Wall]:
@@ -67,9 +78,9 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     lows, highs = np.minimum.reduceat(every[2:5], first, axis=1), np.maximum.reduceat(every[5:], first, axis=1) + 1
     walls = []
     for wall, number in enumerate(first.tolist()):
-        if count[wall] >= LEAST_WALL:
-            (z0, y0, x0), (z1, y1, x1) = lows[:, wall].tolist(), highs[:, wall].tolist()
-            walls.append(Wall(int(every[0, number]), int(every[1, number]), ((x0, x1), (y0, y1), (z0, z1))))
+        (z0, y0, x0), (z1, y1, x1) = lows[:, wall].tolist(), highs[:, wall].tolist()
+        labels = int(every[0, number]), int(every[1, number])
+        walls.append(Wall(*labels, ((x0, x1), (y0, y1), (z0, z1)), bool(count[wall] >= LEAST_WALL)))
     return walls
 
 
@@ -81,8 +92,8 @@ def wall_samples_steps(
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
     budget: Budget,
-) -> Steps[LabelSamples]:
-    """Return the field between two labels, above 0 in the first.
+) -> Steps[LabelSamples | None]:
+    """Return the field between two labels, above 0 in the first; None for half the difference of their own.
 
     Parameters
     ----------
@@ -101,6 +112,11 @@ def wall_samples_steps(
     own = owners[slice(*z), slice(*y), slice(*x)]
     sign = (own == wall.first).astype(np.int8) - (own == wall.second)
     yield PAUSE
+    islands = []
+    for side in (1, -1):
+        islands.append((yield from _around_islands_steps(sign == side, slice_steps)))
+    if not wall.is_smooth and not any(len(at[0]) for at in islands):
+        return None
     columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
     slices = np.arange((z[0] + origin[2]) * slice_steps, (z[1] - 1 + origin[2]) * slice_steps + 1)
     between = np.zeros((len(slices), *own.shape[1:]), np.float32)
@@ -111,5 +127,28 @@ def wall_samples_steps(
             part[inside[0]] = inside[1]
         between += np.float32(half) * part
         yield PAUSE
-    smooth = yield from between_labels_steps(between, sign, spacing_mm, slice_steps, budget)
-    return (yield from samples_of_steps(smooth, (int(columns[0]), int(rows[0]), int(slices[0]))))
+    if wall.is_smooth:
+        between = yield from between_labels_steps(between, sign, spacing_mm, slice_steps, budget)
+    for field, side, at in zip(fields, (1, -1), islands, strict=True):
+        between[at] = np.float32(side) * field.at(columns[at[2]], rows[at[1]], slices[at[0]])
+    return (yield from samples_of_steps(between, (int(columns[0]), int(rows[0]), int(slices[0]))))
+
+
+def _around_islands_steps(mask: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
+    """Where on the refined grid the samples of small components and those beside them lie, along z, y and x.
+
+    A component at the end of the box may go on behind it.
+    """
+    components = yield from label_components_steps(mask)
+    shape = (len(mask) - 1) * slice_steps + 1, *mask.shape[1:]
+    small = components.voxels <= LARGEST_ISLAND
+    if small.any():
+        low, high = components.boxes()
+        small &= (low > 0).all(axis=1) & (high < np.array(mask.shape) - 1).all(axis=1)
+    z, y, x, _ = components.samples(small)
+    between = np.arange(1 - slice_steps, slice_steps)  # steps as far as the next slices
+    z, y, x = (z * slice_steps + between[:, None]).ravel(), np.tile(y, len(between)), np.tile(x, len(between))
+    at = [np.concatenate([along + way[axis] for way in AROUND]) for axis, along in enumerate((z, y, x))]
+    inside = np.logical_and.reduce([(along >= 0) & (along < size) for along, size in zip(at, shape, strict=True)])
+    z, y, x = (along[inside] for along in at)
+    return z, y, x

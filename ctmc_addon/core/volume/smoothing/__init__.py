@@ -11,6 +11,7 @@ between two labels.
 from .between_labels import between_labels_steps
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
 from .gaussian import REACH, smoothed_middle, smoothed_plane, weights
+from .label_components import label_components_steps
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
 from .smooth_field import SmoothField, refined_affine
 
@@ -24,6 +25,7 @@ __all__ = [
     "between_labels_steps",
     "constrained_bytes",
     "constrained_steps",
+    "label_components_steps",
     "reach_of",
     "refined_affine",
     "smoothed_middle",
