@@ -79,7 +79,7 @@ def test_whoever_handles_sigterm_goes_on_doing_so():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no such signals")
-@pytest.mark.parametrize("module", ["argparse", "numpy", "ctmc_addon.core", "ctmc_addon.readers.volumes.nrrd"])
+@pytest.mark.parametrize("module", ["argparse", "numpy", "ctmc_addon.core", "ctmc_addon.readers.labels.masks"])
 @pytest.mark.parametrize(
     ("number", "code", "line"),
     [(signal.SIGINT, 130, "ctmc: interrupted\n"), (signal.SIGTERM, 143, "ctmc: terminated\n")],

@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> None:
     source = source_of(Path(args.input), settings.label)
     with (
         own_folder(outputs.folder or Path(args.output).parent),
-        Progress(lines=outputs.figure is not None) as progress,  # a picture can take minutes
+        Progress() as progress,
         workers_of(args.scheduler, source, reading_of(args)) as workers,
         outputs.writer(settings.simplifier) as writer,
     ):

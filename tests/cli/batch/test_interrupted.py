@@ -73,7 +73,8 @@ def test_a_batch_that_gets_a_signal_at_any_moment_is_resumed(words, seed):
     except subprocess.TimeoutExpired:
         batch.send_signal(number)
     _, errors = batch.communicate(timeout=60)
-    assert batch.returncode in (0, 130 if number == signal.SIGINT else 143), errors
+    # The signal itself ends a process that is done and leaves Python.
+    assert batch.returncode in (0, 130 if number == signal.SIGINT else 143, -number), errors
     assert "Traceback" not in errors
     before = require_whole(out) if out.exists() else {}
     again = subprocess.run([*command, "--resume"], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
