@@ -24,7 +24,6 @@ from .node_builder import Nodes
 CUT_AWAY = "CTMC Cut Away"
 OUTSIDE = "Outside"  # label of the node that chooses which side is taken away
 MARGIN = 0.01  # of the diagonal: how far the first box reaches beyond the surfaces, so that no faces coincide
-MANIFOLD = (4, 5, 0)  # the first Blender whose Mesh Boolean has this solver
 # Corner n has the upper end along x, y, z where bit 0, 1, 2 of n is set; the faces point outwards.
 FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 
@@ -116,7 +115,10 @@ def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
         nodes.link(kept, bare.inputs["Geometry"])
         kept = bare.outputs[0]
     # Without its box the surface is whole, whichever side was taken away.
-    shown = nodes.of("GeometryNodeSwitch", has_faces(nodes, box_mesh), surface, kept, input_type="GEOMETRY")
+    count = nodes.add("GeometryNodeAttributeDomainSize")
+    nodes.link(box_mesh, count.inputs[0])
+    is_there = nodes.compare("GREATER_THAN", count.outputs["Face Count"], 0.5)
+    shown = nodes.of("GeometryNodeSwitch", is_there, surface, kept, input_type="GEOMETRY")
     nodes.link(shown, nodes.add("NodeGroupOutput").inputs[0])
     nodes.arrange()
     tree[CUT_AWAY] = box
@@ -125,29 +127,13 @@ def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
 
 def boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any:
     """Return what is left of a surface, and of the box inside it."""
-    # Exact alone caps open surfaces; Manifold takes 0.4 of its time, and gives nothing where it cannot.
-    exact = solved_by(nodes, "EXACT", operation, surface, box_mesh)
-    exact.inputs["Hole Tolerant"].default_value = True
-    if bpy.app.version < MANIFOLD:
-        return exact.outputs[0]
-    quick = solved_by(nodes, "MANIFOLD", operation, surface, box_mesh).outputs[0]
-    return nodes.of("GeometryNodeSwitch", has_faces(nodes, quick), exact.outputs[0], quick, input_type="GEOMETRY")
-
-
-def solved_by(nodes: Nodes, solver: str, operation: str, surface: Any, box_mesh: Any) -> Any:
-    """Return a new node of Blender's Mesh Boolean."""
-    node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver=solver)
+    # The other solvers leave holes or refuse open surfaces, which Hole Tolerant caps.
+    node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver="EXACT")
+    node.inputs["Hole Tolerant"].default_value = True
     operands = [socket for socket in node.inputs if socket.enabled and socket.type == "GEOMETRY"]
     nodes.link(surface, operands[0])
     nodes.link(box_mesh, operands[-1])  # which is the only one that INTERSECT has
-    return node
-
-
-def has_faces(nodes: Nodes, geometry: Any) -> Any:
-    """Return whether a geometry has faces."""
-    count = nodes.add("GeometryNodeAttributeDomainSize")
-    nodes.link(geometry, count.inputs[0])
-    return nodes.compare("GREATER_THAN", count.outputs["Face Count"], 0.5)
+    return node.outputs[0]
 
 
 def cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
