@@ -21,8 +21,8 @@ from ...volume.smoothing import between_labels_steps, label_components_steps, re
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
-LEAST_WALL = 40  # sides of voxels between two labels; a smaller wall lies where the labels' own fields are equal
-LARGEST_ISLAND = 128  # voxels; larger components keep their volume within a few percent anyhow
+LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
+SMALL_ISLAND = 128  # voxels; larger components keep their volume within a few percent anyhow
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 # A sample and its neighbors, along z, y and x.
@@ -141,7 +141,7 @@ def _around_islands_steps(mask: NDArray[np.bool_], slice_steps: int) -> Steps[Po
     """
     components = yield from label_components_steps(mask)
     shape = (len(mask) - 1) * slice_steps + 1, *mask.shape[1:]
-    small = components.voxels <= LARGEST_ISLAND
+    small = components.voxels <= SMALL_ISLAND
     if small.any():
         low, high = components.boxes()
         small &= (low > 0).all(axis=1) & (high < np.array(mask.shape) - 1).all(axis=1)
