@@ -193,6 +193,20 @@ def test_a_cone_is_filled_between_its_first_and_last_slice():
     assert (filled[[0, 10]] == mask[[0, 10]]).all()
 
 
+@pytest.mark.parametrize("numbers", [list(range(3, 48, 7)), [2, 5, 13, 22, 36, 41, 47]])
+def test_a_ball_is_filled_better_than_by_straight_lines_between_its_slices(numbers):
+    z, y, x = np.mgrid[:51, :51, :51] - 25
+    ball = z * z + y * y + x * x <= 24**2
+    mask = np.zeros_like(ball)
+    mask[numbers] = ball[numbers]
+    filled = finish(between_slices_steps(mask, (1.0, 1.0, 1.0)))
+    straight = np.interp(np.arange(51), numbers, np.sqrt(24.0**2 - (np.array(numbers) - 25.0) ** 2))
+    lines = np.hypot(y, x) <= straight[:, None, None]
+    part = slice(numbers[0], numbers[-1] + 1)
+    assert (filled[numbers] == ball[numbers]).all()
+    assert 3 * np.count_nonzero((filled ^ ball)[part]) < 2 * np.count_nonzero((lines ^ ball)[part])
+
+
 def test_drawn_slices_stay_and_nothing_is_beyond_them():
     mask = np.zeros((9, 12, 12), bool)
     mask[2, 3:9, 3:9], mask[6, 5:8, 2:10] = True, True
