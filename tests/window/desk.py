@@ -196,11 +196,11 @@ class Desk:
         assert "error" not in reply, reply["error"]
         return reply["answer"]
 
-    def wait(self, expression: str) -> Any:
-        """Wait until a Python expression is true in Blender; its value."""
-        end = time.monotonic() + LIMIT
+    def wait(self, expression: str, limit: float = LIMIT) -> Any:
+        """Wait until a Python expression is true in Blender, so many seconds at most; its value."""
+        end = time.monotonic() + limit
         while not (value := self.ask(f"answer = {expression}")):
-            assert time.monotonic() < end, f"not within {LIMIT:g} s: {expression}"
+            assert time.monotonic() < end, f"not within {limit:g} s: {expression}"
         return value
 
     def printed(self) -> str:

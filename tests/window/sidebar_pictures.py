@@ -33,6 +33,7 @@ HEADER = 18  # pixels from the middle of a closed heading to the one below it
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
 MOST_BYTES = 300_000  # a render is the largest
+ROTATION_LIMIT = 900.0  # seconds: 45 pictures of up to some million triangles, without a graphics card
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
@@ -176,7 +177,7 @@ def take(desk: Desk, threshold: float) -> None:
     keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 14)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
-    desk.wait(f"{TABLE} is not None and {IDLE}")
+    desk.wait(f"{TABLE} is not None and {IDLE}", ROTATION_LIMIT)
     rows = rows_of(desk, up=False)
     top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
