@@ -165,6 +165,8 @@ class ReadRequest(ReadingOptions):
         Which of the resolutions, 0 the full one.
     whole : bool
         Whether all values are needed at once.
+    mask : bool
+        Whether the caller looks for two values itself, so that the reader need not.
     budget : Budget
         The threads that decode, and the memory that the values may take.
     """
@@ -172,6 +174,7 @@ class ReadRequest(ReadingOptions):
     time: int = 1
     level: int = 0
     whole: bool = True
+    mask: bool = False
     budget: Budget = Budget(threads=1)  # noqa: RUF009  (frozen)
 
 

@@ -250,6 +250,8 @@ def two_values(values: NDArray[Any]) -> set[float]:
         If there are others.
     """
     low, high = values.min(), values.max()
+    if low == high:
+        return {float(low)}
     between = (values != low) & (values != high)
     if between.any():
         raise NotAMask(f"the values {low:g}, {values[between][0]:g} and {high:g}")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """DICOM headers: one pass over a file gives all that is needed of it, its pixels passed over.
 
+Plain slices are read by plain_header.py, all others by pydicom.
+
 Only tags about the image and its place are asked for; nothing about the patient is read.
 Positions are in DICOM's LPS+ mm. Clauses are those of DICOM PS3.3 and PS3.5.
 """
@@ -11,7 +13,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -20,29 +22,25 @@ from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .frames import FrameGeometry, frame_geometries
 from .labels.classes import label_class
+from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE, NOT_SLICES, OTHERS, PLAIN, UNDEFINED_LENGTH, plain_header
 
 PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
 CALLED_KEYWORDS = ["SeriesNumber", "SeriesDescription", "ConvolutionKernel"]
-SHARED_KEYWORDS = [  # nearly always alike in the files of a series
-    *("SOPClassUID", "Modality", "ImageType", "SeriesInstanceUID", "AcquisitionNumber"),
-    *("SamplesPerPixel", "PhotometricInterpretation", "PlanarConfiguration", "Rows", "Columns"),
-    *("BitsAllocated", "BitsStored", "PixelRepresentation", "RescaleSlope", "RescaleIntercept"),
-    *("ImageOrientationPatient", "PixelSpacing", *CALLED_KEYWORDS),
-]
-KEYWORDS = [
-    *(*SHARED_KEYWORDS, *PIXEL_KEYWORDS, "ExtendedOffsetTable", "ExtendedOffsetTableLengths"),
-    *("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient"),
-    *("TemporalPositionIdentifier", "TriggerTime", "AcquisitionTime", "ContentTime"),
-    *("RescaleType", "ModalityLUTSequence", "PixelPaddingValue", "PixelPaddingRangeLimit"),
-    *("FrameOfReferenceUID", "NumberOfFrames", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
-]
+KEYWORDS = [*(keyword for keyword, _ in PLAIN.values()), *OTHERS.values(), "PixelData"]
 LONGEST_CALLED = 64  # letters of a description
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
-NOT_SLICES = ("SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC")
 DEFLATED = "1.2.840.10008.1.2.1.99"
-IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
+EXPLICIT_BIG = "1.2.840.10008.1.2.2"
+OPTIONS = {  # of pydicom's decoders, by keyword
+    "SamplesPerPixel": "samples_per_pixel",
+    "PhotometricInterpretation": "photometric_interpretation",
+    "Rows": "rows",
+    "Columns": "columns",
+    "BitsAllocated": "bits_allocated",
+    "BitsStored": "bits_stored",
+    "PixelRepresentation": "pixel_representation",
+}
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
-UNDEFINED_LENGTH = 0xFFFFFFFF
 MOST_UNPACKED = 1 << 26  # bytes of a small deflated file, and how many times its size a larger one may have
 MOST_UNPACKED_RATIO = 50
 UNPACKED_PIECE = 1 << 20
@@ -187,28 +185,36 @@ class Elements:
         return self.dataset[number].value if number in self.present else default
 
 
-@lru_cache(256)
-def converted(tag: Any, vr: str | None, length: int, value: bytes | None, implicit: bool, little: bool) -> Any:
-    """Return an element's value as pydicom converts it."""
-    elements = needed("pydicom.dataelem", "pydicom", "DICOM")
-    return elements.convert_raw_data_element(elements.RawDataElement(tag, vr, length, value, 0, implicit, little))
-
-
 def read_dataset(file: IO[bytes], **options: Any) -> Any:
-    """Return the elements of `KEYWORDS`; one that is the same in several files is converted once."""
-    dataset = needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=tags(*KEYWORDS), **options)
-    shared, errors = tags(*SHARED_KEYWORDS), pydicom_errors()
-    for element in [*dataset.values()]:
-        if element.is_raw and element.tag in shared:
-            try:
-                dataset[element.tag] = converted(*element[:4], *element[5:7])
-            except errors:  # raised again where the value is asked for
-                continue
-    return dataset
+    """Return the elements of `KEYWORDS`, as pydicom reads them."""
+    return needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=tags(*KEYWORDS), **options)
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
     """The header of a DICOM image; None where the file is another DICOM object, or is called a picture or volume."""
+    return read_plain(path) or read_other(path)
+
+
+def read_plain(path: Path) -> ImageFile | Broken | None:
+    """The header of a plain slice, for which pydicom is not imported; None of any other file."""
+    if has_other_suffix(path):
+        return None
+    with path.open("rb") as file:
+        plain = plain_header(file)
+    if plain is None:
+        return None
+    elements = plain.elements
+    series = elements.get("SeriesInstanceUID", None) or ""
+    options = {option: elements[keyword] for keyword, option in OPTIONS.items()}
+    options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
+    padding = padding_ends(elements, options)
+    pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options)
+    damage = missing_pixels(pixels, plain.pixels.length, plain.file_bytes)
+    return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
+
+
+def read_other(path: Path) -> ImageFile | Broken | None:
+    """`read_header` of a file that is not a plain slice, by pydicom."""
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:
@@ -335,7 +341,7 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
 
 
-def image_file(path: Path, elements: Elements, series: str, pixels: Pixels) -> ImageFile:
+def image_file(path: Path, elements: Elements | Mapping[str, Any], series: str, pixels: Pixels) -> ImageFile:
     """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
@@ -371,19 +377,25 @@ def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
     sizes = {option: int(options[option]) for option in ("number_of_frames", "rows", "columns", "bits_allocated")}
     if sizes["number_of_frames"] < 1:
         raise ValueError(f"{sizes['number_of_frames']} frames")
-    allocated, signed = sizes["bits_allocated"], bool(options.get("pixel_representation", 0))
-    padding = dataset.get("PixelPaddingValue", None)
-    limit = dataset.get("PixelPaddingRangeLimit", None)
-    ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
-    whole = [end for end in ends if end is not None]
     return Pixels(
         syntax,
         syntax not in UNCOMPRESSED,
         keyword != "PixelData",
-        (min(whole), max(whole)) if len(whole) == 2 else None,
+        padding_ends(dataset, options | sizes),
         stored.value_tell,
         options | sizes,
     )
+
+
+def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Return the lowest and the highest stored value that means 'no pixel'."""
+    padding, limit = elements.get("PixelPaddingValue", None), elements.get("PixelPaddingRangeLimit", None)
+    signed = bool(options.get("pixel_representation", 0))
+    ends = [
+        as_stored(value, options["bits_allocated"], signed) for value in (padding, padding if limit is None else limit)
+    ]
+    whole = [end for end in ends if end is not None]
+    return (min(whole), max(whole)) if len(whole) == 2 else None
 
 
 def as_stored(value: Any, bits: int, signed: bool) -> int | None:

@@ -17,6 +17,7 @@ from ..optional_imports import needed, quiet, reason
 from .codestream import frame_damage
 from .frames import FrameGeometry
 from .header import DEFLATED, PIXEL_KEYWORDS, ImageFile, pydicom_errors
+from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 
 class DoesNotFit(Exception):
@@ -72,8 +73,12 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
     ReadError
         If pixels are missing, damaged or compressed in a way that no installed library unpacks.
     """
-    pydicom = needed("pydicom", "pydicom", "DICOM")
     syntax, options = image.pixels.syntax, image.pixels.options
+    plain = plain_type(image)
+    if plain is not None:
+        yield from plain_frames(image, frames, plain)
+        return
+    pydicom = needed("pydicom", "pydicom", "DICOM")
     try:
         decoder = needed("pydicom.pixels", "pydicom", "DICOM").get_decoder(syntax)
         with image.path.open("rb") as file:
@@ -103,6 +108,37 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         raise ReadError(
             f"the pixels of {image.path.name} ({syntax_name(syntax)}) are truncated or damaged ({why}); copy it again"
         ) from error
+
+
+def plain_type(image: ImageFile) -> np.dtype[Any] | None:
+    """Return the type of gray pixels that lie in the file as in memory; None of others, which pydicom decodes."""
+    pixels, options = image.pixels, image.pixels.options
+    bits, stored, kind = (options.get(option) for option in ("bits_allocated", "bits_stored", "pixel_representation"))
+    as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
+    if not (as_in_memory and isinstance(bits, int) and isinstance(stored, int) and isinstance(kind, int)):
+        return None
+    if bits not in (8, 16, 32) or kind not in (0, 1) or not 1 <= stored <= bits:
+        return None
+    return np.dtype(f"<{'ui'[kind]}{bits // 8}")
+
+
+def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+    """Yield `stored_frames` of the type that `plain_type` gives."""
+    shape, unused = (image.rows, image.columns), 8 * dtype.itemsize - int(image.pixels.options["bits_stored"])
+    count = image.rows * image.columns
+    with image.path.open("rb", buffering=0) as file:
+        for number in frames:
+            file.seek(image.pixels.start + number * count * dtype.itemsize)
+            stored = np.fromfile(file, dtype, count)
+            if stored.size < count:
+                raise ReadError(
+                    f"the pixels of {image.path.name} ({syntax_name(image.pixels.syntax)}) are truncated or damaged "
+                    f"({stored.size} of {count}); copy it again"
+                )
+            if unused:  # bits that may hold anything
+                np.left_shift(stored, unused, out=stored)
+                np.right_shift(stored, unused, out=stored)
+            yield stored.reshape(shape).astype(dtype.newbyteorder("="), copy=False)
 
 
 def check_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> None:
@@ -206,9 +242,8 @@ def _rescale(stored: NDArray[Any], slope: float, intercept: float, low: float, h
     limits = np.iinfo(out.dtype)
     if low < limits.min or high > limits.max:
         raise DoesNotFit
-    if slope == 1.0 and stored.dtype.itemsize == out.dtype.itemsize:
-        # Integers wrap: where the sum fits, so does the sum of wrapped terms.
-        np.add(stored.view(out.dtype), np.array(int(intercept)).astype(out.dtype), out=out)
-        return
-    # Padding may not fit and wraps; it is overwritten next.
-    out[...] = (stored.astype(np.int64) * int(slope) + int(intercept)).astype(out.dtype)
+    # Integers wrap: where the result fits, so does that of wrapped terms. Padding may not fit; it is overwritten next.
+    same_size = stored.dtype.itemsize == out.dtype.itemsize
+    whole = stored.view(out.dtype) if same_size else stored.astype(out.dtype)
+    factor, summand = np.array([int(slope), int(intercept)]).astype(out.dtype)
+    np.add(whole if slope == 1.0 else whole * factor, summand, out=out)

@@ -22,7 +22,17 @@ from ..options import ReadingOptions
 from ..registry import FORMATS
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
-from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
+from .header import (
+    Broken,
+    ImageFile,
+    Slice,
+    has_other_suffix,
+    kind_in_words,
+    may_be_dicom,
+    read_header,
+    read_other,
+    read_plain,
+)
 from .listing import is_placed, is_scout, largest_group, listed
 from .pixels import check_codec
 from .slices import values_steps
@@ -96,6 +106,7 @@ class DicomSource(VolumeSource):
             notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but something else")
         for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
+                yield from imported_steps("pydicom", "pydicom", "DICOM")
                 check_codec(image)
         stack, own_spacing = stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
@@ -104,8 +115,10 @@ class DicomSource(VolumeSource):
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
         kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
         reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
-        mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
-        notes += [*([] if mask else meaning(ordered)), *stack.notes, *padding_notes]
+        mask = 0
+        if not request.mask:
+            mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
+        notes += [*([] if mask or request.mask else meaning(ordered)), *stack.notes, *padding_notes]
         names = {mask: self.name} if mask else {}
         return RawValues(
             values, stack.affine, tuple(notes), ValueKind.LABEL if mask else kind, names, own_spacing=own_spacing
@@ -167,17 +180,13 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     ReadError
         If a file at `path` is no DICOM image or is damaged.
     """
-    stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
+    stages = Stages({"Reading the header": 1, "Reading headers": 19})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
         candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
-        if any(map(may_be_dicom, candidates)):
-            yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
         headers = yield from stages.run("Reading headers", headers_steps(candidates))
         return DicomSource(path, sorted_out(headers))
-    yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
-    with quiet():
-        own = read_header(path)
+    (own,) = yield from stages.run("Reading the header", each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
         what = f"holds a DICOM object that is no CT: {kind}" if kind else "is not a DICOM image"
@@ -203,8 +212,18 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     ----------
     files : sequence of Path
     """
-    headers = yield from quiet_batches_steps(read_header, files, "Reading headers", 16)
+    headers = yield from each_header_steps(files)
     return [header for header in headers if header is not None]
+
+
+def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
+    """`read_header` of each file, plain slices first: pydicom is imported only where there are others."""
+    plain = yield from quiet_batches_steps(read_plain, files, "Reading headers", 16)
+    rest = [file for file, header in zip(files, plain, strict=True) if header is None]
+    if any(map(may_be_dicom, rest)):
+        yield from imported_steps("pydicom", "pydicom", "DICOM")
+    others = iter((yield from quiet_batches_steps(read_other, rest, "Reading headers", 16)))
+    return [next(others) if header is None else header for header in plain]
 
 
 def estimate_voxels(folder: Path) -> int:

@@ -117,9 +117,11 @@ class LabelMap:
         while len(self._layers) < count:
             self._add_layer()
         for slice_ in range(self.shape[0]):
-            painted = [layer[slice_].copy() for layer in self._layers]
+            painted = [layer[slice_].copy() for layer in self._layers if layer[slice_].any()]
+            if not painted:
+                continue
             for layer, numbers in zip(self._layers, own, strict=False):
-                layer[slice_] = np.maximum.reduce([numbers[window] for window in painted])
+                layer[slice_] = np.maximum.reduce([numbers.take(window) for window in painted])
         del self._layers[count:]
         return self._layers
 

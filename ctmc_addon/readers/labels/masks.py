@@ -59,7 +59,7 @@ class MaskFolder(VolumeSource):
         notes: list[str] = []
         for label, (name, source) in enumerate(self.masks.items(), 1):
             raw = yield from stages.run(
-                f"Opening {name}", source.read_raw_steps(replace(request, series=None, whole=False))
+                f"Opening {name}", source.read_raw_steps(replace(request, series=None, whole=False, mask=True))
             )
             reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
             if label_map is None:

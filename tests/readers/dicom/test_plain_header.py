@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The header of plain slices against pydicom's, whatever was changed in it."""
+
+from __future__ import annotations
+
+import random
+
+import pydicom
+import pytest
+from fuzz.dicom_seeds import J2K, RLE, dicom
+from fuzz.mutations import change_dicom_element, mutated
+
+from ctmc_addon.readers.dicom.header import KEYWORDS, ImageFile, read_other, read_plain
+from ctmc_addon.readers.dicom.plain_header import OTHERS, PLAIN
+from ctmc_addon.readers.optional_imports import quiet
+
+EXPLICIT, IMPLICIT = "1.2.840.10008.1.2.1", "1.2.840.10008.1.2"
+REAL = ["dicom_singles", "ge_gantry_tilt", "kits_dupe_positions", "seg_dcmqi/ct-3slice", "ts_dicom_j2k"]
+REAL += ["ibsi_lung_tumor/dicom/image", "ircadb01_abdomen", "lidc0314_abdomen30"]
+
+
+def both(path):
+    """The file as it is read by itself, None where pydicom has to look, and as pydicom reads it."""
+    with quiet():
+        return read_plain(path), read_other(path)
+
+
+def said(image):
+    return vars(image) if isinstance(image, ImageFile) else image
+
+
+def slice_path(folder, seed):
+    seed(folder)
+    return folder / "0.dcm"
+
+
+def test_keywords_and_value_representations_are_the_dictionarys():
+    from pydicom.datadict import dictionary_VR, keyword_for_tag
+
+    for tag, (keyword, representation) in PLAIN.items():
+        assert keyword_for_tag(tag) == keyword
+        assert representation in dictionary_VR(tag)
+    assert [keyword_for_tag(tag) for tag in OTHERS] == list(OTHERS.values())
+    assert "PatientName" not in KEYWORDS
+
+
+@pytest.mark.parametrize("seed", [dicom(), dicom(IMPLICIT), dicom(compress=RLE), dicom(compress=J2K)])
+def test_a_plain_slice_is_read_as_pydicom_reads_it(tmp_path, seed):
+    ours, pydicoms = both(slice_path(tmp_path, seed))
+    assert isinstance(ours, ImageFile)
+    assert said(ours) == said(pydicoms)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_slices_are_plain_and_read_as_pydicom_reads_them(real, name):
+    for path in sorted(file for file in real(name).iterdir() if file.is_file())[:8]:
+        ours, pydicoms = both(path)
+        assert ours is not None or name == "dicom_singles"
+        assert ours is None or said(ours) == said(pydicoms)
+
+
+@pytest.mark.parametrize("seed", [dicom(), dicom(IMPLICIT), dicom(compress=RLE)])
+def test_a_changed_slice_is_read_as_pydicom_reads_it_or_left_to_it(tmp_path, seed):
+    chance = random.Random(0)
+    whole = slice_path(tmp_path, seed).read_bytes()
+    changed = tmp_path / "changed.dcm"
+    plain = 0
+    for number in range(150):
+        content = bytearray(whole)
+        if number % 2:
+            change_dicom_element(chance, content)
+        changed.write_bytes(bytes(content) if number % 2 else mutated(chance, whole))
+        ours, pydicoms = both(changed)
+        if ours is not None:
+            plain += 1
+            assert said(ours) == said(pydicoms), number
+    assert 30 < plain < 140
+
+
+def test_sequences_of_any_length_are_passed_over(tmp_path):
+    """A value within a sequence is not the file's own, at whatever depth and however its end is told."""
+    path = slice_path(tmp_path, dicom())
+    for undefined in (True, False):
+        dataset = pydicom.dcmread(path)
+        inner, outer = pydicom.Dataset(), pydicom.Dataset()
+        inner.Rows, outer.ReferencedImageSequence = 7, [inner, inner]
+        outer.is_undefined_length_sequence_item = undefined
+        dataset.SourceImageSequence = [outer]
+        dataset["SourceImageSequence"].is_undefined_length = undefined
+        dataset.save_as(tmp_path / "nested.dcm")
+        ours, pydicoms = both(tmp_path / "nested.dcm")
+        assert said(ours) == said(pydicoms)
+        assert ours.rows == dataset.Rows != 7
