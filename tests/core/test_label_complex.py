@@ -192,6 +192,28 @@ def test_islands_in_another_label_keep_their_volumes():
     np.testing.assert_allclose(np.sort(volumes), counts, rtol=0.05)
 
 
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), SPACING, (0.8, 0.8, 5.0)])
+@pytest.mark.parametrize("at", [(4, 8, 8), (0, 8, 8), (4, 8, 15), (4, 2, 2)], ids=["inside", "end", "edge", "alone"])
+def test_a_label_of_one_voxel_keeps_its_volume(spacing, at):
+    values = np.zeros((9, 17, 17), np.uint8)
+    values[:, 5:12, 5:16] = 2
+    values[at] = 1
+    result = made(Volume(values, np.diag([*spacing, 1.0]), kind="label"), close_border=True)
+    assert result.volumes_mm3[1] == pytest.approx(np.prod(spacing), rel=0.1)
+    assert result.volumes_mm3[2] == pytest.approx(np.count_nonzero(values == 2) * np.prod(spacing), rel=1e-3)
+
+
+def test_an_island_at_the_end_of_the_volume_keeps_its_volume():
+    values = np.zeros((9, 24, 17), np.uint8)
+    values[:, 3:21, 3:14] = 2
+    values[0, 8:10, 8], values[2:6, 14:19, 5:12] = 1, 1
+    result = made(Volume(values, np.diag([*SPACING, 1.0]), kind="label"), close_border=True)
+    mesh = result.surface.of_label(1)[0].at(1.0)
+    component = finish(component_numbers_steps(mesh.faces, len(mesh.vertices)))
+    volumes = finish(component_volumes_steps(mesh.vertices, mesh.faces, component))
+    np.testing.assert_allclose(np.sort(volumes), np.array([2, 140]) * np.prod(SPACING), rtol=0.1)
+
+
 def test_no_sample_is_on_the_wrong_side():
     volume = kidney()
     result = made(volume)

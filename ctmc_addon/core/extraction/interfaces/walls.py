@@ -112,9 +112,11 @@ def wall_samples_steps(
     own = owners[slice(*z), slice(*y), slice(*x)]
     sign = (own == wall.first).astype(np.int8) - (own == wall.second)
     yield PAUSE
+    # A component at the end of the box may go on behind it, but for the end of all labels.
+    goes_on = np.array([(low > 0, high < size) for (low, high), size in zip((z, y, x), owners.shape, strict=True)])
     islands = []
     for side in (1, -1):
-        islands.append((yield from _around_islands_steps(sign == side, slice_steps)))
+        islands.append((yield from _around_islands_steps(sign == side, goes_on, slice_steps)))
     if not wall.is_smooth and not any(len(at[0]) for at in islands):
         return None
     columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
@@ -134,17 +136,21 @@ def wall_samples_steps(
     return (yield from samples_of_steps(between, (int(columns[0]), int(rows[0]), int(slices[0]))))
 
 
-def _around_islands_steps(mask: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
+def _around_islands_steps(mask: NDArray[np.bool_], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
     """Where on the refined grid the samples of small components and those beside them lie, along z, y and x.
 
-    A component at the end of the box may go on behind it.
+    Parameters
+    ----------
+    goes_on : (3, 2) bool
+        Whether components may go on before the first and behind the last sample along each axis.
     """
     components = yield from label_components_steps(mask)
     shape = (len(mask) - 1) * slice_steps + 1, *mask.shape[1:]
     small = components.voxels <= SMALL_ISLAND
     if small.any():
         low, high = components.boxes()
-        small &= (low > 0).all(axis=1) & (high < np.array(mask.shape) - 1).all(axis=1)
+        small &= ((low > 0) | ~goes_on[:, 0]).all(axis=1)
+        small &= ((high < np.array(mask.shape) - 1) | ~goes_on[:, 1]).all(axis=1)
     z, y, x, _ = components.samples(small)
     between = np.arange(1 - slice_steps, slice_steps)  # steps as far as the next slices
     z, y, x = (z * slice_steps + between[:, None]).ravel(), np.tile(y, len(between)), np.tile(x, len(between))

@@ -128,10 +128,11 @@ def constrained_steps(
         smooth_steps = _smoothed_steps(code != 0, label, distance, inside_label, spacing_mm, steps, pool)
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
-        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, band_mm(spacing_mm), budget)
+        limit = band_mm(spacing_mm)  # of a constant
+        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, limit, budget)
         yield from stages.run(islands, islands_steps)
         volume_steps = keep_volume_steps(
-            mask, spacing_mm, steps, bricks, start, inside, far, close_border, budget, pool
+            mask, spacing_mm, steps, bricks, start, inside, far, limit, close_border, budget, pool
         )
         return (yield from stages.run(keeping, volume_steps))
     finally:

@@ -25,6 +25,7 @@ from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO, Inside, Start
 from .bricks import WIDTH, Bricks, Floats
 from .label_components import Indices, LabelComponents, label_components_steps
+from .volume_constant import AREA_OF_BALL
 
 Doubles = NDArray[np.float64]
 Numbers = NDArray[np.int32]
@@ -40,7 +41,6 @@ MOST_TRIALS = 12
 MOST_ROUNDS = 3
 STACK_SAMPLES = 1 << 19  # of the boxes whose surfaces are made at once
 SMALLEST_SIDE = 8  # of a box along x and y
-AREA_OF_BALL = (36 * np.pi) ** (1 / 3)  # times the volume to the power 2/3
 
 
 @dataclass(frozen=True, eq=False)

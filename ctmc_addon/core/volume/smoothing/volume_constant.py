@@ -21,6 +21,8 @@ from .smooth_field import SmoothField, with_closed_ends
 
 EXACT_ENOUGH = 2e-4  # of the volume
 MOST_TRIALS = 7
+FARTHER = 4.0  # times the last step
+AREA_OF_BALL = (36 * np.pi) ** (1 / 3)  # times the volume to the power 2/3
 FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
 FACES_AT_ONCE = 1 << 14
 PARTS_AT_ONCE = 64
@@ -34,6 +36,7 @@ def keep_volume_steps(
     start: Start,
     inside: Inside,
     far: float,
+    limit_mm: float,
     close_border: bool,
     budget: Budget,
     pool: Threads | None,
@@ -46,6 +49,8 @@ def keep_volume_steps(
         The smooth field near the surface and its bounds, on the refined grid.
     far : float
         What deep inside gets, and far outside with a minus.
+    limit_mm : float
+        Of the constant to either side; a label of one voxel needs more than a pixel.
     """
     whole = np.empty((bricks.shape[0], bricks.shape[1], bricks.shape[2] * WIDTH), np.float32)
     flat = whole.reshape(-1, WIDTH)
@@ -80,7 +85,7 @@ def keep_volume_steps(
     z = bricks.coordinates(slice(bricks.active))[0] % slice_steps
     between = [bricks.place[: bricks.active][z == step] for step in range(1, slice_steps)]
     nearest = np.float32(NEAREST_ZERO * min(spacing_mm))
-    constant, limit = np.float32(0), max(spacing_mm) / 2
+    constant = np.float32(0)
     tried: list[tuple[float, float]] = []
     for trial in range(MOST_TRIALS):
         put(constant)
@@ -93,7 +98,7 @@ def keep_volume_steps(
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
             break
-        following = np.float32(np.clip(_next(tried, goal, area), -limit, limit))
+        following = np.float32(np.clip(_next(tried, goal, area), -limit_mm, limit_mm))
         if any(float(following) == earlier for earlier, _ in tried):
             break
         constant = following
@@ -126,19 +131,24 @@ def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.flo
 
 
 def _next(tried: list[tuple[float, float]], goal: float, area: float) -> float:
-    """The constant to try next: by the area at first, then along the line through the two nearest on either side."""
-    constant, volume = tried[-1]
+    """The constant to try next: by the area at first, then along the line through the two nearest on either side.
+
+    A label of a few voxels answers little at first: its area is that of a ball at least, and without a constant on
+    either side the next one is not much farther than the last.
+    """
     below = [pair for pair in tried if pair[1] < goal]
     above = [pair for pair in tried if pair[1] >= goal]
     if below and above:
         (c0, v0), (c1, v1) = max(below, key=lambda pair: pair[1]), min(above, key=lambda pair: pair[1])
-    elif len(tried) > 1:
-        (c0, v0), (c1, v1) = tried[-2], tried[-1]
-    else:
-        return constant + (goal - volume) / area
-    if v1 == v0:
-        return 2 * constant + (goal - volume) / area
-    return c0 + (goal - v0) * (c1 - c0) / (v1 - v0)
+        return c0 + (goal - v0) * (c1 - c0) / (v1 - v0)
+    constant, volume = tried[-1]
+    if len(tried) == 1:
+        return constant + (goal - volume) / max(area, AREA_OF_BALL * goal ** (2 / 3))
+    earlier, before = tried[-2]
+    step = abs(constant - earlier)
+    rise = (volume - before) / (constant - earlier)
+    change = (goal - volume) / rise if rise > 0 else float(np.copysign(np.inf, goal - volume))
+    return constant + float(np.clip(change, -FARTHER * step, FARTHER * step))
 
 
 def _measured_steps(
