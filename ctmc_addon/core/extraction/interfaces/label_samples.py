@@ -33,7 +33,7 @@ class LabelSamples:
     number : (slices, rows, bricks) int32
         Which of `bricks` has the values.
     bricks : (n, 8) float32
-        The last two are the lowest and the highest value alone.
+        The last two are the value outside and the highest value alone.
     outside : float
         The field outside the window.
     """
@@ -101,12 +101,24 @@ def label_samples_steps(field: Field) -> Steps[LabelSamples]:
     values = yield from field.values.slices_steps(range(field.values.shape[0]))
     origin_x, origin_y, _ = field.origin
     low = (origin_x + x0, origin_y + y0, refined_slice(field, z0))
-    return (yield from samples_of_steps(values[z0:z1, y0:y1, x0:x1], low))
+    # Slices that close the border are far below 0: what lies outside the window is not.
+    added = field.first_slice
+    lowest = values[max(z0, added) : min(z1, len(values) - added), y0:y1, x0:x1].min()
+    yield PAUSE
+    return (yield from samples_of_steps(values[z0:z1, y0:y1, x0:x1], low, lowest))
 
 
-def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int]) -> Steps[LabelSamples]:
-    """Return values (slices, rows, columns) without their constant parts; `low` is where on the grid they begin."""
-    lowest, highest = values.min(), values.max()
+def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int], outside: float) -> Steps[LabelSamples]:
+    """Return values (slices, rows, columns) without their constant parts.
+
+    Parameters
+    ----------
+    low : (x, y, z) int
+        Where on the grid they begin.
+    outside : float
+        The value outside the window.
+    """
+    highest = values.max()
     yield PAUSE
     slices, rows, columns = values.shape
     wide = -(-columns // BRICK)
@@ -119,7 +131,7 @@ def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int]) -> Steps[L
         if wide * BRICK > columns:
             part = np.pad(part, ((0, 0), (0, 0), (0, wide * BRICK - columns)), mode="edge")
         bricks = np.ascontiguousarray(part).reshape(-1, BRICK)
-        is_low, is_high = (bricks <= lowest).all(axis=1), (bricks >= highest).all(axis=1)
+        is_low, is_high = (bricks == outside).all(axis=1), (bricks >= highest).all(axis=1)
         own = np.flatnonzero(~(is_low | is_high))
         part_number = np.where(is_low, np.int32(-2), np.int32(-1))
         part_number[own] = np.arange(count, count + len(own), dtype=np.int32)
@@ -127,7 +139,7 @@ def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int]) -> Steps[L
         kept.append(bricks[own].astype(np.float32))
         count += len(own)
         yield PAUSE
-    ends = np.array([lowest, highest], np.float32)
+    ends = np.array([outside, highest], np.float32)
     kept.append(np.repeat(ends[:, None], BRICK, axis=1))
     number[number < 0] += np.int32(count + 2)
     x, y, z = ((start, start + size) for start, size in zip(low, values.shape[::-1], strict=True))

@@ -133,7 +133,8 @@ def wall_samples_steps(
         between = yield from between_labels_steps(between, sign, spacing_mm, slice_steps, budget)
     for field, side, at in zip(fields, (1, -1), islands, strict=True):
         between[at] = np.float32(side) * field.at(columns[at[2]], rows[at[1]], slices[at[0]])
-    return (yield from samples_of_steps(between, (int(columns[0]), int(rows[0]), int(slices[0]))))
+    low = int(columns[0]), int(rows[0]), int(slices[0])
+    return (yield from samples_of_steps(between, low, between.min()))
 
 
 def _around_islands_steps(mask: NDArray[np.bool_], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
