@@ -129,7 +129,7 @@ def constrained_steps(
         bricks, start = yield from stages.run(smoothing, smooth_steps)
         far = float(start.field[-2, 0])
         limit = band_mm(spacing_mm)  # of a constant
-        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, limit, budget)
+        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, limit, close_border, budget)
         yield from stages.run(islands, islands_steps)
         volume_steps = keep_volume_steps(
             mask, spacing_mm, steps, bricks, start, inside, far, limit, close_border, budget, pool

@@ -83,6 +83,7 @@ def keep_islands_steps(
     start: Start,
     inside: Inside,
     limit_mm: float,
+    close_border: bool,
     budget: Budget,
 ) -> Steps[None]:
     """Give each small component of a label a constant of its own, in the field before the common constant.
@@ -96,6 +97,8 @@ def keep_islands_steps(
         The smooth field on the refined grid, its bounds, and the mask's place in the label's grid; changed in place.
     limit_mm : float
         Of an island's constant to either side; the field's values are hardly farther from zero.
+    close_border : bool
+        Whether slices will be added, so that an island at an end of the grid ends half a slice gap outside.
     """
     components = yield from label_components_steps(mask)
     voxels = components.voxels
@@ -107,7 +110,7 @@ def keep_islands_steps(
         return
     samples = yield from _samples_steps(mask, components, selected, slice_steps, bricks, inside)
     field, low, high = (array[samples.brick, samples.lane] for array in (start.field, start.low, start.high))
-    solving = _Solving(components, selected, samples, spacing_mm, slice_steps, len(mask), limit_mm)
+    solving = _Solving(components, selected, samples, spacing_mm, slice_steps, len(mask), limit_mm, close_border)
     constants = yield from solving.solve_steps(field, low, high, budget)
     moved = field + constants[samples.owner]
     active = samples.brick < bricks.active
@@ -211,18 +214,23 @@ class _Solving:
         steps: int,
         slices: int,
         limit_mm: float,
+        close_border: bool,
     ) -> None:
         self.samples, self.steps, self.selected = samples, steps, selected
+        self.adds_slices = close_border and steps > 1
         self.sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps)
         self.nearest = np.float32(NEAREST_ZERO * min(spacing_mm))
         self.limit = limit_mm
         low, high = components.boxes()
         self.corner = (low - 1) * (steps, 1, 1)  # of every component's box, z, y, x
         self.size = (high - low + 2) * (steps, 1, 1) + 1
+        self.at_first, self.at_last = low[:, 0] == 0, high[:, 0] == slices - 1
         middle = self.sides[0] * self.sides[1] * self.sides[2]
-        # At an end of the grid the surface is cut half a refined slice outside.
+        # At an end of the grid the surface is cut half a refined slice outside, unless slices are added.
         at_end = (components.z == 0) | (components.z == slices - 1)
-        weight = np.where(at_end, (steps + 1) / 2, steps) * (components.stop - components.start)
+        weight = np.where(at_end & (not self.adds_slices), (steps + 1) / 2, steps) * (
+            components.stop - components.start
+        )
         self.goal = middle * np.bincount(components.component, weight, len(selected))
 
     def solve_steps(self, field: Floats, low: Floats, high: Floats, budget: Budget) -> Steps[Floats]:
@@ -334,7 +342,12 @@ class _Solving:
         yield PAUSE
         if not (stack >= 0).any():
             return None
-        grid = make_grid(stack.reshape(-1, length, length))
+        boxes = stack.reshape(-1, length, length)
+        if self.adds_slices:
+            ends = np.cumsum(layers)
+            _close_ends(boxes, (ends - layers)[self.at_first[part]] + self.steps, -1, self.steps)
+            _close_ends(boxes, ends[self.at_last[part]] - 1 - self.steps, 1, self.steps)
+        grid = make_grid(boxes)
         return (yield from extract_steps(grid, 0.0, False, budget))
 
     def _measured(self, surface: Surface, part: Indices) -> tuple[Doubles, Doubles]:
@@ -357,3 +370,12 @@ class _Solving:
         volumes = along_z * (az + bz + cz) / 6
         volume, area = (np.bincount(of, weights, len(part)).astype(np.float64) for weights in (volumes, areas))
         return volume, area
+
+
+def _close_ends(boxes: Floats, end: Indices, way: int, steps: int) -> None:
+    """Repeat the layers at the end of the grid outwards, as `smooth_field.with_closed_ends` does; in place."""
+    values = boxes[end]
+    copies = steps // 2
+    for copy in range(1, copies + 1):
+        boxes[end + way * copy] = values
+    boxes[end + way * (copies + 1)] = -np.abs(values) * np.float32(1 if steps % 2 else 1000)

@@ -174,6 +174,18 @@ def test_an_island_at_the_border_keeps_the_volume_of_its_samples():
         assert volumes[:3] == pytest.approx(sorted([ends, ends, 1.0]), rel=0.1)
 
 
+@pytest.mark.parametrize("steps", [2, 3, 4, 7])
+def test_an_island_at_a_closed_border_keeps_its_volume_up_to_half_a_gap_outside(steps):
+    mask = np.zeros((8, 20, 24), bool)
+    mask[3:6, 10:16, 12:20] = True
+    mask[0, 3, 3] = mask[7, 15:17, 4:6] = mask[6:, 3:5, 15:18] = True
+    field = smooth(mask, THICK, slice_steps=steps, close_border=True)
+    mesh = marching_cubes(field.values, 0.0, normals=False, close_border=True)
+    number = component_of_face(mesh)
+    volumes = finish(component_volumes_steps(mesh.vertices.astype(float), mesh.faces, number)) / steps
+    assert np.sort(volumes) == pytest.approx([1, 4, 12, 144], rel=0.1)
+
+
 def test_islands_do_not_depend_on_the_threads():
     mask = np.random.default_rng(6).random((9, 24, 40)) < 0.08
     for spacing in (EVEN, THICK):
