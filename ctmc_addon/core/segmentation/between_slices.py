@@ -21,10 +21,11 @@ from ..errors import SettingsError
 from ..progress import PAUSE, Stages, Step, Steps
 from ..volume.smoothing.bounds import NEAREST_ZERO, Start
 from ..volume.smoothing.bricks import WIDTH, Bricks, Threads, near_surface, number_bricks, packed
-from ..volume.smoothing.constrained import FINE_ROUNDS, NARROW_PIXELS
 from ..volume.smoothing.relaxation import relax_steps
 from .distance import Floats, Mask, Spacing, squared_distances
 
+NARROW_PIXELS = 3  # to either side of the surface that are smoothed
+ROUNDS = 24  # of smoothing
 STAGES = {"Measuring distances": 3, "Filling slices": 2, "Smoothing": 5}
 
 
@@ -153,7 +154,7 @@ def _smoothed_steps(body: Mask, known: Distances, voxel_mm: Spacing, budget: Bud
     workers = budget.thread_count
     pool = Threads(workers) if workers > 1 else None
     try:
-        yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, FINE_ROUNDS, pool)
+        yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, ROUNDS, pool)
     finally:
         if pool:
             pool.shutdown(cancel_futures=True)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from .anatomy import anatomy_of
 
 # One name of every row of the table of anatomy.
@@ -15,12 +17,6 @@ _VESSELS = (
     "vena cava", "superior vena cava", "portal vein", "iliac vein", "pulmonary artery", "pulmonary vein", "bile duct",
     "gallbladder",
 )  # fmt: skip
-_COLORS = {
-    known.rgb: finish
-    for finish, names in (("bone", _BONES), ("vessel", _VESSELS))
-    for known in map(anatomy_of, names)
-    if known is not None
-}
 
 
 def finish_of(label: int | None, name: str = "") -> str:
@@ -46,4 +42,15 @@ def finish_of(label: int | None, name: str = "") -> str:
     known = anatomy_of(name)
     if label is None:
         return "bone"
-    return _COLORS.get(known.rgb, "organ") if known is not None else "organ"
+    return _finishes().get(known.rgb, "organ") if known is not None else "organ"
+
+
+@cache
+def _finishes() -> dict[tuple[int, int, int], str]:
+    """What the table's bones and vessels are like, by their colors."""
+    return {
+        known.rgb: finish
+        for finish, names in (("bone", _BONES), ("vessel", _VESSELS))
+        for known in map(anatomy_of, names)
+        if known is not None
+    }

@@ -26,9 +26,10 @@ from .volume_constant import keep_volume_steps
 
 BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
-NARROW_PIXELS = 3  # to either side that are smoothed at full resolution, after every other pixel
+NARROW_PIXELS = 2  # to either side that are smoothed at full resolution, after every other pixel
 COARSE_ROUNDS = (32, 80)  # on every other pixel, where slices are refined at most twice, and where more
-FINE_ROUNDS = 24
+FINE_ROUNDS = 16
+FINE_INERTIA = 3.0  # as after a few rounds: the coarse field is nearly smooth
 MOST_STEPS = 8
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
@@ -207,7 +208,7 @@ def _narrow_steps(
     own = own[: narrow.active]
     low, high = start.low.take(own, axis=0), start.high.take(own, axis=0)
     yield PAUSE
-    yield from relax_steps(narrow, field, low, high, sides, FINE_ROUNDS, pool)
+    yield from relax_steps(narrow, field, low, high, sides, FINE_ROUNDS, pool, FINE_INERTIA)
     start.field[own] = field[: narrow.active]
 
 

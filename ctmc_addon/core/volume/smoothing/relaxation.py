@@ -27,6 +27,7 @@ def relax_steps(
     spacing_mm: tuple[float, float, float],
     rounds: int,
     pool: Threads | None,
+    inertia: float = 1.0,
 ) -> Steps[None]:
     """Smooth `field` in place.
 
@@ -41,6 +42,8 @@ def relax_steps(
         Of the grid of these bricks.
     rounds : int
         Steps along the gradient.
+    inertia : float
+        That the momentum begins with: 1 for none, more where the field is nearly smooth already.
     """
     weights = [1.0 / side**2 for side in spacing_mm]
     # Over the weight along x, so that sums along x, and mostly those along y, need no factor.
@@ -85,7 +88,6 @@ def relax_steps(
         before[...] = moved
 
     parts = pieces(bricks.active)
-    inertia = 1.0
     for done in range(rounds):
         following = (1.0 + math.sqrt(1.0 + 4.0 * inertia * inertia)) / 2.0
         momentum = np.float32((inertia - 1.0) / following)

@@ -78,19 +78,21 @@ def signed_distance_steps(
     def across(axis: int, nearer: Floats, part: slice) -> None:
         z, y, x = bricks.coordinates(part)
         place = (z + more_z) * pitch[0] + (y + more_y) * pitch[1] + x
-        side = np.where(squares[part] > 0, np.float32(1), np.float32(-1))
+        side = np.copysign(np.float32(1), squares[part])
         best = np.abs(squares[part])
+        before, after = np.empty_like(best), np.empty_like(best)
         for step in range(1, reach[2 - axis] + 1):
             extra = np.float32((step * spacing_mm[2 - axis]) ** 2)
             if extra >= farthest:
                 break
-            for moved in (-step, step):
-                through = squares.take(flat_around.take(place + moved * pitch[axis]), axis=0)
+            for through, moved in ((before, -step), (after, step)):
+                squares.take(flat_around.take(place + moved * pitch[axis]), axis=0, out=through, mode="clip")
                 through *= side
-                np.maximum(through, np.float32(0), out=through)
-                through += extra
-                np.minimum(best, through, out=best)
-        nearer[part] = best * side
+            np.minimum(before, after, out=before)
+            np.maximum(before, np.float32(0), out=before)
+            before += extra
+            np.minimum(best, before, out=best)
+        np.multiply(best, side, out=nearer[part])
 
     for axis, share in ((1, 0.6), (0, 1.0)):
         nearer = squares.copy()
