@@ -104,9 +104,10 @@ def next_gain(
 
     Examples
     --------
-    >>> next_gain(np.array([1.0, 1.0]), np.array([8.0, 0.0]), np.array([-4.0, 3.0])).round(3).tolist()
-    [0.667, 1.0]
+    >>> next_gain(np.ones(3), np.array([8.0, 0.0, -2.0]), np.array([-4.0, 3.0, 3.0])).round(3).tolist()
+    [0.667, 1.0, 0.4]
     """
-    known = np.abs(before_mm3) > np.abs(missing_mm3)
+    known = before_mm3 != 0
     answered = 1.0 - missing_mm3 / np.where(known, before_mm3, 1.0)
+    known &= answered > 0  # else it went the wrong way
     return np.where(known, np.clip(gain / answered, *GAINS), gain)
