@@ -20,7 +20,7 @@ from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
 from .smooth_field import SmoothField, with_closed_ends
 
 EXACT_ENOUGH = 2e-4  # of the volume
-MOST_TRIALS = 7
+MOST_TRIALS = 10
 FARTHER = 4.0  # times the last step
 AREA_OF_BALL = (36 * np.pi) ** (1 / 3)  # times the volume to the power 2/3
 FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
