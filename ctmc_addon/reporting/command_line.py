@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 import sys
 from collections.abc import Sequence
 
@@ -61,4 +60,8 @@ def command_line(source: str, output: str, settings: ReconstructionSettings, rea
     """
     read = flags_of(reading) if reading is not None else []
     words = ["ctmc", "reconstruct", source, "-o", output, *read, *command_of(settings).split()]
-    return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)
+    if sys.platform != "win32":
+        return shlex.join(words)
+    import subprocess  # takes long to import
+
+    return subprocess.list2cmdline(words)

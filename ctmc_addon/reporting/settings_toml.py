@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import textwrap
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -131,6 +130,8 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
     SettingsError
         If it is not TOML, or holds an unknown name, a wrong type or a value outside its limits.
     """
+    import tomllib  # takes long to import
+
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

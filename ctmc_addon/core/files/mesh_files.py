@@ -67,7 +67,7 @@ def write_stl(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], norm
     """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
-        write_stl_facets(file, vertices[faces[part]])
+        write_stl_facets(file, vertices.take(faces[part], axis=0))
 
 
 def write_stl_head(file: IO[bytes], face_count: int) -> None:
@@ -80,11 +80,15 @@ def write_stl_facets(file: IO[bytes], corners: Vectors) -> None:
     """Facets of a binary STL from their corners, (n, 3, 3)."""
     rows = np.zeros(len(corners), STL_FACE)
     rows["corners"] = corners
-    normals = np.cross(corners[:, 1].astype(np.float64) - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.sqrt(normals[:, 0] ** 2 + normals[:, 1] ** 2 + normals[:, 2] ** 2)
+    # A row for each coordinate of each corner: NumPy works through long rows far faster than through columns of 3.
+    first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0), np.float64)  # (3, n) each
+    u, v = second - first, third - first
+    normals = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    length = np.sqrt(normals[0] ** 2 + normals[1] ** 2 + normals[2] ** 2)
     length[length == 0] = 1.0
-    rows["normal"] = normals / length[:, None]
-    file.write(rows.tobytes())
+    for axis, normal in enumerate(normals):
+        rows["normal"][:, axis] = normal / length
+    file.write(rows.view(np.uint8).data)
 
 
 def write_ply(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:

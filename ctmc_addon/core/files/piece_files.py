@@ -96,7 +96,7 @@ def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[W
         faces += len(mesh.faces)
         _require_countable(faces, faces, MOST_FACETS)
         for part in parts_of(len(mesh.faces)):
-            write_stl_facets(file, mesh.vertices[mesh.faces[part]])
+            write_stl_facets(file, mesh.vertices.take(mesh.faces[part], axis=0))
             yield PAUSE
     _require_triangles(faces)
     file.seek(0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import struct
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -188,6 +187,8 @@ def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, 
         if min(start, end) < 0:
             continue
         text = content[start : end + len(TABLE_END)].decode("utf-8", "replace")
+        from xml.etree import ElementTree  # takes long to import, and few files have a table
+
         try:
             for label in ElementTree.fromstring(text).iter("Label"):
                 number = int(label.attrib["Key"])

@@ -94,12 +94,12 @@ def widened(flags: NDArray[np.bool_], reach: int, axis: int) -> NDArray[np.bool_
     >>> widened(np.array([0, 0, 0, 1, 0, 0], bool), 2, 0).astype(int).tolist()
     [0, 1, 1, 1, 1, 1]
     """
-    flags = np.moveaxis(flags, axis, 0)
     wide = flags.copy()
-    for step in range(1, min(reach, len(flags) - 1) + 1):
-        wide[step:] |= flags[:-step]
-        wide[:-step] |= flags[step:]
-    return np.ascontiguousarray(np.moveaxis(wide, 0, axis))
+    along, into = np.moveaxis(flags, axis, 0), np.moveaxis(wide, axis, 0)
+    for step in range(1, min(reach, len(along) - 1) + 1):
+        into[step:] |= along[:-step]
+        into[:-step] |= along[step:]
+    return wide
 
 
 def packed(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

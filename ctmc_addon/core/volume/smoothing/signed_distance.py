@@ -47,7 +47,9 @@ def signed_distance_steps(
     farthest = np.float32(farthest_mm * farthest_mm)
     squares = np.empty((len(bricks), WIDTH), np.float32)
     squares[-2], squares[-1] = farthest, -farthest
-    steps_x = [np.float32((step * spacing_mm[0]) ** 2) for step in range(reach[0] + 1)]
+    # Squares of samples whose other side is 1, 2, ... steps along x away, or beyond reach: outside, then inside.
+    along_x = [min(np.float32((step * spacing_mm[0]) ** 2), farthest) for step in range(1, reach[0] + 1)] + [farthest]
+    signed = np.array([[-square for square in along_x], along_x], np.float32).ravel()
     flat, (_, _, wide) = code.ravel(), bricks.shape
 
     def along_row(part: slice) -> None:
@@ -56,14 +58,14 @@ def signed_distance_steps(
         own = flat[place]
         before = np.where(x > 0, flat[np.maximum(place - 1, 0)], (own >> 7) * np.uint8(255))
         after = np.where(x < wide - 1, flat[np.minimum(place + 1, flat.size - 1)], (own & 1) * np.uint8(255))
-        # Samples first: a shift along x is then a shift of whole rows, which NumPy compares in one run.
-        bits = np.unpackbits(np.stack([before, own, after]), axis=0)  # (24, n)
-        here = bits[WIDTH : 2 * WIDTH]
-        squares_x = np.full(here.shape, farthest, np.float32)
-        for step in range(reach[0], 0, -1):
-            left, right = bits[WIDTH - step : 2 * WIDTH - step], bits[WIDTH + step : 2 * WIDTH + step]
-            np.copyto(squares_x, min(steps_x[step], farthest), where=(left != here) | (right != here))
-        squares[part] = np.where(here, squares_x, -squares_x).T
+        # 24 samples in a number: shifted by a step, all are compared at once.
+        row = before.astype(np.uint32) << 16 | own.astype(np.uint32) << 8 | after
+        number = np.unpackbits(own) * np.uint8(reach[0] + 1)
+        same = np.full(len(own), 255, np.uint8)  # samples with none on the other side so far
+        for step in range(1, reach[0] + 1):
+            same &= ~(((row ^ (row << step)) | (row ^ (row >> step))) >> 8).astype(np.uint8)
+            number += np.unpackbits(same)
+        squares[part] = signed.take(number).reshape(-1, WIDTH)
 
     parts = pieces(len(bricks.place))
     spread(pool, along_row, parts)
