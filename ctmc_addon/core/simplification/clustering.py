@@ -32,6 +32,8 @@ from .batches import Batch
 from .collapses import TURN, shuffled
 from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
+CLUSTERED = 8.0  # times as many triangles as shall be left in the end: worth clustering first
+LEFT_BY_CLUSTERS = 4.0  # times as many triangles as shall be left in the end: edges collapse from there on
 PASSES = 3  # of choosing seeds
 EXPENSIVE = 8.0  # times the median error of clusters: such a cluster is not made
 ENOUGH = 1.15  # times as many triangles as asked for: no round more

@@ -16,10 +16,9 @@ Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-SHARE = 0.04  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
-FAR_SHARE, FAR, MOST_SHARE = 0.04, 2.0, 0.16  # more while there are over FAR times as many faces as asked for
+SHARE = 0.12  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
-PASSES = 2  # of selecting edges whose triangles do not meet
+PASSES = 3  # of selecting edges whose triangles do not meet
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +77,17 @@ def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[t
     return edges[:, faces_at == 1].ravel(), faces[:, non_manifold[face_edges].any(axis=0)].ravel()
 
 
-def share_of(face_count: int, budget: int) -> float:
-    """Of the edges looked at in a round: more while the goal is far, when the order of the cheapest matters less."""
-    far = face_count / max(1, face_count - 2 * budget)  # times as many faces as in the end
-    return min(max(SHARE, FAR_SHARE * (far - FAR)), MOST_SHARE)
-
-
 def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -> Steps[Indices]:
-    """Some of the candidates, no two of which have an end at the same triangle (Luby 1986)."""
-    candidates = candidates[np.argsort(shuffled(candidates))]
+    """Some of the candidates, no two of which have an end at the same triangle; those that come first win."""
+    a, b = np.take(edges, candidates, axis=1).astype(np.intp)
+    waiting = np.zeros(vertex_count, bool)  # ends of candidates
+    waiting[a] = waiting[b] = True
+    yield PAUSE
+    first, second = edges  # only edges between two ends of candidates can part them
     independent: list[Indices] = []
     for _ in range(PASSES):
-        a, b = np.take(edges, candidates, axis=1)
-        touched = np.zeros(vertex_count, bool)
-        touched[a] = touched[b] = True
-        # Only edges between two ends of candidates can part them.
-        between = np.flatnonzero(np.take(touched, edges[0]) & np.take(touched, edges[1]))
-        first, second = np.take(edges, between, axis=1).astype(np.intp)
+        between = np.flatnonzero(np.take(waiting, first) & np.take(waiting, second))
+        first, second = np.take(first, between).astype(np.intp), np.take(second, between).astype(np.intp)
         yield PAUSE
         count = len(candidates)
         rank = np.arange(count, dtype=np.int32)
@@ -114,7 +107,10 @@ def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -
         free = ~near
         free[np.compress(np.take(near, second), first)] = False
         free[np.compress(np.take(near, first), second)] = False
-        candidates = candidates[np.take(free, a) & np.take(free, b)]
+        left = np.flatnonzero(np.take(free, a) & np.take(free, b))
+        candidates, a, b = candidates[left], a[left], b[left]
+        waiting = np.zeros(vertex_count, bool)
+        waiting[a] = waiting[b] = True
         yield PAUSE
     return np.concatenate(independent)
 

@@ -26,13 +26,12 @@ from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog
 from .collapse_rules import CollapseRules
 from .collapses import (
-    MOST_SHARE,
+    SHARE,
     Collapses,
     crosses_border_steps,
     flips_normal_steps,
     independent_set_steps,
     locked_vertices_steps,
-    share_of,
 )
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
@@ -50,7 +49,7 @@ FEW = 0.05  # of the edges tried could collapse: the round was poor
 POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
 COMPACT = 0.75  # of the faces are left: leave out those that are gone
 CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
-CUT_AGAIN = 1.5  # times before handles are; they are fewer, and finding them takes longer
+CUT_AGAIN = 3.0  # times before handles are; they are fewer, and finding them takes longer
 CUT_IN_BATCH = 6.0  # times in a batch of a surface: the last pass cuts what is left
 
 
@@ -66,8 +65,7 @@ class CollapsingMesh(CollapseRules):
     locked : (V,) bool, vertices that stay where they are
     original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
 
-    In a `batch` of a surface, components with a border go on beyond it: none of these is removed. `rough` rounds are
-    large, which is good enough where another pass chooses what goes last.
+    In a `batch` of a surface, components with a border go on beyond it: none of these is removed.
     """
 
     def __init__(
@@ -76,7 +74,6 @@ class CollapsingMesh(CollapseRules):
         max_error: float | None = None,
         safety_factor: float = 1.0,
         batch: bool = False,
-        rough: bool = False,
     ) -> None:
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
@@ -99,7 +96,6 @@ class CollapsingMesh(CollapseRules):
         self.log: CollapseLog | None = None
         self.crossing_count: int | None = None  # pairs of triangles that cross, once tested
         self.batch = batch
-        self.rough = rough
         self.components = Components()
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
@@ -181,8 +177,7 @@ class CollapsingMesh(CollapseRules):
 
     def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
-        share = MOST_SHARE if self.rough else share_of(self.face_count, budget)
-        count = int(min(share * 1.5 * self.face_count, 8 * budget) / self.accepted)
+        count = int(min(SHARE * 1.5 * self.face_count, 8 * budget) / self.accepted)
         candidates = self.cheapest(min(count, len(self.cost) - 1))
         yield PAUSE
         edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1])

@@ -28,15 +28,13 @@ from ..parallel import in_order_steps
 from ..progress import PAUSE, Step, Steps
 from .batches import NEW, Batch, Numbering, area, beside, joined, shared
 from .bounded import hold_bound_steps
-from .clustering import clustered_steps
+from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .whole import SAFETY_FACTOR, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
 
 SPARE = 2.0  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
-CLUSTERED = 4.0  # times as many triangles as wanted: worth clustering first
-LEFT_BY_CLUSTERS = 2.0  # times as many triangles as wanted: edges collapse from there on
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
 BATCHES_SHARE = 0.8  # of the time
 LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
@@ -247,7 +245,6 @@ class _Passes:
                     share if max_error is None else 0,
                     max_error,
                     whole,
-                    goal == target,
                     self.later_limit,
                     self.protected(),
                 )
@@ -275,7 +272,6 @@ def reduce_batch_steps(
     at_border: int = 0,
     max_error: float | None = None,
     whole: bool = False,
-    last: bool = False,
     largest_component: float = math.inf,
     by_box: bool = False,
     protected: Numbers | None = None,
@@ -286,14 +282,12 @@ def reduce_batch_steps(
     ----------
     batch : Batch
     wanted : float
-        Triangles to leave, with a maximum error 0.
+        Triangles to leave, with a maximum error 0: `SPARE` times as many as shall be left in the end.
     at_border : int
         Triangles to leave besides, because the border stays.
     max_error : float, optional
     whole : bool
         Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
-    last : bool
-        Whether no other pass follows, which would choose better what goes last.
     largest_component : float
         Components that enclose more, in the cube of the mesh's unit, stay.
     by_box : bool
@@ -305,17 +299,10 @@ def reduce_batch_steps(
     target = round(wanted) + at_border
     if target >= before:
         return Reduced(batch, before, _density(batch, wanted), CollapsedComponents(), 0)
-    clustered = max_error is None and not whole and before - at_border > CLUSTERED * wanted
     volumes = None
-    if clustered:
-        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted) + at_border)
-    collapsing = CollapsingMesh(
-        batch.mesh,
-        max_error,
-        SAFETY_FACTOR,
-        not whole,
-        rough=not last and (clustered or max_error is not None),
-    )
+    if max_error is None and not whole and before - at_border > CLUSTERED * wanted / SPARE:
+        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted / SPARE) + at_border)
+    collapsing = CollapsingMesh(batch.mesh, max_error, SAFETY_FACTOR, batch=not whole)
     if volumes is not None:
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
@@ -342,12 +329,11 @@ def _stretch_steps(
     wanted: int,
     max_error: float | None,
     whole: bool,
-    last: bool,
     largest_component: float,
     protected: Numbers,
 ) -> Steps[Reduced]:
     limits = largest_component, True, protected
-    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, last, *limits))
+    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, *limits))
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:

@@ -15,15 +15,13 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
 from .batches import Batch
 from .bounded import hold_bound_steps
-from .clustering import clustered_steps
+from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .uncrossing import uncross_steps
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
-CLUSTERED = 8.0  # times as many triangles as asked for: worth clustering first
-LEFT_BY_CLUSTERS = 4.0  # times as many triangles as asked for: edges collapse from there on
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
 STAGES = {"Simplifying": 1}

@@ -38,7 +38,8 @@ def collapsed(mesh, max_error, rounds=60):
     work = CollapsingMesh(mesh, max_error, 0.75)
     finish(work.prepare_steps())
     for _ in range(rounds):
-        finish(work.collapse_round_steps(len(mesh.faces)))
+        if finish(work.can_collapse_steps()):
+            finish(work.collapse_round_steps(len(mesh.faces)))
     return work
 
 
