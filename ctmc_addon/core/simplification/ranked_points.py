@@ -15,6 +15,7 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 BRANCH = 4  # boxes in a box
+BESIDE = 12  # points on either side, in the order along the curve, that bound a distance at first
 
 
 class RankedPoints:
@@ -24,7 +25,10 @@ class RankedPoints:
         """Take in points (3, n), the component of each and the rank of every component."""
         low = points.min(axis=1)
         extent = float((points - low[:, None]).max())
-        order = np.argsort(morton_codes(points.T, low, (2**CODE_BITS - 1) / (extent or 1.0)), kind="stable")
+        self._low, self._cells_per_unit = low, (2**CODE_BITS - 1) / (extent or 1.0)
+        codes = morton_codes(points.T, low, self._cells_per_unit)
+        order = np.argsort(codes, kind="stable")
+        self._codes = codes[order]
         yield PAUSE
         self.component = component[order]
         low = high = np.take(points, order, axis=1)
@@ -50,7 +54,7 @@ class RankedPoints:
 
     def nearest(self, points: Floats, ranks: Ints) -> tuple[Floats, Ints]:
         """Distance from every point (3, n) to the nearest of a rank above its own, (n,), and the component of that."""
-        best = np.full(points.shape[1], np.inf, np.float32)  # no farther than this, squared
+        best = self._bounds(points, ranks)  # no farther than this, squared
         point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
         squared = best
         for level in range(len(self.boxes) - 1, -1, -1):
@@ -74,3 +78,14 @@ class RankedPoints:
             point, box, squared = point[near], box[near], squared[near]
         first = np.flatnonzero(np.diff(point, prepend=-1))  # the first of equal points
         return np.sqrt(squared[first]), self.component[box[first]]
+
+    def _bounds(self, points: Floats, ranks: Ints) -> Floats:
+        """Squared distance to the nearest of those of a higher rank that the curve passes just before or after."""
+        at = np.searchsorted(self._codes, morton_codes(points.T, self._low, self._cells_per_unit))
+        best = np.full(points.shape[1], np.inf, np.float32)
+        for offset in range(-BESIDE, BESIDE):
+            beside = np.clip(at + offset, 0, len(self._codes) - 1)
+            along = np.take(self.boxes[0][0], beside, axis=1) - points
+            higher = np.take(self.ranks[0], beside) > ranks
+            np.minimum(best, dot(along, along), out=best, where=higher)
+        return best
