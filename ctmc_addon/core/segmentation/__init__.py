@@ -5,7 +5,7 @@ A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, han
 shape: nothing else is read or touched.
 """
 
-from .between_slices import between_slices_steps
+from .between_slices import between_slices_steps, drawn_axis
 from .brush import brush, brushed_window
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
@@ -38,6 +38,7 @@ __all__ = [
     "compete_steps",
     "connected_steps",
     "cropped",
+    "drawn_axis",
     "grown_window",
     "holes_filled_steps",
     "islands_steps",

@@ -79,6 +79,34 @@ def between_slices_steps(
     return filled
 
 
+def drawn_axis(mask: Mask) -> int:
+    """Find the axis across the planes that were drawn in: along it most slices are left out between first and last.
+
+    Parameters
+    ----------
+    mask : (slices, rows, columns) bool
+
+    Raises
+    ------
+    SettingsError
+        If no slice is left out along any axis.
+
+    Examples
+    --------
+    >>> mask = np.zeros((9, 5, 5), bool)
+    >>> mask[[2, 6], 1:4] = True
+    >>> drawn_axis(mask)
+    0
+    """
+    shares = []
+    for axis in range(3):
+        drawn = np.flatnonzero(np.moveaxis(mask, axis, 0).any(axis=(1, 2)))
+        shares.append(len(drawn) / (drawn[-1] - drawn[0] + 1) if len(drawn) > 1 else 0.0)  # all in one plane
+    if min(shares) == 1.0:
+        raise SettingsError("no slice is left out between those that are drawn; draw on slices that lie apart")
+    return shares.index(min(shares))
+
+
 @dataclass(frozen=True, eq=False)
 class Distances:
     """Signed distances of the drawn slices, and how they change from slice to slice.

@@ -16,12 +16,12 @@ from ....core.segmentation import (
     Window,
     between_slices_steps,
     combined,
+    drawn_axis,
     grown_window,
     holes_filled_steps,
     islands_steps,
     margin_steps,
 )
-from ....core.volume import slice_at
 from ... import jobs
 from ...properties.structures import LABEL
 from ...state import drawings, session, structures
@@ -134,14 +134,11 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_between"
     bl_label = "Between Slices"
-    bl_description = "Fill the slices between those that were drawn, in the plane that the viewport shows"
+    bl_description = "Fill the slices between those that were drawn, in the planes in which they lie"
 
-    def work(self, scene: bpy.types.Scene) -> Work:
-        view = scene.ctmc_view
-        axis = 2 - slice_at(volume_of(scene), view.plane, view.position).axis
-
+    def work(self, _scene: bpy.types.Scene) -> Work:
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
-            return (yield from between_slices_steps(mask, volume.spacing, None, axis))
+            return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask)))
 
         return steps
 

@@ -20,6 +20,7 @@ from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
 from ctmc_addon.ui.properties.drawing import points_of
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
 from ctmc_addon.ui.viewport import drawn
+from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
 from ctmc_addon.ui.viewport.slice_hits import SliceHit
 
 
@@ -164,6 +165,7 @@ def test_slices_between_drawn_ones_are_filled(drawing):
     x, y, z = middle()
     for shift in (-6, 6):
         stroke((x, y, z + shift))
+    bpy.context.scene.ctmc_view.plane = "coronal"  # it decides nothing: the strokes lie in axial slices
     bpy.ops.ctmc.draw_between()
     drawn = np.flatnonzero(mask().any(axis=(1, 2)))
     assert (np.diff(drawn) == 1).all()
@@ -284,6 +286,10 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
     assert not drawings.stroke_under_way()
     assert len(bpy.context.scene.ctmc.labels) == 0
+
+
+def test_the_circle_of_a_brush_is_gone_with_the_extension():
+    BrushOfSlices.draw_cursor(SimpleNamespace(scene=object()), None, (0, 0))  # Blender still calls it
 
 
 def test_the_volume_of_a_drawing_in_slices_of_a_tilted_gantry(drawing, monkeypatch):
