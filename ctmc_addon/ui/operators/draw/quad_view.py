@@ -15,7 +15,7 @@ from ...properties.preferences import machine
 from ...state import session, volumes
 from ...translations import translate
 from ...viewport import slice_objects
-from ..scene.slice_object import in_object_mode
+from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
 
 
 class CTMC_OT_quad_view(Needs, bpy.types.Operator):
@@ -40,7 +40,7 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         ct, space = volumes.require_loaded(scene), area.spaces.active
         is_divided = bool(space.region_quadviews)
         if not is_divided and not any(slices_of(scene, ct.statistics.fingerprint)):
-            bpy.ops.ctmc.add_slice(three=True)
+            add_slices(context, chosen_slices(scene))
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()

@@ -39,8 +39,8 @@ class CTMC_OT_add_slice(bpy.types.Operator):
     three: BoolProperty(
         name="Three Planes",
         description=(
-            "Add an axial, a coronal and a sagittal slice that cross at the 3D cursor; where that is outside the CT, "
-            "those that the sidebar has chosen"
+            "Add an axial, a coronal and a sagittal slice that cross at the 3D cursor; where that is outside the CT or "
+            "at the world origin, those that the sidebar has chosen"
         ),
         default=False,
     )
@@ -51,30 +51,42 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
-        ct, view, scale = volumes.require_loaded(scene), scene.ctmc_view, machine().scale
-        cursor_mm = [value / scale for value in scene.cursor.location]
-        if self.three and value_at(ct.volume, cursor_mm) is not None:
-            sections = {plane: slice_through(ct.volume, plane, cursor_mm) for plane in PLANES}
+        volume, view = volumes.require_loaded(scene).volume, scene.ctmc_view
+        cursor_mm = [value / machine().scale for value in scene.cursor.location]
+        if self.three and any(cursor_mm) and value_at(volume, cursor_mm) is not None:
+            sections = {plane: slice_through(volume, plane, cursor_mm) for plane in PLANES}
         elif self.three:
-            chosen = zip(PLANES, positions_of(view), strict=True)
-            sections = {plane: slice_at(ct.volume, plane, position) for plane, position in chosen}
+            sections = chosen_slices(scene)
         else:
-            sections = {view.plane: slice_at(ct.volume, view.plane, view.position)}
-        known = {plane: known_slice(scene, section) for plane, section in sections.items()}
-        for obj in known.values():
-            if obj is not None:
-                obj.hide_set(False)
-        missing = [plane for plane in sections if known[plane] is None]
-        if missing:
-            bpy.ops.object.select_all(action="DESELECT")
-        for plane in missing:
-            obj = new_slice(scene, plane, sections[plane])
-            obj.select_set(True)
-            context.view_layer.objects.active = obj
-        slice_objects.show_pictures()
-        text = translate("Slices that were added: {count}").format(count=len(missing))
-        self.report({"INFO"}, text if missing else translate("The slice stands there already; it is shown"))
+            sections = {view.plane: slice_at(volume, view.plane, view.position)}
+        count = add_slices(context, sections)
+        text = translate("Slices that were added: {count}").format(count=count)
+        self.report({"INFO"}, text if count else translate("The slice stands there already; it is shown"))
         return {"FINISHED"}
+
+
+def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
+    """Return the slice of each plane that the sidebar has chosen."""
+    volume, chosen = volumes.require_loaded(scene).volume, zip(PLANES, positions_of(scene.ctmc_view), strict=True)
+    return {plane: slice_at(volume, plane, position) for plane, position in chosen}
+
+
+def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> int:
+    """Show slices as objects, the new ones selected; return how many are new."""
+    scene = context.scene
+    known = {plane: known_slice(scene, section) for plane, section in sections.items()}
+    for obj in known.values():
+        if obj is not None:
+            obj.hide_set(False)
+    missing = [plane for plane in sections if known[plane] is None]
+    if missing:
+        bpy.ops.object.select_all(action="DESELECT")
+    for plane in missing:
+        obj = new_slice(scene, plane, sections[plane])
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+    slice_objects.show_pictures()
+    return len(missing)
 
 
 def known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:

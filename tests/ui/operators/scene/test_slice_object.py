@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.slices.material import WINDOW, picture_of
-from ctmc_addon.core.volume import slice_at, slice_corners, transform_points
+from ctmc_addon.core.volume import slice_at, slice_corners, transform_points, value_at
 from ctmc_addon.ui.state import volumes
 from ctmc_addon.ui.viewport import overlays
 
@@ -30,8 +30,10 @@ def test_three_slices_cross_at_the_cursor(scene, surface):
         assert obj.name.split(" ")[1] == ("sagittal", "coronal", "axial")[axis]
 
 
-def test_with_the_cursor_outside_the_ct_the_three_chosen_slices_are_added(scene, surface):
-    scene.cursor.location = (50.0, 0.0, 0.0)
+@pytest.mark.parametrize("cursor", [(50.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_with_the_cursor_outside_the_ct_or_never_placed_the_three_chosen_slices_are_added(scene, surface, cursor):
+    assert value_at(volumes.current(scene), (0.0, 0.0, 0.0)) is not None
+    scene.cursor.location = cursor
     scene.ctmc_view.positions = (0.25, 0.5, 0.75)
     bpy.ops.ctmc.add_slice(three=True)
     volume = volumes.current(scene)
