@@ -32,6 +32,7 @@ scene, drawings = bpy.context.scene, ours("ui.state.drawings")
 item = drawings.active(scene)
 answer = -1 if item is None else int(drawings.of(scene, item).mask.sum())
 """
+SELECTED = "answer = [[obj.name for obj in bpy.context.selected_objects], getattr(bpy.context.object, 'name', None)]"
 VOXEL_MM2 = 0.74 * 0.74
 
 
@@ -99,6 +100,23 @@ def test_f_changes_the_radius_and_escape_leaves_it(desk, at):
         desk.key(key)
         after = desk.ask("answer = bpy.context.scene.ctmc_draw.radius_mm")
         assert (after > 1.2 * before) if larger else (after == pytest.approx(before))
+
+
+def test_a_click_during_a_job_and_scissors_without_a_structure_select_nothing(desk, at):
+    before = desk.ask(SELECTED)
+    marked = desk.ask("answer = bpy.context.scene.ctmc.label_index")
+    desk.ask(
+        "class Steps: close = staticmethod(lambda: None)\njobs = ours('ui.jobs')\n"
+        "jobs._running.append(jobs.Job('', 'Test', Steps, 0))"
+    )
+    desk.click(*at(0.2, 0.1))
+    desk.ask("ours('ui.jobs').stop_running()")
+    desk.ask("bpy.context.scene.ctmc.label_index = -1")
+    desk.ask(TAKE.format("ctmc.scissors"))
+    desk.click(*at(0.2, 0.1))
+    desk.ask(TAKE.format("ctmc.brush"))
+    desk.ask(f"bpy.context.scene.ctmc.label_index = {marked}")
+    assert desk.ask(SELECTED) == before != [[], None]
 
 
 def test_scissors_cut_off_what_the_lasso_encloses(desk, at):

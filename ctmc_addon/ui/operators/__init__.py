@@ -8,7 +8,7 @@ def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
     from .ct import histogram, load, load_labels, patient_table, region, slice, structure_list, threshold, view
-    from .draw import edits, grow, quad_view, radius, scissors, stroke, structures
+    from .draw import edits, grow, quad_view, radius, refuse, scissors, stroke, structures
     from .scene import cut_away, pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
 
@@ -29,7 +29,7 @@ def modules() -> tuple[Any, ...]:
     )
     return (
         *viewing,
-        *(structures, stroke, grow, scissors, edits, radius, quad_view),
+        *(structures, stroke, grow, scissors, edits, radius, quad_view, refuse),
         reconstruct,
         alpha,
         simplify,

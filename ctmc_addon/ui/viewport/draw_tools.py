@@ -29,19 +29,24 @@ HELP = {
     "ctmc.eraser": "Drag: erase. Ctrl: draw. F: radius",
     "ctmc.scissors": "Drag: remove what is inside. Ctrl: keep it",
 }
-LEFT = {"type": "LEFTMOUSE", "value": "PRESS"}
 _held: list[SliceHit] = []  # where the circle stays while its radius changes
 _status: list[str] = []  # names of the workspaces whose status bar has a text of ours
 
 
-def stroke_keys(erases: bool) -> tuple[Any, ...]:
-    """Return the keys of brush and eraser; Ctrl swaps the two."""
+def keys_of(operator: str, modifier: str, switch: str, state: bool = False) -> tuple[Any, ...]:
+    """Return the keys of a tool: the mouse calls its operator, with a modifier whose switch is the other way."""
+    mouse, modified = {"type": "LEFTMOUSE", "value": "PRESS"}, {"type": "LEFTMOUSE", "value": "PRESS", modifier: True}
+    kind = operator.replace("ctmc.", "CTMC_OT_")
     return (
-        ("ctmc.draw_stroke", LEFT, {"properties": [("erase", erases)]}),
-        ("ctmc.draw_stroke", {**LEFT, "ctrl": True}, {"properties": [("erase", not erases)]}),
-        ("ctmc.draw_radius", {"type": "F", "value": "PRESS"}, None),
+        (operator, mouse, {"properties": [(switch, state)]}),
+        (operator, modified, {"properties": [(switch, not state)]}),
+        ("ctmc.draw_refuse", mouse, {"properties": [("operator", kind)]}),
+        ("ctmc.draw_refuse", modified, {"properties": [("operator", kind)]}),
         ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
     )
+
+
+RADIUS = ("ctmc.draw_radius", {"type": "F", "value": "PRESS"}, None)
 
 
 class Tool:
@@ -69,6 +74,8 @@ class BrushTool(Tool):
     @staticmethod
     def draw_cursor(context: Any, _tool: Any, xy: tuple[float, float]) -> None:
         """Draw the circle of the brush where the mouse is on a slice."""
+        if not hasattr(context.scene, "ctmc_draw"):  # the extension was disabled with the tool in the hand
+            return
         hit = _held[0] if _held else hit_at(context, xy)
         if hit is not None:
             draw_path(circle_of(context, hit))
@@ -81,11 +88,7 @@ class GrowTool(Tool, bpy.types.WorkSpaceTool):
     bl_label = "Grow"
     bl_description = "Grow a structure from a click on a slice; Alt click for its surroundings"
     bl_icon = "brush.gpencil_draw.fill"
-    bl_keymap = (
-        ("ctmc.draw_grow", LEFT, {"properties": [("surroundings", False)]}),
-        ("ctmc.draw_grow", {**LEFT, "alt": True}, {"properties": [("surroundings", True)]}),
-        ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
-    )
+    bl_keymap = keys_of("ctmc.draw_grow", "alt", "surroundings")
 
     @staticmethod
     def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
@@ -100,7 +103,7 @@ class BrushOfSlices(BrushTool, bpy.types.WorkSpaceTool):
     bl_label = "Brush"
     bl_description = "Draw a structure on a slice; Ctrl erases, F changes the radius"
     bl_icon = "ops.gpencil.draw"
-    bl_keymap = stroke_keys(erases=False)
+    bl_keymap = (*keys_of("ctmc.draw_stroke", "ctrl", "erase"), RADIUS)
 
 
 class EraserOfSlices(BrushTool, bpy.types.WorkSpaceTool):
@@ -110,7 +113,7 @@ class EraserOfSlices(BrushTool, bpy.types.WorkSpaceTool):
     bl_label = "Eraser"
     bl_description = "Erase from a structure on a slice; Ctrl draws, F changes the radius"
     bl_icon = "ops.gpencil.draw.eraser"
-    bl_keymap = stroke_keys(erases=True)
+    bl_keymap = (*keys_of("ctmc.draw_stroke", "ctrl", "erase", True), RADIUS)
 
 
 class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
@@ -120,11 +123,7 @@ class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
     bl_label = "Scissors"
     bl_description = "Remove from a structure what a lasso encloses in the view; with Ctrl, what it does not"
     bl_icon = "ops.sculpt.lasso_trim"
-    bl_keymap = (
-        ("ctmc.draw_lasso", LEFT, {"properties": [("keep_inside", False)]}),
-        ("ctmc.draw_lasso", {**LEFT, "ctrl": True}, {"properties": [("keep_inside", True)]}),
-        ("ctmc.draw_hover", {"type": "MOUSEMOVE", "value": "ANY", "any": True}, None),
-    )
+    bl_keymap = keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
 
     @staticmethod
     def draw_settings(_context: Any, _layout: Any, _tool: Any) -> None:
