@@ -50,10 +50,14 @@ class Desk:
         Folder outside it for the screenshots.
     size : (width, height)
         Of the window, pixels.
+    limit : float
+        Seconds that an answer may take.
     """
 
-    def __init__(self, root: Path, pictures: Path, size: tuple[int, int] = (WIDTH, HEIGHT)) -> None:
-        self.root, self.pictures, self.size = root, pictures, size
+    def __init__(
+        self, root: Path, pictures: Path, size: tuple[int, int] = (WIDTH, HEIGHT), limit: float = LIMIT
+    ) -> None:
+        self.root, self.pictures, self.size, self.limit = root, pictures, size, limit
         self.folder = Path(tempfile.mkdtemp(prefix=DESKS, dir=root / "tmp"))
         self.inside = f"/tmp/{self.folder.name}"
         pictures.mkdir(parents=True, exist_ok=True)
@@ -187,20 +191,20 @@ class Desk:
     def ask(self, source: str) -> Any:
         """Run a few lines of Python in Blender, after all that was done before; what they leave in `answer`."""
         reply_file = self.tell(source)
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + self.limit
         while not reply_file.exists():
             assert self.blender is None or self.blender.poll() is None, f"Blender has ended:\n{self.last_words()}"
-            assert time.monotonic() < end, f"Blender did not answer within {LIMIT:g} s:\n{source}"
+            assert time.monotonic() < end, f"Blender did not answer within {self.limit:g} s:\n{source}"
             time.sleep(LOOK_AGAIN)
         reply = json.loads(reply_file.read_text(encoding="utf-8"))
         assert "error" not in reply, reply["error"]
         return reply["answer"]
 
-    def wait(self, expression: str, limit: float = LIMIT) -> Any:
-        """Wait until a Python expression is true in Blender, so many seconds at most; its value."""
-        end = time.monotonic() + limit
+    def wait(self, expression: str) -> Any:
+        """Wait until a Python expression is true in Blender; its value."""
+        end = time.monotonic() + self.limit
         while not (value := self.ask(f"answer = {expression}")):
-            assert time.monotonic() < end, f"not within {limit:g} s: {expression}"
+            assert time.monotonic() < end, f"not within {self.limit:g} s: {expression}"
         return value
 
     def printed(self) -> str:

@@ -33,7 +33,7 @@ HEADER = 18  # pixels from the middle of a closed heading to the one below it
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
 MOST_BYTES = 300_000  # a render is the largest
-ROTATION_LIMIT = 900.0  # seconds: 45 pictures of up to some million triangles, without a graphics card
+LIMIT = 900.0  # seconds of a render, or of 45 pictures of a patient's bone, without a graphics card
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
@@ -101,7 +101,7 @@ def main() -> int:
             go_the_newcomers_way(root, package, ct, asked.threshold, shown=not asked.seconds)
             if asked.seconds:
                 return 0
-            desk = Desk(root, OUT, SIZE)
+            desk = Desk(root, OUT, SIZE, LIMIT)
             try:
                 prepare(desk, package, ct)
                 take(desk, asked.threshold)
@@ -126,7 +126,7 @@ def make() -> tuple[Path, Path]:
 
 def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, *, shown: bool) -> None:
     """Install the zip and go all the way to a render, a picture for every step."""
-    desk = Desk(root, OUT / "newcomer", newcomer.SIZE)
+    desk = Desk(root, OUT / "newcomer", newcomer.SIZE, LIMIT)
     try:
         seconds = newcomer.install(desk, package)
         path = desk.bring(ct)
@@ -177,7 +177,7 @@ def take(desk: Desk, threshold: float) -> None:
     keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 14)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
-    desk.wait(f"{TABLE} is not None and {IDLE}", ROTATION_LIMIT)
+    desk.wait(f"{TABLE} is not None and {IDLE}")
     rows = rows_of(desk, up=False)
     top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
