@@ -6,7 +6,9 @@ active_voxels.py gives every voxel its case, trilinear_decider.py decides by gra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,35 +59,43 @@ def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sa
     return sampler.gather(flat).astype(np.float64).reshape(8, -1).T
 
 
-def fill_interior_vertices(grid: Grid, threshold: float, slab: Slab, runs: Runs, out: VertexArrays) -> None:
-    """Fill in a slab's vertices inside voxels, of which `runs` say where in `out` they stand.
+def fill_interior_vertices(
+    grid: Grid, threshold: float, slabs: Sequence[Slab], runs: Sequence[Runs], out: VertexArrays
+) -> None:
+    """Fill in the vertices inside voxels of some slabs, of which `runs` say where in `out` they stand.
 
-    As normals they get the trilinear interpolant's own gradient.
+    As normals they get the trilinear interpolant's own gradient. A slab has so few that most of the time would be that
+    of beginning the calls.
     """
-    count = slab.interior_counts
-    # Of every vertex its voxel, counted in `with_interior`, and which of that voxel's it is, 0 to 2.
-    voxel_index, interior_number = np.nonzero(np.arange(3) < count[:, None])
-    voxel = slab.with_interior.take(voxel_index)
-    configuration, samples, values = (
-        slab.configuration.take(voxel),
-        slab.samples(voxel),
-        slab.corner_values[voxel_index],
-    )
+    counts = [slab.interior_counts for slab in slabs]
+    # Of every vertex its voxel, counted in the slabs' `with_interior`, and which of that voxel's it is, 0 to 2.
+    voxel, interior_number = np.nonzero(np.arange(3) < np.concatenate(counts)[:, None])
+    if not voxel.size:
+        return
+    configuration = np.concatenate([slab.configuration.take(slab.with_interior) for slab in slabs]).take(voxel)
+    values = np.concatenate([slab.corner_values for slab in slabs]).take(voxel, axis=0)
+    samples = zip(*(slab.samples(slab.with_interior) for slab in slabs), strict=True)
     begin, end = np.empty((2, len(voxel), 3), np.float32)
-    for axis, along in enumerate((grid.x, grid.y, grid.z)):
-        begin[:, axis], end[:, axis] = along.position.take(samples[axis]), along.position.take(samples[axis] + 1)
+    for axis, (along, of_slabs) in enumerate(zip((grid.x, grid.y, grid.z), samples, strict=True)):
+        sample = np.concatenate(of_slabs).take(voxel)
+        begin[:, axis], end[:, axis] = along.position.take(sample), along.position.take(sample + 1)
     side = end - begin
 
     share = crossings(values, threshold)
     points = interior_points(configuration, interior_number, share)
     linear = (begin + points * side).astype(np.float32)
     middle = (begin + trilinear_tables().interior_middle[configuration, interior_number] * side).astype(np.float32)
-    normals = None if out.normals is None else _outward_normals(values, points, side)
-    for items, rows in runs.pieces(0, len(voxel)):
-        for alpha, position in zip(out.alphas, out.positions, strict=True):
-            position[rows] = linear[items] if alpha is None else blend(middle[items], linear[items], alpha)
-        if out.normals is not None and normals is not None:
-            out.normals[rows] = normals[items]
+    positions = [linear if alpha is None else blend(middle, linear, alpha) for alpha in out.alphas]
+    arrays: list[tuple[NDArray[np.float32], NDArray[Any]]] = [*zip(out.positions, positions, strict=True)]
+    if out.normals is not None:
+        arrays.append((out.normals, _outward_normals(values, points, side)))
+    first = 0
+    for of_slab, count in zip(runs, counts, strict=True):
+        own = int(count.sum())
+        for items, rows in of_slab.pieces(0, own):
+            for target, source in arrays:
+                target[rows] = source[first + items.start : first + items.stop]
+        first += own
 
 
 def _outward_normals(

@@ -37,18 +37,18 @@ from ..parallel import map_steps
 from ..progress import Stages, Steps, finish
 from ..volume.thresholding import check_threshold
 from ..volume.volume import require_gray_type
-from .active_voxels import Slab
 from .faces import fill_faces
 from .gradients import Sampler, complete_normals_steps
 from .grid import Grid, make_grid
 from .interior_vertices import fill_interior_vertices
-from .order import Places, order_of
+from .order import order_of
 from .scan import SCAN_STAGES, scan_steps
 from .vertices import VertexArrays, fill_edge_vertices
 
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
 STAGES = SCAN_STAGES | {PLACING: 4.5}
 STAGES_WEIGHT = sum(STAGES.values())
+INTERIOR_SLABS = 8  # whose vertices inside voxels are placed at once
 ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
 
 
@@ -216,19 +216,14 @@ def piece_steps(
     def fill(number: int) -> None:
         slab, places = slabs[number], order.places[number]
         following = None if number == len(above) else (above[number], order.places[number + 1])
-        fill_vertices(grid, sampler, threshold, slab, places, out)
+        some = slice(number, number + INTERIOR_SLABS if number % INTERIOR_SLABS == 0 else number)
+        # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
+        with np.errstate(all="ignore"):
+            fill_edge_vertices(grid, sampler, threshold, slab, places.vertices[:3], out)
+            if topology == "trilinear" and slabs[some]:
+                runs = [each.vertices[3] for each in order.places[some][: len(slabs[some])]]
+                fill_interior_vertices(grid, threshold, slabs[some], runs, out)
         fill_faces(slab, places, following, faces)
 
     yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
     return Surface(out.positions[0], out.positions[-1], faces, out.normals)
-
-
-def fill_vertices(
-    grid: Grid, sampler: Sampler, threshold: float, slab: Slab, places: Places, out: VertexArrays
-) -> None:
-    """Fill in a slab's vertices."""
-    # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
-    with np.errstate(all="ignore"):
-        fill_edge_vertices(grid, sampler, threshold, slab, places.vertices[:3], out)
-        if len(slab.with_interior):
-            fill_interior_vertices(grid, threshold, slab, places.vertices[3], out)

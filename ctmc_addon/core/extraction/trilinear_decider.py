@@ -145,14 +145,14 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
     >>> trilinear_tables().interior_count[decide(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
     [0, 3]
     """
-    magnitude = np.abs(values.T - threshold)
-    difference = SIDE.take(case, axis=1) * magnitude  # (8, n)
+    difference = SIDE.take(case, axis=1) * np.abs(values.T - threshold)  # (8, n)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         decided = case.astype(np.intp) << 6 | _connected_faces(difference, case)
         configuration = trilinear_tables().configuration_of[:, 0].take(decided).astype(np.intp)
         voxel = np.flatnonzero(trilinear_tables().may_tunnel.take(decided))
         decided = decided.take(voxel)
-        lifted = difference.take(voxel, axis=1) + TIE * magnitude.take(voxel, axis=1).max(axis=0)
+        lifted = difference.take(voxel, axis=1)
+        lifted += TIE * np.abs(lifted).max(axis=0)
         tunnel = _tunnel(lifted, decided)
     configuration[voxel] = trilinear_tables().configuration_of[decided, tunnel]
     return configuration
@@ -179,12 +179,15 @@ def _tunnel(difference: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArr
     slope = (low[0] * high[2] + low[2] * high[0]) - (low[1] * high[3] + low[3] * high[1]) - 2 * start
     bend = (high[0] * high[2] - high[1] * high[3]) - start - slope
     z = -slope / (2 * bend)  # where it turns: only there can a tunnel be
+    turning = np.flatnonzero((z > 0) & (z < 1))
+    z, low, high = z.take(turning), low.take(turning, axis=1), high.take(turning, axis=1)
     at = low + (high - low) * z  # (4, n)
     side = at >= 0
-    ambiguous = (side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1]) & (z > 0) & (z < 1)
-    voxel = np.flatnonzero(ambiguous)
-    z, low, high, at, side = z[voxel], low[:, voxel], high[:, voxel], at[:, voxel], side[:, voxel]
-    decided = decided[voxel]
+    ambiguous = np.flatnonzero((side[0] == side[2]) & (side[1] == side[3]) & (side[0] != side[1]))
+    z, side = z.take(ambiguous), side.take(ambiguous, axis=1)
+    low, high, at = (each.take(ambiguous, axis=1) for each in (low, high, at))
+    voxel = turning.take(ambiguous)
+    decided = decided.take(voxel)
     turned = at[0] * at[2] - at[1] * at[3]
     connected_here = np.where(side[0], turned >= 0, turned <= 0)  # the inside edges, as below and above
     connected_below, connected_above = _connected_around(z, low, high, side, decided)
