@@ -216,13 +216,13 @@ def piece_steps(
     def fill(number: int) -> None:
         slab, places = slabs[number], order.places[number]
         following = None if number == len(above) else (above[number], order.places[number + 1])
-        some = slice(number, number + INTERIOR_SLABS if number % INTERIOR_SLABS == 0 else number)
         # What is NaN or infinite is refused, or left to the mesh's own normals; NumPy need not warn of it.
         with np.errstate(all="ignore"):
             fill_edge_vertices(grid, sampler, threshold, slab, places.vertices[:3], out)
-            if topology == "trilinear" and slabs[some]:
-                runs = [each.vertices[3] for each in order.places[some][: len(slabs[some])]]
-                fill_interior_vertices(grid, threshold, slabs[some], runs, out)
+            if topology == "trilinear" and number % INTERIOR_SLABS == 0:
+                some = slabs[number : number + INTERIOR_SLABS]
+                runs = [each.vertices[3] for each in order.places[number : number + len(some)]]
+                fill_interior_vertices(grid, threshold, some, runs, out)
         fill_faces(slab, places, following, faces)
 
     yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
