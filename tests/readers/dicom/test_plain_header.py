@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
 import pydicom
 import pytest
 from fuzz.dicom_seeds import J2K, RLE, dicom
 from fuzz.mutations import change_dicom_element, mutated
 
+from ctmc_addon.core import ReadError
+from ctmc_addon.readers import read_volume
 from ctmc_addon.readers.dicom.header import KEYWORDS, ImageFile, read_other, read_plain
 from ctmc_addon.readers.dicom.plain_header import OTHERS, PLAIN
 from ctmc_addon.readers.optional_imports import quiet
@@ -91,3 +94,14 @@ def test_sequences_of_any_length_are_passed_over(tmp_path):
         ours, pydicoms = both(tmp_path / "nested.dcm")
         assert said(ours) == said(pydicoms)
         assert ours.rows == dataset.Rows != 7
+
+
+def test_a_number_of_another_value_representation_is_one_sentence(tmp_path, save_slice):
+    """A text in PixelRepresentation, from which NumPy's type would be made."""
+    for z in range(3):
+        save_slice(tmp_path / f"{z}.dcm", np.ones((4, 5), np.uint16), (0, 0, z))
+        dataset = pydicom.dcmread(tmp_path / f"{z}.dcm")
+        dataset[0x00280103] = pydicom.DataElement(0x00280103, "DS", "0")
+        dataset.save_as(tmp_path / f"{z}.dcm")
+    with pytest.raises(ReadError, match=r"pixels of 0\.dcm .* are truncated or damaged"):
+        read_volume(tmp_path)
