@@ -21,6 +21,7 @@ from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
     pattern_of,
 )
 from ctmc_addon.core.mesh import self_intersections
+from ctmc_addon.core.mesh.label_complex import borders_of
 from ctmc_addon.core.progress import finish
 
 
@@ -176,6 +177,16 @@ def test_a_pattern_of_four_labels_has_one_point_inside_and_a_triangle_for_each_s
     assert len(pattern.triangles) == 12
     assert len(pattern.inner_points) == 1
     assert all(triangle[2] == INNER_POINT for triangle in pattern.triangles)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_labels_that_touch_themselves_inside_a_voxel_get_a_point_for_each_part(seed):
+    grid = together(grids(200, seed))
+    _, faces, sides = complex_of(grid)
+    copies = 0
+    for border in borders_of(faces.astype(np.int32), sides.astype(np.int32)).values():
+        copies += len(border.used) - len(np.unique(border.used))
+    assert copies == 0
 
 
 def test_constants_move_a_wall_by_half_their_difference():

@@ -9,7 +9,9 @@ Corners, edges and faces are numbered as in case_table.py. On each face the labe
 
 The segments of a voxel form connected groups. A group without a point on a face is a loop between two labels. If it is
 the only group, or cuts off one corner, it is cut into triangles as in case_table.py. Every other group is a fan around
-a point inside the voxel: diagonals of two loops could cross. After Hege, Seebass, Stalling and Zoeckler 1997, ZIB
+a point inside the voxel: diagonals of two loops could cross. Where a label would touch itself in that point, as one at
+two opposite corners, a part of its border gets a point of its own, so that other programs find a surface that does not
+touch itself. After Hege, Seebass, Stalling and Zoeckler 1997, ZIB
 SC-97-05, and Wu and Sullivan 2003, doi:10.1002/nme.775.
 
 A voxel's pattern is a number: three bits for each corner, the first corner with the same label, and a bit for each face
@@ -34,6 +36,8 @@ INNER_POINT = 18
 FACE_CORNERS = np.array(FACES)
 # Segments: two nodes, then the corners that stand for the label behind it and for the one in front.
 Segment = tuple[int, int, int, int]
+Triangle = tuple[int, int, int]
+Fan = dict[Triangle, tuple[int, int]]  # the labels behind and in front of each triangle
 
 
 @dataclass(frozen=True)
@@ -156,9 +160,55 @@ def pattern_of(number: int) -> Pattern:
         # The mean of the points on faces, each of which is a mean itself: there the labels meet.
         on_faces = tuple(sorted(s[0] for s in group if s[1] >= FACE_POINT))
         inner.append(on_faces or tuple(sorted(nodes)))
-        triangles += [(first, second, center) for first, second, _, _ in group]
-        sides += [segment[2:] for segment in group]
+        fan = {(first, second, center): (behind, front) for first, second, behind, front in group}
+        while any(_split_off(fan, *part, center, inner) for part in _parts_that_meet(fan, center)):
+            pass
+        triangles += fan
+        sides += fan.values()
     return Pattern(tuple(triangles), tuple(sides), tuple(inner))
+
+
+def _parts_that_meet(fan: Fan, center: int) -> list[tuple[int, list[Triangle]]]:
+    """The parts of labels' borders that meet another part of the same label's in the point alone, small ones first."""
+    parts: list[tuple[int, list[Triangle]]] = []
+    for label in sorted({label for both in fan.values() for label in both}):
+        across: dict[Segment, Triangle] = {}
+        for triangle, (behind, front) in fan.items():
+            if label in (behind, front) and center in triangle:
+                first, second = (node for node in triangle if node != center)
+                across[first, second, behind, front] = triangle
+        groups = _groups(list(across))
+        if len(groups) > 1:
+            parts += [(label, [across[segment] for segment in group]) for group in groups]
+    return sorted(parts, key=lambda part: len(part[1]))
+
+
+def _split_off(fan: Fan, label: int, own: list[Triangle], center: int, inner: list[Loop]) -> bool:
+    """Give a part of a label's border a point of its own, and join it to the other by walls between other labels.
+
+    Returns whether that was done: not where a label would then touch itself along the edge between both points.
+    """
+    point = INNER_POINT + len(inner)
+    beyond = {t: fan[t][1] if fan[t][0] == label else fan[t][0] for t in own}
+    around = {node: [t for t in own if node in t] for triangle in own for node in triangle if node != center}
+    walls: Fan = {}
+    for node, (first, second) in around.items():
+        if beyond[first] != beyond[second]:
+            a, b, c = first if fan[first][0] == label else first[::-1]
+            leads = (node, center) in ((a, b), (b, c), (c, a))
+            walls[(node, point, center) if leads else (point, node, center)] = (beyond[first], beyond[second])
+    sides = [other for both in walls.values() for other in both]
+    if any(sides.count(other) > 2 for other in sides):
+        return False
+    edges = [node for node in around if node < FACE_POINT]
+    of_center = inner[center - INNER_POINT]
+    inner.append(tuple(sorted([*of_center, *edges * (len(of_center) // len(edges))])))  # half-way to those edges
+    for triangle in own:
+        both = fan.pop(triangle)
+        a, b, c = (point if node == center else node for node in triangle)
+        fan[a, b, c] = both
+    fan.update(walls)
+    return True
 
 
 def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Iterator[Segment]:
