@@ -107,6 +107,19 @@ def test_a_click_in_the_surroundings_closes_a_leak():
     assert dice(labels == 1, first) > 0.85
 
 
+def test_no_click_is_ignored():
+    """Clicks in the ball and around it, each for the side that the values speak against; a later one wins."""
+    spacing = (0.9, 0.9, 2.0)
+    inside = body((18, 44, 44), spacing, (18.0, 20.0, 20.0), 11.0)
+    samples = [(9, 22, 22), (9, 24, 29), (8, 11, 22), (11, 33, 33), (9, 31, 20), (7, 20, 21), (9, 21, 35)]
+    clicks = [Click(samples[0], 1), *(Click(sample, int(not inside[sample])) for sample in samples[1:])]
+    labels = finish(compete_steps(scan(inside, spacing), clicks))
+    at = np.indices(inside.shape)
+    for click in clicks:
+        away = (at - np.reshape(click.sample, (3, 1, 1, 1))) * np.reshape(spacing[::-1], (3, 1, 1, 1))
+        assert (labels[np.sqrt((away**2).sum(axis=0)) <= 1.5] == click.structure).all()
+
+
 def test_a_correction_beside_the_border_stays_beside_the_border():
     """The second click lies in the last voxel of a ball, where it sees as much of the shell around the ball."""
     spacing, center = (1.5, 1.5, 1.5), (30.0, 30.0, 30.0)

@@ -24,7 +24,7 @@ from ...progress import PAUSE, Stages, Step, Steps, equal_part
 from ...volume.smoothing.gaussian import convolved, weights
 from ...volume.value_kind import ValueKind
 from ...volume.volume import Volume
-from ..distance import Mask, Window
+from ..distance import Mask, Spacing, Window
 from ..points import Sample, sample_in, window_around
 from .blocks import Factors, block_means, blocks_any, drawn_steps, factors_of
 from .border import Border, border_steps
@@ -36,6 +36,7 @@ Floats = NDArray[np.float32]
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
+CLICKED_MM = 1.5  # around a click that is its own whatever values say
 NOISE_MM = 1.0  # of the values that borders are drawn by
 SIGMA_MM = 1.7  # more, for those that times are counted on
 SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
@@ -112,9 +113,25 @@ def compete_steps(
     borders = yield from stages.run(bordering, _borders_steps(claims, means, (z, y, x), blocks))
     labels = np.zeros(volume.shape, np.uint8)
     labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, borders, factors))
+    for click in clicks:  # what is clicked is never ignored, whatever the values say
+        ball, inside = _ball(click.sample, volume.spacing, labels.shape)
+        labels[ball][inside if allowed is None else inside & allowed[ball]] = click.structure
     for click in clicks:
         labels[click.sample] = click.structure
     return labels
+
+
+def _ball(sample: Sample, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Mask]:
+    """Return the window of the voxels within CLICKED_MM of a sample, and which of it they are."""
+    sides = list(reversed(spacing_mm))
+    window = [
+        slice(max(0, at - int(CLICKED_MM / side)), min(count, at + int(CLICKED_MM / side) + 1))
+        for at, side, count in zip(sample, sides, shape, strict=True)
+    ]
+    z, y, x = (
+        ((np.arange(one.start, one.stop) - at) * side) ** 2 for one, at, side in zip(window, sample, sides, strict=True)
+    )
+    return (window[0], window[1], window[2]), z[:, None, None] + y[:, None] + x <= CLICKED_MM * CLICKED_MM
 
 
 def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
