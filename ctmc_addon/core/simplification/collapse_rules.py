@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..progress import Steps
 from .collapses import Collapses, shuffled, violates_link_condition_steps
+from .crossing_check import crosses_steps
 from .handles import Cuts, handle_cuts_steps
 
 Ints = NDArray[np.int32]
@@ -32,6 +33,9 @@ class CollapseRules:
     quadrics: Floats
     face_cost: float
     locked: Flags
+    dummy: int
+    original_vertex: Ints
+    doubtful: Flags
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which of these edges may never collapse: both ends are locked."""
@@ -44,6 +48,25 @@ class CollapseRules:
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
         """Which collapses would change how the surface is connected, (n,) bool."""
         return violates_link_condition_steps(collapses, self.edges, self.locked)
+
+    def crosses_steps(self, collapses: Collapses) -> Steps[Flags]:
+        """Which collapses make triangles cross where some have before, (n,) bool."""
+        if not self.doubtful.any():
+            return np.zeros(len(collapses.edges), bool)
+        doubtful = np.take(self.doubtful, self.original_vertex)
+        near = collapses.at_vertices(doubtful, self.faces)
+        if not near.any():
+            return near
+        alive = self.faces[0] != self.dummy
+        refused = yield from crosses_steps(collapses, self.positions, self.faces, alive, near)
+        self.doubtful[self.original_vertex[collapses.kept[near & ~refused]]] = True
+        return refused
+
+    def doubt(self, vertices: Ints) -> None:
+        """Triangles have come to cross at these vertices; lock those where that happens the second time."""
+        numbers = self.original_vertex[vertices]
+        self.locked[vertices[self.doubtful[numbers]]] = True
+        self.doubtful[numbers] = True
 
     def priority(self, edges: Indices | None = None) -> Floats:
         """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""

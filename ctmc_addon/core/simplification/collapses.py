@@ -61,6 +61,12 @@ class Collapses:
             self.gone[faces],
         )
 
+    def at_vertices(self, vertices: Flags, faces: Ints) -> Flags:
+        """Which of them have one of the vertices (V,) bool at one of their faces, (n,) bool."""
+        found = np.zeros(len(self.edges), bool)
+        found[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
+        return found
+
     def moved(self, positions: Floats) -> Floats:
         """Positions (3, V) with both ends of every edge at its target."""
         moved = positions.copy()

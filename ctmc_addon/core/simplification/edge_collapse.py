@@ -64,6 +64,7 @@ class CollapsingMesh(CollapseRules):
     cost : (E,) float32, inf where the edge cannot be collapsed as things are
     locked : (V,) bool, vertices that stay where they are
     original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
+    doubtful : bool, by these numbers, vertices at which triangles have come to cross
 
     In a `batch` of a surface, components with a border go on beyond it: none of these is removed.
     """
@@ -113,6 +114,7 @@ class CollapsingMesh(CollapseRules):
         self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
         self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
         self.original_vertex = np.arange(vertex_count, dtype=np.int32)
+        self.doubtful = np.zeros(vertex_count + 1, bool)  # the last for copies
         self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
@@ -188,6 +190,7 @@ class CollapsingMesh(CollapseRules):
             self.violates_link_condition_steps,
             lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
             self.exceeds_error_steps,
+            self.crosses_steps,
         ]
         if self.batch:
             checks.insert(1, lambda collapses: crosses_border_steps(collapses, self.faces, self.edges, self.locked))

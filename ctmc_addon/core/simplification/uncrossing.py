@@ -3,8 +3,8 @@
 
 The surface is tested when a quarter of its triangles is left, and at the end. Of two triangles that cross, the last
 change that touched either is undone, with all that depend on it; then what that brought back is tested. In the
-worst case a place is as it was at the last test. What is undone stays as it is until the next test, and the triangles
-that are then too many go elsewhere.
+worst case a place is as it was at the last test. After the test at the end, collapses there are tested before they are
+done (`crossing_check`), and the triangles that are then too many go elsewhere.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
     mesh : CollapsingMesh
         Its `crossing_count` then tells how many pairs still cross.
     hold : bool
-        Keep the vertices of what is undone because of a crossing where they are from now on.
+        From now on test collapses at the vertices of what is undone because of a crossing, or lock them if it is so
+        the second time.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[
     if asked:
         held = _places(log.vertex_number, log.vertices)[np.concatenate(asked)]
         if hold:
-            mesh.locked[held[held >= 0]] = True
+            mesh.doubt(held[held >= 0])
         yield from _settle_steps(mesh, moved)
     crossing = _places(log.face_number, log.faces)[np.unique(np.concatenate(left, axis=1), axis=1)]
     present = (crossing >= 0).all(axis=0) & (mesh.faces[0, crossing] != mesh.dummy).all(axis=0)

@@ -9,6 +9,8 @@ from ctmc_addon.core import Budget, TriangleMesh, finish, marching_cubes, simpli
 from ctmc_addon.core.mesh import self_intersections
 from ctmc_addon.core.simplification import in_batches, whole
 from ctmc_addon.core.simplification.collapse_log import CollapseLog
+from ctmc_addon.core.simplification.collapses import Collapses
+from ctmc_addon.core.simplification.crossing_check import crosses_steps
 from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
 from ctmc_addon.core.simplification.simplify import simplification_steps
 from ctmc_addon.core.simplification.uncrossing import _restored, uncross_steps
@@ -48,6 +50,31 @@ def test_a_simplified_surface_does_not_cross_itself_and_has_the_count(full, redu
     assert_sound(result.mesh)
     monkeypatch.setattr(whole, "uncross_steps", no_test)
     assert crossings(simplify(full, reduction)) > 0
+
+
+def test_where_triangles_crossed_collapses_are_tested_and_vertices_stay_free():
+    mesh = CollapsingMesh(leaves(2, 24))
+    finish(whole.collapse_steps(mesh, mesh.face_count // 4))
+    assert mesh.crossing_count == 0
+    assert mesh.locked.sum() < 0.1 * mesh.doubtful.sum()
+
+
+def test_a_collapse_through_another_triangle_is_refused_where_it_is_asked_for():
+    # Two fans, one above the other: the middle of the lower goes up through the upper.
+    positions = np.zeros((3, 14), np.float32)
+    angles = np.arange(6) * np.pi / 3
+    positions[0, 1:7] = positions[0, 8:] = np.cos(angles)
+    positions[1, 1:7] = positions[1, 8:] = np.sin(angles)
+    positions[2, 7:] = 1.0
+    fan = [[0, 1 + k, 1 + (k + 1) % 6] for k in range(6)]
+    faces = np.array(fan + [[corner + 7 for corner in face] for face in fan], np.int32).T
+    for height, crosses in ((0.5, False), (1.5, True)):
+        ends, owner = (np.array([0], np.int32), np.array([1], np.int32)), np.zeros(6, np.int32)
+        target, gone = np.array([[0.2], [0.1], [height]], np.float32), (faces[:, :6] == 1).any(axis=0)
+        collapses = Collapses(np.array([0]), *ends, target, np.arange(6), owner, gone)
+        for asked in (False, True):
+            refused = crosses_steps(collapses, positions, faces, np.ones(12, bool), np.array([asked]))
+            assert finish(refused).tolist() == [crosses and asked]
 
 
 def test_batches_and_clusters_do_not_cross_and_threads_change_nothing():
