@@ -65,4 +65,4 @@ def test_slices_cuts_and_rulers_go_to_the_collection_of_their_ct(loaded, ball_fi
     bpy.ops.ctmc.measure_distance(points_mm=(0, 0, 0, 3, 4, 0))
     collection = bpy.data.collections[ball_file.parent.name]
     assert set(loaded.objects) == set(collection.objects)
-    assert len(collection.objects) == 8  # box, surface, slice, its cut, three slices, distance
+    assert len(collection.objects) == 7  # box, surface, the slice that cuts, its cut, two more slices, distance

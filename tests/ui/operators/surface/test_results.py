@@ -67,7 +67,7 @@ def test_the_deviation_maps_message_has_the_largest_distance_that_is_painted(loa
     loaded.ctmc.reduction = 0.5
     bpy.ops.ctmc.reconstruct()
     obj = active()
-    obj.data.vertices[7].co.z += 0.05  # 5 mm
+    max(obj.data.vertices, key=lambda vertex: vertex.co.z).co.z += 0.05  # 5 mm
     message = finish(deviation_steps(own_mesh(obj), surfaces.full_of(obj, loaded), obj.session_uid))()
     painted = np.empty(len(obj.data.vertices), np.float32)
     obj.data.attributes["deviation_mm"].data.foreach_get("value", painted)
