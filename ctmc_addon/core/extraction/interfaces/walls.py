@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The field between two labels that touch: smoothed once for their wall, beyond both labels too.
 
-Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
-other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall.
+Half the difference of both labels' fields is where the smoothest field between their samples is looked for
+(between_labels.py); no sample of another label binds that, so the wall does not bend where it ends.
 
 An island, a small component of a label, would lose most of its volume by that: its own field has the constant that
 keeps it, the field of the label around it has not. So around an island the wall lies where the island's own field is 0.

@@ -4,8 +4,7 @@
 Read `constrained` in this order: `bricks` (where the work is done), `signed_distance` (the start), `bounds` (what is
 known), `relaxation` (the smoothest field within it), `islands` (the volume of small components kept, found by
 `label_components`), `volume_constant` (the volume of the whole kept), `constrained` (all of it in order),
-`smooth_field` (what comes out). `between_labels` and `local_volume` smooth the wall
-between two labels.
+`smooth_field` (what comes out). `between_labels` smooths the wall between two labels.
 """
 
 from .between_labels import between_labels_steps

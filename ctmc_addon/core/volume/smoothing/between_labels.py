@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The field between two labels that touch, smoothed for their wall alone.
+"""The field between two labels that touch: the smoothest one that lies halfway between their samples.
 
-Half the difference of both labels' fields is smoothed near where it is 0, within the signs at the samples of both; no
-other sample binds it, so the wall does not bend where it ends. What smoothing flattens is given back along the wall
-(local_volume.py), twice: the first time on coarser pixels alone, which costs little and leaves less to flatten.
+Where a sample of one label is beside one of the other, the wall is somewhere between them, every place as likely: the
+field is expected to be half their distance along the wall's normal, with the variance of that interval. The field has
+the least sum of squared second differences and of squared deviations from that, within the signs at all samples of
+both. Only samples near such pairs count, and no second difference that reaches beyond them: where the wall ends,
+nothing bends it. A smoothing spline, after Wahba 1990, doi:10.1137/1.9781611970128, solved on coarse nodes first.
 """
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +19,36 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import WIDTH, Floats, Threads, near_surface, number_bricks, packed
-from .local_volume import keep_local_volume_steps
-from .relaxation import relax_steps
+from .bricks import Floats, Places, Threads, pieces, spread, widened
 
-REACH = (2, 2, 2)  # samples beside a wall that are smoothed
-# Every how many pixels are smoothed before all are, by the steps from slice to slice: 1, 2 or more.
-SKIPPED: tuple[tuple[int, ...], ...] = ((2,), (4, 2), (8, 4, 2))
-ROUNDS = 30
+STIFFNESS = 800.0  # of second differences
+REACH = 1  # nodes beside those with samples of both labels
+# For every coarse grid: the space between nodes in longest sides of the refined samples, and steps along the gradient.
+GRIDS = ((4, 100), (2, 100))
+ROUNDS = 50  # the same at all samples
+LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
+NODES_AT_ONCE = 1 << 15
+
+
+class _Pairs(NamedTuple):
+    """Samples of one label that are beside one of the other, each of both.
+
+    Parameters
+    ----------
+    place : (3, n) intp
+        On the refined grid, along z, y and x.
+    normal : (3, n) float64
+        Of the wall there, where the field rises.
+    expected : (n,) float64
+        The field, mm.
+    weight : (n,) float64
+        One over its variance.
+    """
+
+    place: NDArray[np.intp]
+    normal: NDArray[np.float64]
+    expected: NDArray[np.float64]
+    weight: NDArray[np.float64]
 
 
 def between_labels_steps(
@@ -31,7 +58,7 @@ def between_labels_steps(
     slice_steps: int,
     budget: Budget,
 ) -> Steps[NDArray[np.float32]]:
-    """Smooth a field near where it is 0, within the signs that are known.
+    """Smooth a field near where its known signs change, within these signs.
 
     Parameters
     ----------
@@ -48,68 +75,199 @@ def between_labels_steps(
     -------
     array like `field`
     """
+    yield PAUSE
+    x, y, z = spacing_mm
+    sides = (z / slice_steps, y, x)
+    if not (sign > 0).any() or not (sign < 0).any():
+        return field
+    pairs = _pairs(field, sign, sides, slice_steps)
+    least = np.float32(NEAREST_ZERO * min(spacing_mm))
     workers = budget.thread_count
     pool = Threads(workers) if workers > 1 else None
     try:
-        for is_last in (False, True):
-            for skip in SKIPPED[min(slice_steps, 3) - 1]:
-                coarse = field[:, ::skip, ::skip]
-                sides = (spacing_mm[0] * skip, spacing_mm[1] * skip, spacing_mm[2])
-                smooth = yield from _relaxed_steps(coarse, sign[:, ::skip, ::skip], sides, slice_steps, pool)
-                change = smooth - coarse
-                for axis in (1, 2):
-                    change = _between(change, skip, axis, field.shape[axis])
-                field = field + change
-            if is_last:
-                field = yield from _relaxed_steps(field, sign, spacing_mm, slice_steps, pool)
-            yield from keep_local_volume_steps(field, sign, spacing_mm, slice_steps)
-        return field
+        values, before = field, [1, 1, 1]
+        for longest, rounds in GRIDS:
+            space = [max(1, round(longest * max(sides) / side)) for side in sides]
+            values = _on_nodes(values, before, space, field.shape)
+            before = space
+            yield from _relaxed_steps(values, pairs, sides, space, slice_steps, None, rounds, pool)
+        values = _on_nodes(values, before, [1, 1, 1], field.shape)
+        known = _known(sign, slice_steps)
+        low = np.where(known > 0, least, np.float32(-np.inf))
+        high = np.where(known < 0, -least, np.float32(np.inf))
+        yield PAUSE
+        place = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, (low, high), ROUNDS, pool)
+        smooth = np.clip(field, low, high)
+        smooth.reshape(-1)[place] = values.reshape(-1)[place]
+        return smooth
     finally:
         if pool:
             pool.shutdown(cancel_futures=True)
 
 
-def _relaxed_steps(
-    field: Floats,
-    sign: NDArray[np.int8],
-    spacing_mm: tuple[float, float, float],
-    slice_steps: int,
-    pool: Threads | None,
-) -> Steps[Floats]:
-    """The field, of less curvature near where it is 0."""
-    yield PAUSE
-    above = field > 0
-    if above.all() or not above.any():
-        return field
-    columns = field.shape[2]
-    pads = ((0, 0), (0, 0), (0, -columns % WIDTH))
-    padded = np.pad(field, pads, mode="edge")
-    near = near_surface(packed(padded > 0), REACH)
-    bricks = number_bricks(near, near)
-    values = np.zeros((len(bricks), WIDTH), np.float32)
-    values[:-2] = padded.reshape(-1, WIDTH).take(bricks.place, axis=0)
-    yield PAUSE
-    known = np.zeros(field.shape, np.int8)
+def _pairs(field: Floats, sign: NDArray[np.int8], sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
+    """Find the samples of each label that are beside one of the other, along each axis."""
+    found = []
+    for axis in range(3):
+        first, second = (
+            sign[tuple(part if each == axis else slice(None) for each in range(3))]
+            for part in (slice(None, -1), slice(1, None))
+        )
+        at = np.array(np.unravel_index(np.flatnonzero(first * second < 0), first.shape))
+        own = sign[tuple(at)].astype(np.float64)
+        ends = []
+        for end in (0, 1):
+            place = at.copy()
+            place[axis] += end
+            place[0] *= slice_steps
+            ends.append(place)
+        rise = _rise(field, ends[0], sides) + _rise(field, ends[1], sides)
+        normal = rise / np.maximum(np.sqrt((rise**2).sum(axis=0)), 1e-9)
+        apart = np.abs(normal[axis]) * sides[axis] * (slice_steps if axis == 0 else 1)
+        weight = 12.0 / (apart**2 + (LEAST_DEVIATION * min(sides)) ** 2)
+        found += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
+    return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True)))
+
+
+def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, float]) -> NDArray[np.float64]:
+    """The gradient of a field at some samples, (3, n)."""
+    out = np.empty(place.shape)
+    for axis, side in enumerate(sides):
+        low, high = place.copy(), place.copy()
+        low[axis] = np.maximum(place[axis] - 1, 0)
+        high[axis] = np.minimum(place[axis] + 1, field.shape[axis] - 1)
+        apart = np.maximum(high[axis] - low[axis], 1) * side
+        out[axis] = (field[tuple(high)].astype(np.float64) - field[tuple(low)]) / apart
+    return out
+
+
+def _known(sign: NDArray[np.int8], slice_steps: int) -> NDArray[np.int8]:
+    """The signs on the refined grid; between slices where both are alike."""
+    known = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
     known[::slice_steps] = sign
     for step in range(1, slice_steps):
         known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
-    known = np.pad(known, pads).reshape(-1, WIDTH).take(bricks.place[: bricks.active], axis=0)
-    least = np.float32(NEAREST_ZERO * min(spacing_mm))
-    low = np.where(known > 0, least, np.float32(-np.inf))
-    high = np.where(known < 0, -least, np.float32(np.inf))
+    return known
+
+
+def _relaxed_steps(
+    values: Floats,
+    pairs: _Pairs,
+    sides: tuple[float, float, float],
+    space: list[int],
+    slice_steps: int,
+    bounds: tuple[Floats, Floats] | None,
+    rounds: int,
+    pool: Threads | None,
+) -> Steps[Places]:
+    """Smooth the values at the nodes of a grid near the pairs, in place, by accelerated gradient descent; return where.
+
+    A step along an entry is divided by how stiff the whole can be there, with the weight of its pairs; so it never
+    overshoots, however large that weight is.
+    """
     yield PAUSE
-    x, y, z = spacing_mm
-    yield from relax_steps(bricks, values, low, high, (x, y, z / slice_steps), ROUNDS, pool)
-    padded.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = values[: bricks.active]
-    return padded[..., :columns]
+    shape = values.shape
+    apart = [side * steps for side, steps in zip(sides, space, strict=True)]
+    node = np.array([(place + steps // 2) // steps for place, steps in zip(pairs.place, space, strict=True)])
+    moved = sum(
+        (node[axis] * space[axis] - pairs.place[axis]) * side * pairs.normal[axis] for axis, side in enumerate(sides)
+    )
+    flat = (node[0] * shape[1] + node[1]) * shape[2] + node[2]
+    near = np.zeros(shape, bool)
+    near.reshape(-1)[flat] = True
+    between = -(-slice_steps // (2 * space[0]))  # what lies between two slices is near one of both
+    for axis in range(3):
+        near = widened(near, REACH if axis else max(REACH, between), axis)
+    place = np.flatnonzero(near)
+    count = len(place)
+    number = np.full(values.size, count, np.int32)  # that of a node beyond all, without curvature
+    number[place] = np.arange(count, dtype=np.int32)
+    own = number[flat]
+    weight = np.bincount(own, pairs.weight, count)
+    toward = np.bincount(own, pairs.weight * (pairs.expected + moved), count)
+    yield PAUSE
+    beside = _neighbors(place, number, shape)
+    inner = [((low < count) & (high < count)).astype(np.float32) for low, high in beside]
+    stiffness = STIFFNESS * math.prod(apart) / max(apart)
+    stiff = [stiffness / side**4 for side in apart]
+    scale = 1.0 / (16.0 * sum(stiff) + weight)
+    pull, share, goal = (
+        scale.astype(np.float32),
+        (weight * scale).astype(np.float32),
+        (toward * scale).astype(np.float32),
+    )
+    field = np.append(values.reshape(-1)[place], np.float32(0))
+    ahead = field.copy()
+    curvature = np.zeros((3, count + 1), np.float32)
+    ends = None if bounds is None else [each.reshape(-1)[place] for each in bounds]
+    factors = [np.float32(each) for each in stiff]
+
+    def second(of: Floats, axis: int, part: slice) -> Floats:
+        out = of.take(beside[axis][0][part])
+        out += of.take(beside[axis][1][part])
+        here = of[part]
+        out -= here
+        out -= here
+        return out
+
+    def bend(part: slice) -> None:
+        for axis in range(3):
+            bent = second(ahead, axis, part)
+            bent *= inner[axis][part]
+            np.multiply(bent, factors[axis], out=curvature[axis, part])
+
+    def descend(part: slice) -> None:
+        here, before = ahead[part], field[part]
+        down = second(curvature[0], 0, part)
+        for axis in (1, 2):
+            down += second(curvature[axis], axis, part)
+        down *= pull[part]
+        now = here - down
+        now -= share[part] * here
+        now += goal[part]
+        if ends is not None:
+            np.maximum(now, ends[0][part], out=now)
+            np.minimum(now, ends[1][part], out=now)
+        np.subtract(now, before, out=here)
+        here *= momentum
+        here += now
+        before[...] = now
+
+    parts = pieces(count, NODES_AT_ONCE)
+    inertia = 1.0
+    for _ in range(rounds):
+        following = (1.0 + math.sqrt(1.0 + 4.0 * inertia * inertia)) / 2.0
+        momentum = np.float32((inertia - 1.0) / following)
+        inertia = following
+        spread(pool, bend, parts)
+        spread(pool, descend, parts)
+        yield PAUSE
+    values.reshape(-1)[place] = field[:count]
+    return place
 
 
-def _between(values: Floats, skip: int, axis: int, count: int) -> Floats:
-    """Values at every `skip`-th of `count` samples along an axis, linear between these."""
-    place = np.arange(count)
-    low = place // skip
-    high = np.minimum(low + 1, values.shape[axis] - 1)
-    share = ((place - low * skip) / np.float32(skip)).astype(np.float32)
-    share = share.reshape([-1 if each == axis else 1 for each in range(3)])
-    first = values.take(low, axis=axis)
-    return first + (values.take(high, axis=axis) - first) * share
+def _neighbors(place: Places, number: NDArray[np.int32], shape: tuple[int, ...]) -> list[tuple[Places, Places]]:
+    """The numbers of the nodes before and after those at `place`, along each axis."""
+    beside = []
+    steps = (shape[1] * shape[2], shape[2], 1)
+    for along, step, size in zip(np.unravel_index(place, shape), steps, shape, strict=True):
+        before, after = (number.take(place + way, mode="clip").astype(np.intp) for way in (-step, step))
+        before[along == 0] = len(place)
+        after[along == size - 1] = len(place)
+        beside.append((before, after))
+    return beside
+
+
+def _on_nodes(values: Floats, before: list[int], space: list[int], shape: tuple[int, ...]) -> Floats:
+    """Values at the nodes of a grid, linear between those of the grid before; always new."""
+    out = values.copy()
+    for axis, (old, new) in enumerate(zip(before, space, strict=True)):
+        count = (shape[axis] - 1 + new // 2) // new + 1
+        place = np.minimum(np.arange(count) * new, (out.shape[axis] - 1) * old)
+        low = place // old
+        high = np.minimum(low + 1, out.shape[axis] - 1)
+        part = ((place - low * old) / np.float32(old)).astype(np.float32)
+        part = part.reshape([-1 if each == axis else 1 for each in range(3)])
+        first = out.take(low, axis=axis)
+        out = first + (out.take(high, axis=axis) - first) * part
+    return out
