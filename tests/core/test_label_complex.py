@@ -210,7 +210,7 @@ def test_an_island_at_the_end_of_the_volume_keeps_its_volume():
     mesh = result.surface.of_label(1)[0].at(1.0)
     component = finish(component_numbers_steps(mesh.faces, len(mesh.vertices)))
     volumes = finish(component_volumes_steps(mesh.vertices, mesh.faces, component))
-    np.testing.assert_allclose(np.sort(volumes), np.array([2, 140]) * np.prod(SPACING), rtol=0.1)
+    np.testing.assert_allclose(np.sort(volumes), np.array([2, 140]) * np.prod(SPACING), rtol=0.2)
 
 
 def test_no_sample_is_on_the_wrong_side():
