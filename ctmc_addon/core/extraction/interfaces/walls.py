@@ -22,7 +22,7 @@ from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
 LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
-SMALL_ISLAND = 1000  # voxels; the smoothest wall flattens such a body, and larger ones keep their volume within a few percent
+SMALL_ISLAND = 1000  # voxels; the smoothest wall would flatten these, larger components hardly
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 # A sample and its neighbors, along z, y and x.

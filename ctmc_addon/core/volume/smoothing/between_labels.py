@@ -21,11 +21,11 @@ from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Floats, Places, Threads, pieces, spread, widened
 
-STIFFNESS = 800.0  # of second differences
+STIFFNESS = 600.0  # of second differences
 REACH = 1  # nodes beside those with samples of both labels
 # For every coarse grid: the space between nodes in longest sides of the refined samples, and steps along the gradient.
 GRIDS = ((4, 100), (2, 100))
-ROUNDS = 50  # the same at all samples
+ROUNDS = 100  # the same at all samples
 LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
 NODES_AT_ONCE = 1 << 15
 
