@@ -40,8 +40,8 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
 
     Parameters
     ----------
-    dataset : pydicom.Dataset
-        Without pixels.
+    dataset : mapping of str to object, or pydicom.Dataset
+        Elements by keyword, without pixels.
     count : int
         The number of frames.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One DICOM frame's pixels: decoded by pydicom with pylibjpeg, then scaled into a slice of the volume.
+"""One DICOM frame's pixels: as they lie, or decoded by pydicom with pylibjpeg, then scaled into a slice of the volume.
 
 Rescaling happens in the type of the output (DICOM PS3.3 C.11.1: value = slope * stored + intercept).
 """
@@ -117,7 +117,7 @@ def plain_type(image: ImageFile) -> np.dtype[Any] | None:
     as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
     if not (as_in_memory and isinstance(bits, int) and isinstance(stored, int) and isinstance(kind, int)):
         return None
-    if bits not in (8, 16, 32) or kind not in (0, 1) or not 1 <= stored <= bits:
+    if bits not in (8, 16, 32) or kind not in (0, 1) or not 1 <= stored <= bits or not image.rows * image.columns:
         return None
     return np.dtype(f"<{'ui'[kind]}{bits // 8}")
 

@@ -180,13 +180,13 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     ReadError
         If a file at `path` is no DICOM image or is damaged.
     """
-    stages = Stages({"Reading the header": 1, "Reading headers": 19})
+    stages = Stages({"Reading header": 1, "Reading headers": 19})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
         candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
         headers = yield from stages.run("Reading headers", headers_steps(candidates))
         return DicomSource(path, sorted_out(headers))
-    (own,) = yield from stages.run("Reading the header", each_header_steps([path]))
+    (own,) = yield from stages.run("Reading header", each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
         what = f"holds a DICOM object that is no CT: {kind}" if kind else "is not a DICOM image"
@@ -218,11 +218,14 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
 
 def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
     """`read_header` of each file, plain slices first: pydicom is imported only where there are others."""
-    plain = yield from quiet_batches_steps(read_plain, files, "Reading headers", 16)
+    stages = Stages({"Reading headers": 1, "Loading pydicom": 4})
+    plain = yield from stages.run("Reading headers", quiet_batches_steps(read_plain, files, "Reading headers", 16))
     rest = [file for file, header in zip(files, plain, strict=True) if header is None]
     if any(map(may_be_dicom, rest)):
         yield from imported_steps("pydicom", "pydicom", "DICOM")
-    others = iter((yield from quiet_batches_steps(read_other, rest, "Reading headers", 16)))
+    others = iter(
+        (yield from stages.run("Loading pydicom", quiet_batches_steps(read_other, rest, "Reading headers", 16)))
+    )
     return [next(others) if header is None else header for header in plain]
 
 

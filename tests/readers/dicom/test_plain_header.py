@@ -80,6 +80,26 @@ def test_a_changed_slice_is_read_as_pydicom_reads_it_or_left_to_it(tmp_path, see
     assert 30 < plain < 140
 
 
+@pytest.mark.parametrize("representation", [0, 1])
+@pytest.mark.parametrize(
+    ("bits", "keyword", "value"), [(32, "PixelPaddingValue", -2000), (0, "PixelPaddingValue", -2000), (16, "Rows", 0)]
+)
+def test_wide_padding_and_slices_without_rows_or_bits(tmp_path, bits, keyword, value, representation):
+    dicom(IMPLICIT)(tmp_path)
+    for path in tmp_path.glob("*.dcm"):
+        dataset = pydicom.dcmread(path)
+        dataset.BitsAllocated = dataset.BitsStored = bits
+        dataset.PixelRepresentation = representation
+        dataset.add_new(keyword, "SS" if value < 0 else "US", value)
+        dataset.PixelData = bytes(max(2, dataset.Rows * dataset.Columns * bits // 8))
+        dataset.save_as(path)
+        ours, pydicoms = both(path)
+        assert ours is None or said(ours) == said(pydicoms)
+    if bits != 32:
+        with pytest.raises(ReadError, match="copy it again"):
+            read_volume(tmp_path)
+
+
 def test_sequences_of_any_length_are_passed_over(tmp_path):
     """A value within a sequence is not the file's own, at whatever depth and however its end is told."""
     path = slice_path(tmp_path, dicom())
