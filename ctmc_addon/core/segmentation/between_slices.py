@@ -80,7 +80,9 @@ def between_slices_steps(
 
 
 def drawn_axis(mask: Mask) -> int:
-    """Find the axis across the planes that were drawn in: along it most slices are left out between first and last.
+    """Find the axis across the planes that were drawn in: along it slices are left out, and the drawn ones lie singly.
+
+    Two parts of a structure that lie apart in a plane leave slices out along that plane too, but in longer runs.
 
     Parameters
     ----------
@@ -98,13 +100,15 @@ def drawn_axis(mask: Mask) -> int:
     >>> drawn_axis(mask)
     0
     """
-    shares = []
-    for axis in range(3):
-        drawn = np.flatnonzero(np.moveaxis(mask, axis, 0).any(axis=(1, 2)))
-        shares.append(len(drawn) / (drawn[-1] - drawn[0] + 1) if len(drawn) > 1 else 0.0)  # all in one plane
-    if min(shares) == 1.0:
+    drawn = [np.flatnonzero(np.moveaxis(mask, axis, 0).any(axis=(1, 2))) for axis in range(3)]
+    gaps = [int((np.diff(numbers) > 1).sum()) for numbers in drawn]
+    left_out = [axis for axis in range(3) if gaps[axis]]
+    if left_out:
+        return min(left_out, key=lambda axis: len(drawn[axis]) / (gaps[axis] + 1))
+    in_one = [axis for axis in range(3) if len(drawn[axis]) < 2]
+    if not in_one:
         raise SettingsError("no slice is left out between those that are drawn; draw on slices that lie apart")
-    return shares.index(min(shares))
+    return in_one[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from ctmc_addon.core.segmentation import (
     change_of,
     combined,
     connected_steps,
+    drawn_axis,
     holes_filled_steps,
     islands_steps,
     layers_of,
@@ -214,6 +215,17 @@ def test_drawn_slices_stay_and_nothing_is_beyond_them():
     assert (filled[[2, 6]] == mask[[2, 6]]).all()
     assert filled[3:6].any(axis=(1, 2)).all()
     assert not filled[[0, 1, 7, 8]].any()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_slices_with_two_parts_are_filled_across_them(axis):
+    """The slices between two vessels of a plane are left out too, and one voxel is in one plane of every kind."""
+    mask = np.zeros((31, 20, 60), bool)
+    mask[5:26:5, 5:11, [10, 11, 12, 13, 40, 41, 42, 43]] = True
+    assert drawn_axis(np.moveaxis(mask, 0, axis)) == axis
+    spots = np.zeros((9, 5, 5), bool)
+    spots[[2, 6], 2, 2] = True
+    assert drawn_axis(np.moveaxis(spots, 0, axis)) == axis
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
