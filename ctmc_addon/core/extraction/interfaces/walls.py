@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from ...budget import Budget
 from ...progress import PAUSE, Steps
-from ...volume.smoothing import between_labels_steps, label_components_steps, reach_of
+from ...volume.smoothing import LabelComponents, between_labels_steps, label_components_steps, reach_of
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
 LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
-SMALL_ISLAND = 1000  # voxels; the smoothest wall would flatten these, larger components hardly
+SMALL_ISLAND = 128  # voxels; the smoothest wall would flatten these
+LARGEST_ISLAND = 1000  # and these where at least half of their border is with the other label; larger components hardly
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 # A sample and its neighbors, along z, y and x.
@@ -116,7 +117,7 @@ def wall_samples_steps(
     goes_on = np.array([(low > 0, high < size) for (low, high), size in zip((z, y, x), owners.shape, strict=True)])
     islands = []
     for side in (1, -1):
-        islands.append((yield from _around_islands_steps(sign == side, goes_on, slice_steps)))
+        islands.append((yield from _around_islands_steps(sign * np.int8(side), goes_on, slice_steps)))
     if not wall.is_smooth and not any(len(at[0]) for at in islands):
         return None
     columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
@@ -137,21 +138,25 @@ def wall_samples_steps(
     return (yield from samples_of_steps(between, low, between.min()))
 
 
-def _around_islands_steps(mask: NDArray[np.bool_], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
+def _around_islands_steps(sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
     """Where on the refined grid the samples of small components and those beside them lie, along z, y and x.
 
     Parameters
     ----------
+    sign : (slices, rows, columns) int8
+        1 at the samples of the label, -1 at those of the other.
     goes_on : (3, 2) bool
         Whether components may go on before the first and behind the last sample along each axis.
     """
-    components = yield from label_components_steps(mask)
-    shape = (len(mask) - 1) * slice_steps + 1, *mask.shape[1:]
-    small = components.voxels <= SMALL_ISLAND
+    components = yield from label_components_steps(sign > 0)
+    shape = (len(sign) - 1) * slice_steps + 1, *sign.shape[1:]
+    small = components.voxels <= LARGEST_ISLAND
     if small.any():
         low, high = components.boxes()
         small &= ((low > 0) | ~goes_on[:, 0]).all(axis=1)
-        small &= ((high < np.array(mask.shape) - 1) | ~goes_on[:, 1]).all(axis=1)
+        small &= ((high < np.array(sign.shape) - 1) | ~goes_on[:, 1]).all(axis=1)
+    middling = small & (components.voxels > SMALL_ISLAND)
+    small[middling] = _mostly_inside(components, middling, sign)[middling]
     z, y, x, _ = components.samples(small)
     between = np.arange(1 - slice_steps, slice_steps)  # steps as far as the next slices
     z, y, x = (z * slice_steps + between[:, None]).ravel(), np.tile(y, len(between)), np.tile(x, len(between))
@@ -159,3 +164,17 @@ def _around_islands_steps(mask: NDArray[np.bool_], goes_on: NDArray[np.bool_], s
     inside = np.logical_and.reduce([(along >= 0) & (along < size) for along, size in zip(at, shape, strict=True)])
     z, y, x = (along[inside] for along in at)
     return z, y, x
+
+
+def _mostly_inside(
+    components: LabelComponents, selected: NDArray[np.bool_], sign: NDArray[np.int8]
+) -> NDArray[np.bool_]:
+    """Whether at least half of the outer sides of components, (components,) bool, are with samples of sign -1."""
+    z, y, x, own = components.samples(selected)
+    beside, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
+    padded = np.pad(sign, 1)
+    for way in AROUND[1:]:
+        there = padded[z + way[0] + 1, y + way[1] + 1, x + way[2] + 1]
+        beside += np.bincount(own[there < 0], minlength=len(selected))
+        outer += np.bincount(own[there <= 0], minlength=len(selected))
+    return 2 * beside >= outer

@@ -10,7 +10,7 @@ known), `relaxation` (the smoothest field within it), `islands` (the volume of s
 from .between_labels import between_labels_steps
 from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
 from .gaussian import REACH, smoothed_middle, smoothed_plane, weights
-from .label_components import label_components_steps
+from .label_components import LabelComponents, label_components_steps
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
 from .smooth_field import SmoothField, refined_affine
 
@@ -18,6 +18,7 @@ __all__ = [
     "MOST_STEPS",
     "REACH",
     "SMOOTHINGS",
+    "LabelComponents",
     "SmoothField",
     "Smoothing",
     "automatic_refinement",

@@ -25,6 +25,7 @@ STIFFNESS = 600.0  # of second differences
 REACH = 1  # nodes beside those with samples of both labels
 # For every coarse grid: the space between nodes in longest sides of the refined samples, and steps along the gradient.
 GRIDS = ((4, 100), (2, 100))
+UNEVEN = 2.0  # longest to shortest side, above which a grid of the longest side follows: the last step is too wide else
 ROUNDS = 100  # the same at all samples
 LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
 NODES_AT_ONCE = 1 << 15
@@ -86,7 +87,8 @@ def between_labels_steps(
     pool = Threads(workers) if workers > 1 else None
     try:
         values, before = field, [1, 1, 1]
-        for longest, rounds in GRIDS:
+        uneven = max(sides) > UNEVEN * min(sides)
+        for longest, rounds in (*GRIDS, (1, ROUNDS)) if uneven else GRIDS:
             space = [max(1, round(longest * max(sides) / side)) for side in sides]
             values = _on_nodes(values, before, space, field.shape)
             before = space
