@@ -282,7 +282,8 @@ def reduce_batch_steps(
     ----------
     batch : Batch
     wanted : float
-        Triangles to leave, with a maximum error 0: `SPARE` times as many as shall be left in the end.
+        Triangles to leave, with a maximum error 0: of a batch `SPARE` times as many as shall be left in the end, of a
+        stretch of the last pass its share of that pass's goal.
     at_border : int
         Triangles to leave besides, because the border stays.
     max_error : float, optional

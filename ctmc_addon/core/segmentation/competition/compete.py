@@ -114,24 +114,22 @@ def compete_steps(
     labels = np.zeros(volume.shape, np.uint8)
     labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, borders, factors))
     for click in clicks:  # what is clicked is never ignored, whatever the values say
-        ball, inside = _ball(click.sample, volume.spacing, labels.shape)
+        ball, inside = _ball(click.sample, min(CLICKED_MM, max_mm), volume.spacing, labels.shape)
         labels[ball][inside if allowed is None else inside & allowed[ball]] = click.structure
-    for click in clicks:
-        labels[click.sample] = click.structure
     return labels
 
 
-def _ball(sample: Sample, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Mask]:
-    """Return the window of the voxels within CLICKED_MM of a sample, and which of it they are."""
+def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Mask]:
+    """Return the window of the voxels within a radius of a sample, and which of it they are."""
     sides = list(reversed(spacing_mm))
     window = [
-        slice(max(0, at - int(CLICKED_MM / side)), min(count, at + int(CLICKED_MM / side) + 1))
+        slice(max(0, at - int(radius_mm / side)), min(count, at + int(radius_mm / side) + 1))
         for at, side, count in zip(sample, sides, shape, strict=True)
     ]
     z, y, x = (
         ((np.arange(one.start, one.stop) - at) * side) ** 2 for one, at, side in zip(window, sample, sides, strict=True)
     )
-    return (window[0], window[1], window[2]), z[:, None, None] + y[:, None] + x <= CLICKED_MM * CLICKED_MM
+    return (window[0], window[1], window[2]), z[:, None, None] + y[:, None] + x <= radius_mm * radius_mm
 
 
 def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:

@@ -13,8 +13,8 @@ import bpy
 from bpy.props import StringProperty
 
 from ...needs import Needs
+from ...state import volumes
 from ...translations import translate
-from .needs import can_draw
 
 
 class Reason:
@@ -37,7 +37,7 @@ class CTMC_OT_draw_refuse(Needs, bpy.types.Operator):
 
     operator: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
-    needs = (can_draw,)
+    needs = (volumes.has_volume,)
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         return {"CANCELLED"}
