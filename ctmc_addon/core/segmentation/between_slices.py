@@ -91,7 +91,7 @@ def drawn_axis(mask: Mask) -> int:
     Raises
     ------
     SettingsError
-        If no slice is left out along any axis.
+        If slices lie apart along no axis and are more than one along each.
 
     Examples
     --------

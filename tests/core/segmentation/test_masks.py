@@ -218,7 +218,7 @@ def test_drawn_slices_stay_and_nothing_is_beyond_them():
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_slices_with_two_parts_are_filled_across_them(axis):
+def test_two_parts_in_a_plane_do_not_hide_the_axis_that_was_drawn_along(axis):
     """The slices between two vessels of a plane are left out too, and one voxel is in one plane of every kind."""
     mask = np.zeros((31, 20, 60), bool)
     mask[5:26:5, 5:11, [10, 11, 12, 13, 40, 41, 42, 43]] = True
