@@ -24,7 +24,7 @@ from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pair
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .extraction.interfaces.walls import Wall, find_walls, wall_samples_steps
+from .extraction.interfaces.walls import Wall, find_walls, walls_at_once, walls_samples_steps
 from .mesh.label_complex import ComplexSurface
 from .parallel import map_steps, side_by_side_steps
 from .progress import PAUSE, Stages, Steps, equal_part
@@ -243,24 +243,21 @@ class _Making:
         return out
 
     def _walls_steps(self, own: NDArray[Any], samples: Sequence[LabelSamples]) -> Steps[None]:
-        """Smooth the field of every wall, side by side."""
+        """Smooth the field of every wall, side by side, small walls at once."""
         yield PAUSE
-        walls = find_walls(own)
+        parts = walls_at_once(find_walls(own))
         spacing, steps = self.volume.spacing, self.slice_steps
         threads = self.budget.thread_count
-        at_once = threads if len(walls) > 1 else 1
+        at_once = threads if len(parts) > 1 else 1
         budget = self.budget.shared_by(at_once)
 
-        def smooth_steps(wall: Wall) -> Steps[LabelSamples | None]:
-            fields = samples[wall.first - 1], samples[wall.second - 1]
-            return (yield from wall_samples_steps(wall, own, self.first, fields, spacing, steps, budget))
+        def smooth_steps(walls: Sequence[Wall]) -> Steps[dict[tuple[int, int], LabelSamples]]:
+            return (yield from walls_samples_steps(walls, own, self.first, samples, spacing, steps, budget))
 
-        works = [lambda wall=wall: smooth_steps(wall) for wall in walls]
-        weights = [float(math.prod(stop - start for start, stop in wall.box)) for wall in walls]
-        made = yield from side_by_side_steps(works, weights, at_once)
-        for wall, field in zip(walls, made, strict=True):
-            if field is not None:
-                self.walls[wall.first, wall.second] = field
+        works = [lambda walls=walls: smooth_steps(walls) for walls in parts]
+        weights = [float(sum(math.prod(stop - start for start, stop in wall.box) for wall in walls)) for walls in parts]
+        for made in (yield from side_by_side_steps(works, weights, at_once)):
+            self.walls.update(made)
 
     def _axes(self) -> tuple[Axis, Axis, Axis]:
         """The samples of the box that holds every label's window, along z refined slices."""

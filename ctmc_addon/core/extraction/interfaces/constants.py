@@ -110,4 +110,4 @@ def next_gain(
     known = before_mm3 != 0
     answered = 1.0 - missing_mm3 / np.where(known, before_mm3, 1.0)
     known &= answered > 0  # else it went the wrong way
-    return np.where(known, np.clip(gain / answered, *GAINS), gain)
+    return np.where(known, np.clip(gain / np.where(known, answered, 1.0), *GAINS), gain)

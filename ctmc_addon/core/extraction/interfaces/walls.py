@@ -10,6 +10,8 @@ keeps it, the field of the label around it has not. So around an island the wall
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +25,7 @@ from .label_samples import LabelSamples, samples_of_steps
 
 LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
 SMALL_ISLAND = 128  # voxels; the smoothest wall would flatten these
+SAMPLES_AT_ONCE = 1 << 17  # of the boxes of walls that are smoothed at once
 LARGEST_ISLAND = 1000  # and these where at least half of their border is with the other label; larger components hardly
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
@@ -85,16 +88,52 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     return walls
 
 
-def wall_samples_steps(
-    wall: Wall,
+def walls_at_once(walls: Sequence[Wall]) -> list[list[Wall]]:
+    """Part walls into lists that are smoothed at once: a small wall takes as long as the calls for it."""
+    parts: list[list[Wall]] = []
+    room = 0
+    for wall in walls:
+        samples = math.prod(stop - start for start, stop in wall.box)
+        if samples > room or not parts:
+            parts.append([])
+            room = max(SAMPLES_AT_ONCE, samples)
+        parts[-1].append(wall)
+        room -= samples
+    return parts
+
+
+class _Between(NamedTuple):
+    """The start of a wall's field, (slices, rows, columns) on the refined grid, and where it lies.
+
+    Parameters
+    ----------
+    wall : Wall
+    between : float32
+    sign : int8
+        Of the samples: 1 in the first label, -1 in the second.
+    islands : two of Positions
+        Where the own field of each label holds.
+    along : (x, y, z)
+        Positions on the common grid.
+    """
+
+    wall: Wall
+    between: NDArray[np.float32]
+    sign: NDArray[np.int8]
+    islands: tuple[Positions, Positions]
+    along: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
+
+
+def walls_samples_steps(
+    walls: Sequence[Wall],
     owners: NDArray[Any],
     origin: tuple[int, int, int],
-    fields: tuple[LabelSamples, LabelSamples],
+    fields: Sequence[LabelSamples],
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
     budget: Budget,
-) -> Steps[LabelSamples | None]:
-    """Return the field between two labels, above 0 in the first; None for half the difference of their own.
+) -> Steps[dict[tuple[int, int], LabelSamples]]:
+    """Return the fields of walls by their labels; half the difference of the labels' own holds for one left out.
 
     Parameters
     ----------
@@ -103,8 +142,38 @@ def wall_samples_steps(
     origin : (x, y, z) int
         The volume's index of the first of them.
     fields : LabelSamples
-        Of both labels.
+        Of all labels.
     """
+    starts = []
+    for wall in walls:
+        start = yield from _between_steps(wall, owners, origin, fields, spacing_mm, slice_steps)
+        if start is not None:
+            starts.append(start)
+    smooth = [at for at, start in enumerate(starts) if start.wall.is_smooth]
+    looking = [(starts[at].between, starts[at].sign) for at in smooth]
+    made = yield from between_labels_steps(looking, spacing_mm, slice_steps, budget)
+    for at, between in zip(smooth, made, strict=True):
+        starts[at] = starts[at]._replace(between=between)
+    samples = {}
+    for start in starts:
+        x, y, z = start.along
+        labels = start.wall.first, start.wall.second
+        for label, side, place in zip(labels, (1, -1), start.islands, strict=True):
+            start.between[place] = np.float32(side) * fields[label - 1].at(x[place[2]], y[place[1]], z[place[0]])
+        low = int(x[0]), int(y[0]), int(z[0])
+        samples[labels] = yield from samples_of_steps(start.between, low, start.between.min())
+    return samples
+
+
+def _between_steps(
+    wall: Wall,
+    owners: NDArray[Any],
+    origin: tuple[int, int, int],
+    fields: Sequence[LabelSamples],
+    spacing_mm: tuple[float, float, float],
+    slice_steps: int,
+) -> Steps[_Between | None]:
+    """Return half the difference of both labels' fields; None where nothing else is looked for."""
     reach = reach_of(spacing_mm)
     x, y, z = (
         (max(0, low - more), min(size, high + more))
@@ -123,19 +192,15 @@ def wall_samples_steps(
     columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
     slices = np.arange((z[0] + origin[2]) * slice_steps, (z[1] - 1 + origin[2]) * slice_steps + 1)
     between = np.zeros((len(slices), *own.shape[1:]), np.float32)
-    for field, half in zip(fields, (0.5, -0.5), strict=True):
+    for label, half in ((wall.first, 0.5), (wall.second, -0.5)):
+        field = fields[label - 1]
         inside = field.part(columns, rows, slices)
         part = np.full(between.shape, np.float32(field.outside))
         if inside is not None:
             part[inside[0]] = inside[1]
         between += np.float32(half) * part
         yield PAUSE
-    if wall.is_smooth:
-        between = yield from between_labels_steps(between, sign, spacing_mm, slice_steps, budget)
-    for field, side, at in zip(fields, (1, -1), islands, strict=True):
-        between[at] = np.float32(side) * field.at(columns[at[2]], rows[at[1]], slices[at[0]])
-    low = int(columns[0]), int(rows[0]), int(slices[0])
-    return (yield from samples_of_steps(between, low, between.min()))
+    return _Between(wall, between, sign, (islands[0], islands[1]), (columns, rows, slices))
 
 
 def _around_islands_steps(sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:

@@ -11,6 +11,7 @@ nothing bends it. A smoothing spline, after Wahba 1990, doi:10.1137/1.9781611970
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,8 @@ UNEVEN = 2.0  # longest to shortest side, above which a grid of the longest side
 ROUNDS = 100  # the same at all samples
 LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
 NODES_AT_ONCE = 1 << 15
+
+Signs = NDArray[np.int8]
 
 
 class _Pairs(NamedTuple):
@@ -53,20 +56,19 @@ class _Pairs(NamedTuple):
 
 
 def between_labels_steps(
-    field: NDArray[np.float32],
-    sign: NDArray[np.int8],
+    walls: Sequence[tuple[Floats, Signs]],
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
     budget: Budget,
-) -> Steps[NDArray[np.float32]]:
-    """Smooth a field near where its known signs change, within these signs.
+) -> Steps[list[Floats]]:
+    """Smooth fields near where their known signs change, within these signs: each as if alone, all in one list.
 
     Parameters
     ----------
-    field : ((slices - 1) * slice_steps + 1, rows, columns) float32, millimeters
-        On the refined grid; about the distance to its surface.
-    sign : (slices, rows, columns) int8
-        1 or -1 where the field must be above or below 0, and 0 where it is free.
+    walls : sequence of (field, sign)
+        ((slices - 1) * slice_steps + 1, rows, columns) float32, millimeters, on the refined grid: about the distance
+        to its surface. And (slices, rows, columns) int8: 1 or -1 where the field must be above or below 0, and 0 where
+        it is free.
     spacing_mm : (x, y, z) float
         Of the samples that have signs.
     slice_steps : int
@@ -74,40 +76,49 @@ def between_labels_steps(
 
     Returns
     -------
-    array like `field`
+    list of arrays like the fields
     """
     yield PAUSE
+    smooth = [field for field, _ in walls]
+    both = [at for at, (_, sign) in enumerate(walls) if (sign > 0).any() and (sign < 0).any()]
+    if not both:
+        return smooth
+    fields, signs = [walls[at][0] for at in both], [walls[at][1] for at in both]
     x, y, z = spacing_mm
     sides = (z / slice_steps, y, x)
-    if not (sign > 0).any() or not (sign < 0).any():
-        return field
-    pairs = _pairs(field, sign, sides, slice_steps)
+    pairs = []
+    for field, sign in zip(fields, signs, strict=True):
+        pairs.append(_pairs(field, sign, sides, slice_steps))
+        yield PAUSE
     least = np.float32(NEAREST_ZERO * min(spacing_mm))
     workers = budget.thread_count
     pool = Threads(workers) if workers > 1 else None
     try:
-        values, before = field, [1, 1, 1]
+        values, before = fields, [1, 1, 1]
         uneven = max(sides) > UNEVEN * min(sides)
         for longest, rounds in (*GRIDS, (1, ROUNDS)) if uneven else GRIDS:
             space = [max(1, round(longest * max(sides) / side)) for side in sides]
-            values = _on_nodes(values, before, space, field.shape)
+            values = [_on_nodes(own, before, space, field.shape) for own, field in zip(values, fields, strict=True)]
             before = space
             yield from _relaxed_steps(values, pairs, sides, space, slice_steps, None, rounds, pool)
-        values = _on_nodes(values, before, [1, 1, 1], field.shape)
-        known = _known(sign, slice_steps)
-        low = np.where(known > 0, least, np.float32(-np.inf))
-        high = np.where(known < 0, -least, np.float32(np.inf))
-        yield PAUSE
-        place = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, (low, high), ROUNDS, pool)
-        smooth = np.clip(field, low, high)
-        smooth.reshape(-1)[place] = values.reshape(-1)[place]
-        return smooth
+        values = [_on_nodes(own, before, [1, 1, 1], field.shape) for own, field in zip(values, fields, strict=True)]
+        bounds = []
+        for sign in signs:
+            known = _known(sign, slice_steps)
+            low = np.where(known > 0, least, np.float32(-np.inf))
+            bounds.append((low, np.where(known < 0, -least, np.float32(np.inf))))
+            yield PAUSE
+        places = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, bounds, ROUNDS, pool)
     finally:
         if pool:
             pool.shutdown(cancel_futures=True)
+    for at, field, ends, own, place in zip(both, fields, bounds, values, places, strict=True):
+        smooth[at] = np.clip(field, *ends)
+        smooth[at].reshape(-1)[place] = own.reshape(-1)[place]
+    return smooth
 
 
-def _pairs(field: Floats, sign: NDArray[np.int8], sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
+def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
     """Find the samples of each label that are beside one of the other, along each axis."""
     found = []
     for axis in range(3):
@@ -143,7 +154,7 @@ def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, flo
     return out
 
 
-def _known(sign: NDArray[np.int8], slice_steps: int) -> NDArray[np.int8]:
+def _known(sign: Signs, slice_steps: int) -> NDArray[np.int8]:
     """The signs on the refined grid; between slices where both are alike."""
     known = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
     known[::slice_steps] = sign
@@ -152,22 +163,44 @@ def _known(sign: NDArray[np.int8], slice_steps: int) -> NDArray[np.int8]:
     return known
 
 
-def _relaxed_steps(
+class _Nodes(NamedTuple):
+    """The nodes of a grid near one wall, and what each is pulled to.
+
+    Parameters
+    ----------
+    place : (n,) intp
+        On the grid.
+    beside : (2, 3, n) intp
+        The numbers of the nodes before and behind along each axis; n where there is none.
+    start : (n,) float32
+    pull, share, goal : (n,) float32
+        The factor of the field's bending, that of the field itself, and what is added to it, in a step.
+    ends : (2, n) float32, or None
+        Bounds of the field.
+    """
+
+    place: Places
+    beside: Places
+    start: Floats
+    pull: Floats
+    share: Floats
+    goal: Floats
+    ends: Floats | None
+
+
+def _nodes(
     values: Floats,
     pairs: _Pairs,
     sides: tuple[float, float, float],
     space: list[int],
     slice_steps: int,
     bounds: tuple[Floats, Floats] | None,
-    rounds: int,
-    pool: Threads | None,
-) -> Steps[Places]:
-    """Smooth the values at the nodes of a grid near the pairs, in place, by accelerated gradient descent; return where.
+) -> _Nodes:
+    """Find the nodes near the pairs of a wall.
 
     A step along an entry is divided by how stiff the whole can be there, with the weight of its pairs; so it never
     overshoots, however large that weight is.
     """
-    yield PAUSE
     shape = values.shape
     apart = [side * steps for side, steps in zip(sides, space, strict=True)]
     node = np.array([(place + steps // 2) // steps for place, steps in zip(pairs.place, space, strict=True)])
@@ -187,26 +220,66 @@ def _relaxed_steps(
     own = number[flat]
     weight = np.bincount(own, pairs.weight, count)
     toward = np.bincount(own, pairs.weight * (pairs.expected + moved), count)
-    yield PAUSE
-    beside = _neighbors(place, number, shape)
-    inner = [((low < count) & (high < count)).astype(np.float32) for low, high in beside]
-    stiffness = STIFFNESS * math.prod(apart) / max(apart)
-    stiff = [stiffness / side**4 for side in apart]
-    scale = 1.0 / (16.0 * sum(stiff) + weight)
-    pull, share, goal = (
+    scale = 1.0 / (16.0 * sum(_stiff(apart)) + weight)
+    return _Nodes(
+        place,
+        _neighbors(place, number, shape),
+        values.reshape(-1)[place],
         scale.astype(np.float32),
         (weight * scale).astype(np.float32),
         (toward * scale).astype(np.float32),
+        None if bounds is None else np.array([each.reshape(-1)[place] for each in bounds]),
     )
-    field = np.append(values.reshape(-1)[place], np.float32(0))
+
+
+def _stiff(apart: Sequence[float]) -> list[float]:
+    """The weights of squared second differences along each axis, of nodes so far apart."""
+    stiffness = STIFFNESS * math.prod(apart) / max(apart)
+    return [stiffness / side**4 for side in apart]
+
+
+def _relaxed_steps(
+    values: Sequence[Floats],
+    pairs: Sequence[_Pairs],
+    sides: tuple[float, float, float],
+    space: list[int],
+    slice_steps: int,
+    bounds: Sequence[tuple[Floats, Floats]] | None,
+    rounds: int,
+    pool: Threads | None,
+) -> Steps[list[Places]]:
+    """Smooth the values at the nodes near the pairs of each wall, in place, by accelerated gradient descent.
+
+    Returns where they are. All walls are one list, in which none is beside a node of another.
+    """
+    yield PAUSE
+    every = []
+    for at, (own, near) in enumerate(zip(values, pairs, strict=True)):
+        every.append(_nodes(own, near, sides, space, slice_steps, None if bounds is None else bounds[at]))
+        yield PAUSE
+    firsts = np.cumsum([0, *(len(each.place) for each in every)])
+    count = int(firsts[-1])
+    beside = np.concatenate(
+        [
+            np.where(each.beside < len(each.place), each.beside + first, count)
+            for each, first in zip(every, firsts[:-1].tolist(), strict=True)
+        ],
+        axis=2,
+    )
+    pull = np.concatenate([each.pull for each in every])
+    share = np.concatenate([each.share for each in every])
+    goal = np.concatenate([each.goal for each in every])
+    ends = None if bounds is None else np.concatenate([each.ends for each in every if each.ends is not None], axis=1)
+    stiff = np.array(_stiff([side * steps for side, steps in zip(sides, space, strict=True)]), np.float32)
+    # A second difference that reaches beyond the nodes does not count.
+    factor = np.where((beside < count).all(axis=0), stiff[:, None], np.float32(0))
+    field = np.append(np.concatenate([each.start for each in every]), np.float32(0))
     ahead = field.copy()
     curvature = np.zeros((3, count + 1), np.float32)
-    ends = None if bounds is None else [each.reshape(-1)[place] for each in bounds]
-    factors = [np.float32(each) for each in stiff]
 
     def second(of: Floats, axis: int, part: slice) -> Floats:
-        out = of.take(beside[axis][0][part])
-        out += of.take(beside[axis][1][part])
+        out = of.take(beside[0, axis, part])
+        out += of.take(beside[1, axis, part])
         here = of[part]
         out -= here
         out -= here
@@ -214,9 +287,7 @@ def _relaxed_steps(
 
     def bend(part: slice) -> None:
         for axis in range(3):
-            bent = second(ahead, axis, part)
-            bent *= inner[axis][part]
-            np.multiply(bent, factors[axis], out=curvature[axis, part])
+            np.multiply(second(ahead, axis, part), factor[axis, part], out=curvature[axis, part])
 
     def descend(part: slice) -> None:
         here, before = ahead[part], field[part]
@@ -228,8 +299,8 @@ def _relaxed_steps(
         now -= share[part] * here
         now += goal[part]
         if ends is not None:
-            np.maximum(now, ends[0][part], out=now)
-            np.minimum(now, ends[1][part], out=now)
+            np.maximum(now, ends[0, part], out=now)
+            np.minimum(now, ends[1, part], out=now)
         np.subtract(now, before, out=here)
         here *= momentum
         here += now
@@ -244,19 +315,19 @@ def _relaxed_steps(
         spread(pool, bend, parts)
         spread(pool, descend, parts)
         yield PAUSE
-    values.reshape(-1)[place] = field[:count]
-    return place
+    for own, each, first in zip(values, every, firsts[:-1].tolist(), strict=True):
+        own.reshape(-1)[each.place] = field[first : first + len(each.place)]
+    return [each.place for each in every]
 
 
-def _neighbors(place: Places, number: NDArray[np.int32], shape: tuple[int, ...]) -> list[tuple[Places, Places]]:
-    """The numbers of the nodes before and after those at `place`, along each axis."""
-    beside = []
+def _neighbors(place: Places, number: NDArray[np.int32], shape: tuple[int, ...]) -> Places:
+    """The numbers of the nodes before and behind those at `place`, along each axis: (2, 3, n)."""
+    beside = np.empty((2, 3, len(place)), np.intp)
     steps = (shape[1] * shape[2], shape[2], 1)
-    for along, step, size in zip(np.unravel_index(place, shape), steps, shape, strict=True):
-        before, after = (number.take(place + way, mode="clip").astype(np.intp) for way in (-step, step))
-        before[along == 0] = len(place)
-        after[along == size - 1] = len(place)
-        beside.append((before, after))
+    for axis, (along, step, size) in enumerate(zip(np.unravel_index(place, shape), steps, shape, strict=True)):
+        for into, way, border in zip(beside[:, axis], (-step, step), (0, size - 1), strict=True):
+            into[...] = number.take(place + way, mode="clip")
+            into[along == border] = len(place)
     return beside
 
 
