@@ -192,7 +192,9 @@ class _Making:
         count = axes[0].count * axes[1].count * axes[2].count
         indicators, steps = self.method == "gaussian", self.slice_steps
         size = " x ".join(str(axis.count) for axis in axes)
-        needed = owners_bytes(count, len(self.labels), indicators, steps > 1)
+        box = _union([field.window for field in self.fields])
+        voxels = math.prod(stop - start for start, stop in box)
+        needed = owners_bytes(count, voxels, len(self.labels), indicators, steps > 1)
         self.budget.require(needed, f"the common grid of {len(self.labels)} labels, {size} samples,", REMEDY)
         samples = [field.samples for field in self.fields if field.samples is not None]
         own = yield from self.stages.run(OWNING, self._labels_steps())

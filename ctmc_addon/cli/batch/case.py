@@ -100,13 +100,23 @@ class AnnouncedBudget(Budget):
 
 
 def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
-    """Return the budget of a task that has `reserved` bytes and asks for more."""
-    lock = threading.Lock()
+    """Return the budget of a task that has `reserved` bytes and asks for more.
+
+    Labels that are made side by side, each in a thread of its own, need memory at once: the last need of each thread
+    counts, beside what the process has, which may hold a part of that already.
+    """
+    lock, own = threading.Lock(), threading.get_ident()
     first = reserved = int(task["reserved"])
+    last: dict[int, int] = {}
 
     def announce(needed_bytes: int) -> None:
         nonlocal reserved
         with lock:
+            here = threading.get_ident()
+            if here != own:  # which waits while others work
+                last[here] = needed_bytes
+                alive = {thread.ident for thread in threading.enumerate()}
+                needed_bytes = sum(needed for thread, needed in last.items() if thread in alive)
             has = resident_bytes()
             total = asked_bytes(first if has is None else has, needed_bytes)
             if total > reserved:

@@ -203,9 +203,9 @@ def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
     assert case_bytes(voxels, 2, thumbnails=False) == PROCESS_BYTES + READING_COPIES * 2 * voxels
 
 
-def test_one_smoothed_label_asks_for_memory_and_all_else_is_counted_by_voxels():
-    label = ReconstructionSettings(label=2)
-    assert asks_for_memory(label, several=False)
-    assert not asks_for_memory(label, several=True)
-    assert not asks_for_memory(ReconstructionSettings(label=2, smoothing="none"), several=False)
+def test_smoothed_labels_ask_for_memory_and_all_else_is_counted_by_voxels():
+    for several in (False, True):
+        assert asks_for_memory(ReconstructionSettings(label=2), several)
+        assert not asks_for_memory(ReconstructionSettings(label=2, smoothing="none"), several)
+    assert asks_for_memory(ReconstructionSettings(), several=True)
     assert not asks_for_memory(ReconstructionSettings(threshold=200), several=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
 
 import nibabel
@@ -114,6 +115,30 @@ def test_a_budget_asks_once_for_more_than_it_has():
     budget.require(1 << 20, "less", "do that")
     assert len(asked) == 1
     assert 1.4 * (1 << 50) < asked[0] < 1.4 * (1 << 50) + 2 * has + (1 << 30)
+
+
+def test_labels_made_side_by_side_ask_for_what_they_need_together():
+    asked = []
+    budget = announced_budget({"threads": 2, "reserved": 0}, asked.append)
+    needs, both = (10 << 20, 20 << 20), threading.Barrier(2)
+
+    def label(needed):
+        own = budget.shared_by(2)
+        both.wait()  # each lives until the other has asked
+        own.require(needed, "a label", "choose a region")
+        both.wait()
+
+    threads = [threading.Thread(target=label, args=[needed]) for needed in needs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert max(asked) >= 1.4 * sum(needs)
+    if resident_bytes() is not None:
+        assert max(asked) - min(asked) >= 1.4 * min(needs) - (4 << 20)  # but for what the process has meanwhile
+    before = len(asked)
+    budget.require(20 << 20, "what follows", "choose a region")  # they are over
+    assert len(asked) == before
 
 
 def test_the_peak_of_a_process_begins_anew():

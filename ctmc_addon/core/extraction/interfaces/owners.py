@@ -56,9 +56,12 @@ def owner_type(labels: int) -> np.dtype[Any]:
     return np.min_scalar_type(labels)
 
 
-def owners_bytes(samples: int, labels: int, indicators: bool, between: bool) -> int:
-    """Bytes that the owners of so many samples take; `between` if there are slices between those of the labels."""
-    return samples * (owner_type(labels).itemsize + 4 * (indicators or between) + 4 * indicators)
+def owners_bytes(samples: int, voxels: int, labels: int, indicators: bool, between: bool) -> int:
+    """Bytes that the owners of so many samples take, and the labels of the voxels that they come from.
+
+    `between` if there are slices between those of the labels.
+    """
+    return (samples + voxels) * owner_type(labels).itemsize + samples * 4 * ((indicators or between) + indicators)
 
 
 def owners_steps(
