@@ -60,6 +60,14 @@ def events_of(tasks, jobs, needs, limit):
     return [(event.task["case"], event.status) for event in run_here(tasks, jobs, needs, limit) if event]
 
 
+def test_a_case_does_not_give_back_every_array_as_workers_of_dask_do(monkeypatch):
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    monkeypatch.setenv("OTHERS", "stay")
+    environment = batch_process.environment()
+    assert "MALLOC_TRIM_THRESHOLD_" not in environment
+    assert environment["OTHERS"] == "stay"
+
+
 def test_a_process_makes_one_case_after_the_other(started, tmp_path):
     events = events_of([task_of(tmp_path, name) for name in "abcd"], 1, [0] * 4, None)
     assert events == [(name, status) for name in "abcd" for status in ("running", "ended")]

@@ -99,7 +99,7 @@ def cells_of(row: SummaryRow) -> list[Cell]:
         Cell({True: "yes", False: "no", None: ""}[row.closed]),
         Cell(crossings),
         Cell("" if row.mean_hu is None else f"{row.mean_hu:.1f}"),
-        Cell(" ".join(f"{side:.4g}" for side in spacing), max(spacing, default=None)),
+        Cell(" ".join(f"{side:.3g}" for side in spacing), max(spacing, default=None)),
         Cell(seconds),
         Cell("" if row.memory_bytes is None else f"{row.memory_bytes / (1 << 20):.0f}"),
         Cell(html.escape(row.outlier)),

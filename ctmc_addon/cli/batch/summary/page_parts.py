@@ -8,7 +8,8 @@ color-scheme:light dark}
 --bar:#7fb0dc}}
 body{font:15px system-ui,sans-serif;margin:2em;color:var(--ink);background:var(--paper)}a{color:inherit}
 table{border-collapse:collapse;margin:1em 0}th,td{padding:.3em .8em;border-bottom:1px solid var(--line);text-align:left;
-vertical-align:top}#cases thead th{position:sticky;top:0;background:var(--paper)}
+vertical-align:top}#cases{font-size:14px}#cases th,#cases td{padding:.3em .35em}summary{white-space:nowrap}
+#cases td:nth-child(2){min-width:7em}#cases thead th{position:sticky;top:0;background:var(--paper)}
 td.number,th.number,.totals td{text-align:right;font-variant-numeric:tabular-nums}
 th[tabindex]{cursor:pointer}
 th[aria-sort=ascending]::after{content:" \\25b2"}th[aria-sort=descending]::after{content:" \\25bc"}
